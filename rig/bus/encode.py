@@ -1,0 +1,101 @@
+"""Messages of the loop packed by hand: 1 us instead of 50 us for a block of 200 samples.
+
+Wire form: sfixed64 is tag, 8 bytes; a packed field is tag, length as a varint, raw little-endian numbers
+(https://protobuf.dev/programming-guides/encoding/). The tests hold these bytes against the stock parser.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable, Sequence
+from functools import cache
+
+import numpy as np
+
+_TWO = struct.Struct("<BqBqB")
+_THREE = struct.Struct("<BqBqBqB")
+_FOUR = struct.Struct("<BqBqBqBqB")
+_FIXED = 1
+
+
+def _tag(number: int, wire: int) -> bytes:
+    return _varint(number << 3 | wire)
+
+
+def _varint(value: int) -> bytes:
+    if value < 0x80:
+        return value.to_bytes()
+    parts = bytearray()
+    while value >= 0x80:
+        parts.append(value & 0x7F | 0x80)
+        value >>= 7
+    parts.append(value)
+    return bytes(parts)
+
+
+@cache
+def _length(size: int) -> bytes:
+    return _varint(size)
+
+
+@cache
+def _numbers(count: int) -> Callable[..., bytes]:
+    return struct.Struct(f"<{count}d").pack
+
+
+def _raw(values: np.ndarray | Sequence[float]) -> bytes:
+    if isinstance(values, np.ndarray):
+        return values.tobytes() if values.dtype.char == "d" else values.astype(np.float64).tobytes()
+    return _numbers(len(values))(*values)
+
+
+def step(tick: int, t_ns: int, values: np.ndarray | Sequence[float], fresh: np.ndarray) -> bytes:
+    """A Step; `values` float64 [sensors], `fresh` int64 [sensors]."""
+    raw, new = _raw(values), fresh.tobytes()
+    return b"".join((_TWO.pack(9, tick, 17, t_ns, 26), _length(len(raw)), raw, b"\x22", _length(len(new)), new))
+
+
+def act(tick: int, t_ns: int, values: np.ndarray | Sequence[float]) -> bytes:
+    """An Act that answers the step of `tick`."""
+    raw = _raw(values)
+    return _TWO.pack(9, tick, 17, t_ns, 26) + _length(len(raw)) + raw
+
+
+def applied(tick: int, t_ns: int, answered: int, status: int, values: np.ndarray | Sequence[float]) -> bytes:
+    """An Applied: commands taken over at `tick`."""
+    raw = _raw(values)
+    return _FOUR.pack(9, tick, 17, t_ns, 25, answered, 33, status, 42) + _length(len(raw)) + raw
+
+
+def block(tick: int, t0_ns: int, dt_ns: int, v: np.ndarray | Sequence[float]) -> bytes:
+    """A Block of samples, the first published at `t0_ns`, the others `dt_ns` apart."""
+    raw = _raw(v)
+    return _THREE.pack(9, tick, 17, t0_ns, 25, dt_ns, 34) + _length(len(raw)) + raw
+
+
+class StateEncoder:
+    """Packs the `State` of a scene with `count` outputs; call it with t_ns, tick, mode and the values in order.
+
+    The message has a fixed layout, so one buffer is kept and only its numbers are written anew.
+    """
+
+    def __init__(self, count: int) -> None:
+        tags = [_tag(number, _FIXED) for number in range(1, 4 + count)]
+        self._buffer = bytearray(b"".join(tag + bytes(8) for tag in tags))
+        self._short = min(count, 12)  # fields 4 to 15 have a tag of one byte, all later ones of two
+        self._head = self._view("u1", "<i8", 0, 3)
+        self._low = self._view("u1", "<f8", 27, self._short)
+        self._high = self._view("<u2", "<f8", 27 + 9 * self._short, count - self._short)
+
+    def _view(self, tag: str, number: str, offset: int, count: int) -> np.ndarray:
+        kind = np.dtype([("tag", tag), ("number", number)])
+        return np.frombuffer(self._buffer, kind, count, offset)["number"] if count else np.empty(0)
+
+    def __call__(self, t_ns: int, tick: int, mode: int, values: np.ndarray) -> bytes:
+        """The State at `t_ns`."""
+        head, short = self._head, self._short
+        head[0], head[1], head[2] = t_ns, tick, mode
+        self._low[:] = values[:short]
+        if self._high.size:
+            self._high[:] = values[short:]
+        return bytes(self._buffer)

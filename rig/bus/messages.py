@@ -1,0 +1,110 @@
+"""The protobuf types of the bus, built at run time from one declaration.
+
+Integers are sfixed64 and numbers double, so that a message has the same length whatever it says and can be packed by
+hand in a microsecond (`rig.bus.encode`). Times `t_ns` and `t0_ns` are nanoseconds of simulated time; `tick` counts
+frames. Readers need no declaration of ours: a recording carries `file_descriptor_set(kind)` with every channel.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Sequence
+from functools import cache
+from typing import Any
+
+from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
+from google.protobuf.descriptor_pb2 import FieldDescriptorProto
+from google.protobuf.message import DecodeError, Message
+
+from rig.bus import topics
+from rig.errors import BusError
+
+DECLARED = {
+    # values: latest sample of every sensor in the scene's order, NaN before the first; fresh: samples new in this frame
+    "Step": "tick:int t_ns:int values:real* fresh:int*",
+    # answers the step of `tick`; values in the order of the controller's drives
+    "Act": "tick:int t_ns:int values:real*",
+    # taken over at `tick`, an answer to the step of `answered`; status: 0 as sent, 1 clamped, 2 replaced by safe values
+    "Applied": "tick:int t_ns:int answered:int status:int values:real*",
+    # v[i] was published at t0_ns + i dt_ns; tick: the frame in which the block was completed
+    "Block": "tick:int t0_ns:int dt_ns:int v:real*",
+    # data: JSON object that belongs to the kind of event
+    "Event": "t_ns:int tick:int source:text kind:text text:text data:text",
+    "Health": "t_ns:int tick:int phase:text rate:real lateness_us:real worst_us:real late:int overruns:int drops:int "
+    "held:int energy_error:real stick_share:real eta_s:real",
+    # what one process sent, and what it received and lost (gaps seen in the sequence numbers), topic by topic
+    "Totals": "process:text sent_topic:text* sent:int* heard_topic:text* received:int* lost:int*",
+}
+
+_KINDS = {
+    "int": FieldDescriptorProto.TYPE_SFIXED64,
+    "real": FieldDescriptorProto.TYPE_DOUBLE,
+    "text": FieldDescriptorProto.TYPE_STRING,
+}
+
+FINGERPRINT = hashlib.sha256(repr(sorted(DECLARED.items())).encode()).hexdigest()[:8]
+"""Changes with any edit of the declaration; goes with every message, so that strangers are told apart."""
+
+
+def _built(kinds: dict[str, str], file: str) -> dict[str, type[Message]]:
+    proto = descriptor_pb2.FileDescriptorProto(name=file, package="rig", syntax="proto3")
+    for kind, fields in kinds.items():
+        declared = proto.message_type.add(name=kind)
+        for number, field in enumerate(fields.split(), start=1):
+            name, _, what = field.partition(":")
+            many = what.endswith("*")
+            label = FieldDescriptorProto.LABEL_REPEATED if many else FieldDescriptorProto.LABEL_OPTIONAL
+            declared.field.add(name=name, number=number, type=_KINDS[what.rstrip("*")], label=label)
+    pool = descriptor_pool.DescriptorPool()
+    pool.AddSerializedFile(proto.SerializeToString())
+    return {kind: message_factory.GetMessageClass(pool.FindMessageTypeByName(f"rig.{kind}")) for kind in kinds}
+
+
+TYPES: dict[str, type[Message]] = _built(DECLARED, "rig.proto")
+
+
+def field_name(name: str) -> str:
+    """`name` as a protobuf field: "drive.speed" becomes "drive_speed"."""
+    return re.sub(r"\W", "_", name)
+
+
+@cache
+def _sampled(kind: str, head: str, names: tuple[str, ...]) -> type[Message]:
+    taken = [part.partition(":")[0] for part in head.split()]
+    fields = [field_name(name) for name in names]
+    twice = sorted({f for f in fields if (fields + taken).count(f) > 1})
+    if twice:
+        raise BusError(f"the names {', '.join(names)} cannot all be fields of one message: {', '.join(twice)} is taken")
+    return _built({kind: " ".join([head, *(f"{field}:real" for field in fields)])}, f"{kind.lower()}.proto")[kind]
+
+
+def state_type(outputs: Sequence[str]) -> type[Message]:
+    """`State` of a scene: t_ns, tick, mode (a number per contact mode: -1, 0, 1 = slip, stick, slip), its outputs."""
+    return _sampled("State", "t_ns:int tick:int mode:int", tuple(outputs))
+
+
+def plot_type(names: Sequence[str]) -> type[Message]:
+    """`Plot`: t_ns and one named field for each output and sensor, thinned out; what a plotting program shows first."""
+    return _sampled("Plot", "t_ns:int", tuple(names))
+
+
+def encoding(topic: str) -> str:
+    """Name under which messages of a topic travel: type and fingerprint of the declaration."""
+    return f"application/protobuf;rig.{topics.of(topic).message}@{FINGERPRINT}"
+
+
+def decode(topic: str, payload: bytes) -> Any:
+    """The message of a topic (any but `state`, whose type belongs to the scene); raises BusError if it is none."""
+    kind = topics.of(topic).message
+    try:
+        return TYPES[kind].FromString(payload)
+    except (KeyError, DecodeError) as fault:
+        raise BusError(f"{len(payload)} bytes on {topic} are not a {kind}: {fault}") from None
+
+
+def file_descriptor_set(kind: type[Message]) -> bytes:
+    """The serialised FileDescriptorSet of a type: the schema that a recording carries."""
+    found = descriptor_pb2.FileDescriptorSet()
+    kind.DESCRIPTOR.file.CopyToProto(found.file.add())
+    return bytes(found.SerializeToString())

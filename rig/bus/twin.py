@@ -1,0 +1,180 @@
+"""The bus within one process: the same interface without Zenoh, for tests and for runs that need no processes."""
+
+from __future__ import annotations
+
+import json
+import queue
+import threading
+import time
+from typing import TypeVar
+
+from rig.bus import topics
+from rig.bus.port import HEADER, Answer, Message, Presence, Publisher, Receiver, Request, Server, Session, Watch
+
+T = TypeVar("T")
+
+
+class Twin:
+    """The hub of one run; `open` a session for each that takes part. Sessions may live in different threads."""
+
+    def __init__(self, run: str = "twin") -> None:
+        self.run = run
+        self._lock = threading.RLock()
+        self._receivers: list[tuple[str, _Receiver]] = []
+        self._watches: list[tuple[str, _Watch]] = []
+        self._servers: dict[str, _Server] = {}
+        self._alive: list[tuple[str, str]] = []
+
+    def open(self, role: str, name: str) -> Session:
+        """A session for the one who plays `role` under `name`."""
+        return _TwinSession(self, role, name)
+
+    def receivers_of(self, topic: str) -> list[_Receiver]:
+        """Everyone who wants `topic`."""
+        with self._lock:
+            return [receiver for pattern, receiver in self._receivers if topics.matches(pattern, topic)]
+
+    def listen(self, pattern: str, receiver: _Receiver) -> None:
+        """Deliver to `receiver` from now on."""
+        with self._lock:
+            self._receivers.append((pattern, receiver))
+
+    def look(self, who: str, watch: _Watch) -> None:
+        """Tell `watch` who is here, and of everyone who comes and goes."""
+        with self._lock:
+            self._watches.append((who, watch))
+            for role, name in self._alive:
+                if topics.matches(who, f"{role}/{name}"):
+                    watch.queue.put(Presence(role, name, True))
+
+    def tell(self, role: str, name: str, here: bool) -> None:
+        """Someone joins or leaves."""
+        with self._lock:
+            (self._alive.append if here else self._alive.remove)((role, name))
+            for who, watch in self._watches:
+                if topics.matches(who, f"{role}/{name}"):
+                    watch.queue.put(Presence(role, name, here))
+
+    def offer(self, topic: str, server: _Server) -> None:
+        """Let `server` answer questions on `topic`."""
+        with self._lock:
+            self._servers[topic] = server
+
+    def server_of(self, topic: str) -> _Server | None:
+        """Who answers `topic`."""
+        with self._lock:
+            return self._servers.get(topic)
+
+    def forget(self, receivers: list[Receiver], servers: list[_Server]) -> None:
+        """A session has closed."""
+        with self._lock:
+            self._receivers = [pair for pair in self._receivers if pair[1] not in receivers]
+            self._servers = {topic: server for topic, server in self._servers.items() if server not in servers}
+
+
+class _Publisher(Publisher):
+    def __init__(self, topic: str, hub: Twin) -> None:
+        super().__init__(topic)
+        self._hub = hub
+
+    def _send(self, payload: bytes, header: bytes) -> None:
+        seq, t_ns = HEADER.unpack(header)
+        for receiver in self._hub.receivers_of(self.topic):
+            receiver.queue.put(Message(self.topic, payload, seq, t_ns, time.monotonic_ns() if receiver.stamped else 0))
+
+
+class _Receiver(Receiver):
+    def __init__(self, depth: int, stamped: bool) -> None:
+        super().__init__(depth)
+        self.stamped = stamped
+        self.queue: queue.SimpleQueue[Message] = queue.SimpleQueue()
+
+    def _waiting(self) -> int:
+        return self.queue.qsize()
+
+    def _next(self, timeout: float) -> Message | None:
+        return _take(self.queue, timeout)
+
+
+class _Watch(Watch):
+    def __init__(self) -> None:
+        super().__init__()
+        self.queue: queue.SimpleQueue[Presence] = queue.SimpleQueue()
+
+    def _next(self, timeout: float) -> Presence | None:
+        return _take(self.queue, timeout)
+
+
+class _Request(Request):
+    def __init__(self, text: bytes) -> None:
+        self.body = json.loads(text)
+        self.answer: queue.SimpleQueue[tuple[bool, bytes]] = queue.SimpleQueue()
+
+    def reply(self, text: bytes) -> None:
+        self.answer.put((True, text))
+
+    def refuse(self, why: str) -> None:
+        self.answer.put((False, why.encode()))
+
+
+class _Server(Server):
+    def __init__(self, answer: Answer) -> None:
+        super().__init__(answer)
+        self.queue: queue.SimpleQueue[_Request] = queue.SimpleQueue()
+
+    def _next(self, timeout: float) -> Request | None:
+        return _take(self.queue, timeout)
+
+
+def _take(waiting: queue.SimpleQueue[T], timeout: float) -> T | None:
+    try:
+        return waiting.get(timeout=timeout) if timeout > 0.0 else waiting.get_nowait()
+    except queue.Empty:
+        return None
+
+
+class _TwinSession(Session):
+    def __init__(self, hub: Twin, role: str, name: str) -> None:
+        super().__init__(hub.run, role, name)
+        self._hub = hub
+        self._servers: list[_Server] = []
+        self._announced = False
+
+    def _publisher(self, topic: str) -> Publisher:
+        return _Publisher(topic, self._hub)
+
+    def subscribe(self, pattern: str, depth: int = 4096, *, polled: bool = False, stamped: bool = False) -> Receiver:
+        found = _Receiver(depth, stamped)
+        self._hub.listen(pattern, found)
+        self._receivers.append(found)
+        return found
+
+    def announce(self) -> None:
+        self._hub.tell(self.role, self.name, True)
+        self._announced = True
+
+    def watch(self, who: str = "*/*") -> Watch:
+        found = _Watch()
+        self._hub.look(who, found)
+        return found
+
+    def serve(self, topic: str, answer: Answer) -> Server:
+        topics.of(topic)
+        found = _Server(answer)
+        self._hub.offer(topic, found)
+        self._servers.append(found)
+        return found
+
+    def _ask(self, topic: str, text: bytes, timeout: float) -> tuple[bool, bytes] | None:
+        server = self._hub.server_of(topic)
+        if server is None:
+            return None
+        request = _Request(text)
+        server.queue.put(request)
+        return _take(request.answer, timeout)
+
+    def close(self) -> None:
+        self._hub.forget(self._receivers, self._servers)
+        if self._announced:
+            self._hub.tell(self.role, self.name, False)
+            self._announced = False

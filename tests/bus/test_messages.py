@@ -1,0 +1,118 @@
+"""The bytes on the wire: what is packed by hand is what the stock protobuf library reads and writes."""
+
+import numpy as np
+import pytest
+from google.protobuf import descriptor_pb2
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.bus import encode, messages, topics
+from rig.errors import BusError
+
+whole = st.integers(-(2**63), 2**63 - 1)
+reals = st.lists(st.floats(width=64), max_size=300)
+
+
+def same(found, expected) -> bool:
+    return np.array_equal(np.asarray(found).view("u8"), np.asarray(expected, dtype=float).view("u8"))
+
+
+def test_block_has_these_bytes():
+    golden = bytes.fromhex(
+        "09" "0700000000000000" "11" "40420f0000000000" "19" "a086010000000000"
+        "22" "10" "000000000000f03f" "00000000000000c0"
+    )  # fmt: skip
+    assert encode.block(7, 1_000_000, 100_000, np.array([1.0, -2.0])) == golden
+    assert messages.TYPES["Block"](tick=7, t0_ns=1_000_000, dt_ns=100_000, v=[1.0, -2.0]).SerializeToString() == golden
+
+
+def test_step_has_these_bytes():
+    golden = bytes.fromhex("09" "0300000000000000" "11" "c0c62d0000000000" "1a" "08" "000000000000e03f" "22" "08"
+                           "0200000000000000")  # fmt: skip
+    assert encode.step(3, 3_000_000, np.array([0.5]), np.array([2])) == golden
+    assert messages.decode("step", golden).values[:] == [0.5]
+
+
+@given(whole, whole, reals)
+def test_any_act_comes_back_bit_for_bit(tick, t_ns, values):
+    read = messages.decode("act/x", encode.act(tick, t_ns, values))
+    assert (read.tick, read.t_ns) == (tick, t_ns)
+    assert same(read.values, values)
+
+
+@given(whole, whole, whole, reals)
+def test_any_block_comes_back_bit_for_bit(tick, t0_ns, dt_ns, values):
+    read = messages.decode("meas/x", encode.block(tick, t0_ns, dt_ns, np.array(values, dtype=float)))
+    assert (read.tick, read.t0_ns, read.dt_ns) == (tick, t0_ns, dt_ns)
+    assert same(read.v, values)
+
+
+@given(whole, whole, reals, st.data())
+def test_any_step_comes_back_bit_for_bit(tick, t_ns, values, data):
+    fresh = data.draw(st.lists(whole, min_size=len(values), max_size=len(values)))
+    read = messages.decode("step", encode.step(tick, t_ns, np.array(values, dtype=float), np.array(fresh, dtype="i8")))
+    assert (read.tick, read.t_ns, list(read.fresh)) == (tick, t_ns, fresh)
+    assert same(read.values, values)
+
+
+@given(whole, whole, whole, whole, reals)
+def test_any_applied_comes_back_bit_for_bit(tick, t_ns, answered, status, values):
+    read = messages.decode("applied/x", encode.applied(tick, t_ns, answered, status, values))
+    assert (read.tick, read.t_ns, read.answered, read.status) == (tick, t_ns, answered, status)
+    assert same(read.values, values)
+
+
+@pytest.mark.parametrize("count", [1, 8, 12, 13, 40])
+def test_state_is_what_the_stock_library_writes(count):
+    names = [f"output.{i}" for i in range(count)]
+    kind, pack = messages.state_type(names), encode.StateEncoder(count)
+    for shift in (1.0, 2.0):  # the buffer is used again
+        values = np.arange(count) + shift
+        stock = kind(t_ns=5, tick=6, mode=-1, **{messages.field_name(n): v for n, v in zip(names, values)})
+        assert pack(5, 6, -1, values) == stock.SerializeToString()
+
+
+def test_numbers_of_single_precision_are_widened_not_garbled():
+    assert messages.decode("act/x", encode.act(1, 1, np.array([0.5], dtype=np.float32))).values[:] == [0.5]
+
+
+def test_names_that_collide_in_a_message_are_refused():
+    with pytest.raises(BusError, match="drive_speed"):
+        messages.state_type(["drive.speed", "drive_speed"])
+    with pytest.raises(BusError, match="tick"):
+        messages.state_type(["tick"])
+
+
+def test_schema_of_a_type_names_its_fields():
+    found = descriptor_pb2.FileDescriptorSet.FromString(messages.file_descriptor_set(messages.TYPES["Block"]))
+    block = next(kind for kind in found.file[0].message_type if kind.name == "Block")
+    assert [field.name for field in block.field] == ["tick", "t0_ns", "dt_ns", "v"]
+
+
+def test_nonsense_is_not_a_message():
+    with pytest.raises(BusError, match="are not a Step"):
+        messages.decode("step", b"\xff\xff\xff")
+
+
+def test_every_recorded_topic_has_a_type():
+    for row in topics.TABLE:
+        assert row.message in {*messages.TYPES, "State", "json", "token"}
+        assert row.recorded == (row.message not in {"json", "token"})
+
+
+def test_a_wrong_topic_names_the_near_ones():
+    with pytest.raises(BusError, match="near: health"):
+        topics.of("helth")
+    with pytest.raises(BusError, match="meas/<sensor>"):
+        topics.of("meas")
+    with pytest.raises(BusError, match="names are letters"):
+        topics.of("meas/*")
+
+
+@pytest.mark.parametrize(
+    ("pattern", "topic", "fits"),
+    [("step", "step", True), ("act/*", "act/a", True), ("act/*", "act", False), ("**", "act/a", True),
+     ("meas/**", "meas/x", True), ("meas/*", "act/x", False), ("*/*", "a/b", True), ("*", "a/b", False)],
+)  # fmt: skip
+def test_patterns(pattern, topic, fits):
+    assert topics.matches(pattern, topic) == fits

@@ -1,0 +1,206 @@
+"""What only real processes can show: sockets, addresses, kills and hangs."""
+
+import os
+import signal
+import stat
+import time
+
+import pytest
+
+from rig import bus
+from rig.bus import address, messages
+from rig.errors import BusError
+
+LISTENER = """
+import sys, time
+from rig import bus
+with bus.join(role="viewer", name="slow", wait=5.0) as me:
+    heard, plant = me.subscribe("meas/*", polled=True, depth=100_000), me.watch("plant/*")
+    me.announce()
+    end = time.monotonic() + 10.0
+    while "meas/last" not in heard.counts and time.monotonic() < end:
+        heard.get(0.05)
+    c = heard.counts["meas/laser"]
+    print(c.first, c.received, c.lost, c.last, flush=True)
+"""
+
+PLANT = """
+import sys, time
+from rig import bus
+with bus.host("killed", scene="belt") as me:
+    me.announce()
+    print("up", flush=True)
+    time.sleep(30)
+"""
+
+FOLLOWER = """
+import time
+from rig import bus
+with bus.join("killed", role="viewer", name="v", wait=5.0) as me:
+    plant = me.watch("plant/*")
+    me.announce()
+    assert plant.wait_for("plant", "plant", 5.0)
+    print("here", flush=True)
+    while ("plant", "plant") in plant.present:
+        plant.poll(0.1)
+print("gone", flush=True)
+"""
+
+
+def test_nothing_listens_but_a_private_socket(runs):
+    with bus.host("quiet"):
+        own = {os.readlink(f"/proc/self/fd/{fd}") for fd in os.listdir("/proc/self/fd") if _is_link(fd)}
+        inodes = {link[8:-1] for link in own if link.startswith("socket:[")}
+        for table in ("tcp", "tcp6", "udp", "udp6"):
+            with open(f"/proc/net/{table}") as rows:
+                assert not inodes & {row.split()[9] for row in rows.readlines()[1:]}
+        assert stat.S_IMODE((runs / "friction-rig").stat().st_mode) == 0o700
+    assert [p.name for p in (runs / "friction-rig").iterdir()] == ["lock"]
+
+
+def _is_link(fd):
+    return os.path.islink(f"/proc/self/fd/{fd}")
+
+
+def test_loopback_works_and_open_addresses_are_refused(runs):
+    with bus.host("local", endpoint="tcp/127.0.0.1:47391"), bus.join("local", role="viewer", name="v") as one:
+        one.announce()
+    with pytest.raises(BusError, match="open to others"):
+        bus.host("wide", endpoint="tcp/0.0.0.0:7447")
+
+
+def test_an_address_in_use_is_named(runs):
+    with bus.host("first", endpoint="tcp/127.0.0.1:47392"):
+        with pytest.raises(BusError, match="somebody already listens"):
+            bus.host("second", endpoint="tcp/127.0.0.1:47392")
+        with pytest.raises(BusError, match="going on already"):
+            bus.host("first")
+        assert [run.run for run in address.list_runs()] == ["first"]
+
+
+def test_a_run_that_is_not_there_is_told_with_those_that_are(runs):
+    with pytest.raises(BusError, match="no run is going on"):
+        bus.join(role="viewer", name="v")
+    with bus.host("here"), pytest.raises(BusError, match="no run is called there; going on now: here"):
+        bus.join("there", role="viewer", name="v")
+
+
+def test_the_newest_run_is_the_default_and_names_are_unique(runs):
+    claims = [address.claim(scene="pendulum") for _ in range(3)]
+    names = [claim.address.run for claim in claims]
+    assert len(set(names)) == 3
+    assert address.find().run == names[-1]
+    assert {run.run for run in address.list_runs()} == set(names)
+    for claim in claims:
+        claim.release()
+    assert address.list_runs() == []
+
+
+@pytest.mark.parametrize("name", ["a/b", "", "*", "-x", "a b"])
+def test_a_name_that_cannot_be_a_key_is_refused(runs, name):
+    with pytest.raises(BusError, match="cannot name a run"):
+        address.claim(name)
+
+
+def test_a_path_too_long_for_a_socket_is_refused(runs):
+    with pytest.raises(BusError, match="longer than"):
+        address.claim("x" * 120)
+
+
+def test_a_directory_of_someone_else_is_refused(runs):
+    (runs / "friction-rig").symlink_to("/tmp")
+    with pytest.raises(BusError, match="does not belong to you"):
+        address.list_runs()
+
+
+def test_messages_of_another_version_are_refused(runs, monkeypatch):
+    with bus.host("old") as plant, bus.join("old", role="controller", name="c") as one:
+        watch, heard = plant.watch(), one.subscribe("step")
+        one.announce()
+        assert watch.wait_for("controller", "c", 3.0)
+        monkeypatch.setattr(messages, "FINGERPRINT", "00000000")
+        publisher = plant.publisher("step")
+        monkeypatch.undo()
+        publisher.put(b"", 0)
+        with pytest.raises(BusError, match="same installation"):
+            heard.get(2.0)
+
+
+def test_a_hung_listener_never_holds_the_plant_and_its_loss_is_counted(runs, script):
+    with bus.host("stopped") as plant:
+        watch = plant.watch()
+        slow = script(LISTENER)
+        assert watch.wait_for("viewer", "slow", 10.0)
+        laser, longest = plant.publisher("meas/laser"), 0.0
+        laser.put(b"", 0)
+        time.sleep(0.1)
+        slow.send_signal(signal.SIGSTOP)
+        for _ in range(400):  # 20 MB: far more than queue and socket hold
+            begun = time.perf_counter()
+            laser.put(b"x" * 50_000, 0)
+            longest = max(longest, time.perf_counter() - begun)
+        slow.send_signal(signal.SIGCONT)
+        time.sleep(0.5)
+        laser.put(b"", 0)
+        plant.publisher("meas/last").put(b"", 0)
+        first, received, lost, last = map(int, slow.communicate(timeout=10)[0].split())
+    assert longest < 0.1
+    assert lost > 0
+    assert (first, received + lost, last) == (0, laser.sent, laser.sent - 1)
+
+
+def test_a_killed_plant_is_noticed_and_leaves_nothing_that_hinders(runs, script):
+    plant = script(PLANT)
+    assert plant.stdout.readline() == "up\n"
+    follower = script(FOLLOWER)
+    assert follower.stdout.readline() == "here\n"
+    plant.kill()
+    begun = time.monotonic()
+    assert follower.stdout.readline() == "gone\n"
+    assert follower.wait(3.0) == 0
+    assert time.monotonic() - begun < 3.0
+    plant.wait()
+    assert address.list_runs() == []
+    with bus.host("killed"), bus.join("killed", role="viewer", name="v") as one:
+        one.announce()
+
+
+def test_a_socket_without_a_plant_is_told_at_once(runs, script):
+    plant = script(PLANT)
+    assert plant.stdout.readline() == "up\n"
+    there = address.find("killed")
+    plant.kill()
+    plant.wait()
+    from rig.bus.session import open_leaf
+
+    begun = time.monotonic()
+    with pytest.raises(BusError, match="has died"):
+        open_leaf(there, "viewer", "v")
+    address.list_runs()
+    with pytest.raises(BusError, match="has ended"):
+        open_leaf(there, "viewer", "v")
+    assert time.monotonic() - begun < 0.5
+
+
+def test_leaving_a_hung_plant_is_bounded(runs, script):
+    plant = script(PLANT)
+    assert plant.stdout.readline() == "up\n"
+    one = bus.join("killed", role="viewer", name="v")
+    one.announce()
+    plant.send_signal(signal.SIGSTOP)
+    for _ in range(200):
+        one.publisher("event/v").put(b"x" * 50_000, 0)
+    begun = time.monotonic()
+    one.close()
+    assert time.monotonic() - begun < 2.5
+
+
+def test_a_killed_follower_is_noticed(runs, script):
+    with bus.host("killed") as plant:
+        plant.announce()
+        watch = plant.watch("viewer/*")
+        follower = script(FOLLOWER)
+        assert follower.stdout.readline() == "here\n"
+        assert watch.wait_for("viewer", "v", 3.0)
+        follower.kill()
+        assert [(p.name, p.here) for p in watch.poll(3.0)] == [("v", False)]

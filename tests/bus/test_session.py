@@ -1,0 +1,245 @@
+"""Publishing, presence, questions and losses: the same facts over Zenoh and over the twin."""
+
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from rig.bus import encode, messages
+from rig.bus.port import Count
+from rig.bus.setup import Setup, fetch
+from rig.errors import BusError
+
+
+def gather(receiver, count, timeout=3.0):
+    found, deadline = [], time.monotonic() + timeout
+    while len(found) < count and time.monotonic() < deadline:
+        if (one := receiver.get(0.1)) is not None:
+            found.append(one)
+    return found
+
+
+def ready(wire, name="one"):
+    """A joined session whose presence the plant has seen, so that its receivers are known to stand."""
+    watch = wire.plant.watch()
+    return lambda: watch.wait_for("controller", name, 3.0)
+
+
+@pytest.mark.parametrize("polled", [False, True])
+def test_what_is_put_arrives_in_order_with_number_and_time(wire, polled):
+    seen = ready(wire)
+    one = wire.join()
+    steps = one.subscribe("step", polled=polled)
+    one.announce()
+    assert seen()
+    step = wire.plant.publisher("step")
+    for tick in range(500):
+        step.put(encode.act(tick, tick * 1000, [float(tick)]), tick * 1000)
+    found = gather(steps, 500)
+    assert [m.seq for m in found] == list(range(500))
+    assert all(m.topic == "step" and m.t_ns == 1000 * m.seq for m in found)
+    assert messages.decode("step", found[7].payload).values[:] == [7.0]
+    assert (step.sent, steps.received, steps.lost) == (500, 500, 0)
+
+
+def test_a_pattern_hears_each_topic_and_counts_it_apart(wire):
+    seen = ready(wire)
+    one = wire.join()
+    heard = one.subscribe("meas/*")
+    one.announce()
+    assert seen()
+    for name, count in (("laser", 3), ("gauge", 5)):
+        for _ in range(count):
+            wire.plant.publisher(f"meas/{name}").put(b"", 0)
+    wire.plant.publisher("step").put(b"", 0)
+    gather(heard, 8)
+    assert heard.get(0.05) is None
+    assert {topic: c.received for topic, c in heard.counts.items()} == {"meas/laser": 3, "meas/gauge": 5}
+
+
+def test_answers_travel_back_and_are_stamped(wire):
+    acts = wire.plant.subscribe("act/*", stamped=True)
+    one = wire.join()
+    before = time.monotonic_ns()
+    deadline = time.monotonic() + 3.0
+    while (said := acts.get(0.05)) is None and time.monotonic() < deadline:
+        one.publisher("act/one").put(encode.act(1, 2, [3.0]), 2)
+    assert said.topic == "act/one"
+    assert before < said.arrived_ns <= time.monotonic_ns()
+
+
+def test_overflow_is_counted_equally_at_both_ends(wire):
+    seen = ready(wire)
+    one = wire.join()
+    steps = one.subscribe("step", depth=100)
+    one.announce()
+    assert seen()
+    step = wire.plant.publisher("step")
+    step.put(b"", 0)
+    first = steps.get(2.0)  # the receiver has begun
+    for _ in range(1000):
+        step.put(b"x" * 50, 0)
+    time.sleep(0.3)  # nobody reads meanwhile
+    kept = gather(steps, 100)
+    step.put(b"", 0)
+    assert first.seq == 0
+    assert [m.seq for m in kept] == list(range(901, 1001))
+    assert gather(steps, 1)[0].seq == 1001
+    assert steps.lost == 900
+    assert steps.received + steps.lost == step.sent
+
+
+def test_polled_overflow_is_counted_too(wire):
+    seen = ready(wire)
+    one = wire.join()
+    steps = one.subscribe("step", depth=64, polled=True)
+    one.announce()
+    assert seen()
+    step = wire.plant.publisher("step")
+    step.put(b"", 0)
+    gather(steps, 1)
+    for _ in range(1000):
+        step.put(b"x" * 50, 0)
+    time.sleep(0.3)
+    steps.drain()
+    assert steps.counts["step"].last == 1000
+    assert steps.received == 65
+    assert steps.received + steps.lost == step.sent
+
+
+def test_what_is_lost_at_the_end_shows_in_the_totals():
+    count = Count()
+    for seq in (3, 4, 6):
+        count.see(seq)
+    assert (count.first, count.received, count.lost, count.tail(10)) == (3, 3, 1, 3)
+
+
+def test_a_publisher_that_starts_anew_is_not_a_loss():
+    count = Count()
+    for seq in (0, 1, 2, 0, 1):
+        count.see(seq)
+    assert (count.received, count.lost) == (5, 0)
+
+
+def test_totals_tell_what_was_sent_and_heard(wire):
+    seen = ready(wire)
+    one = wire.join()
+    heard = one.subscribe("**")
+    one.announce()
+    assert seen()
+    for _ in range(3):
+        wire.plant.publisher("step").put(b"", 0)
+    gather(heard, 3)
+    wire.plant.publisher("total/plant").put(wire.plant.totals(), 0)
+    said = messages.decode("total/plant", gather(heard, 1)[0].payload)
+    assert dict(zip(said.sent_topic, said.sent)) == {"step": 3, "total/plant": 0}
+    own = messages.decode("total/one", one.totals())
+    assert dict(zip(own.heard_topic, own.received)) == {"step": 3, "total/plant": 1}
+    assert list(own.lost) == [0, 0]
+
+
+def test_joining_and_leaving_is_seen(wire):
+    wire.plant.announce()
+    watch = wire.plant.watch("controller/*")
+    one = wire.join(name="one")
+    theirs = one.watch("plant/*")
+    assert watch.poll(0.05) == []  # not before it announces
+    one.announce()
+    assert watch.wait_for("controller", "one", 3.0)
+    assert theirs.wait_for("plant", "plant", 3.0)
+    wire.join(role="viewer", name="two").announce()
+    one.close()
+    assert [(p.name, p.here) for p in watch.poll(3.0)] == [("one", False)]
+    assert watch.present == set()
+
+
+def test_a_latecomer_sees_who_is_here(wire):
+    one = wire.join()
+    one.announce()
+    assert wire.plant.watch().wait_for("controller", "one", 3.0)
+    assert wire.join(name="two").watch().wait_for("controller", "one", 3.0)
+
+
+def serving(server, seconds=3.0):
+    thread = threading.Thread(target=lambda: server.poll(seconds))
+    thread.start()
+    return thread
+
+
+def test_questions_are_answered_in_the_thread_that_polls(wire):
+    asked = []
+
+    def answer(body):
+        asked.append((body, threading.current_thread()))
+        return {"values": {"gain": 2.0}}
+
+    server = wire.plant.serve("param/plant", answer)
+    one = wire.join()
+    thread = serving(server)
+    assert one.ask("param/plant", {"get": ["gain"]}, 3.0, patient=True) == {"values": {"gain": 2.0}}
+    thread.join()
+    assert asked == [({"get": ["gain"]}, thread)]
+
+
+def test_a_refusal_reaches_the_asker_with_its_reason(wire):
+    def answer(body):
+        raise ValueError("gain must be positive, is -1")
+
+    server = wire.plant.serve("param/plant", answer)
+    one = wire.join()
+    thread = serving(server)
+    with pytest.raises(BusError, match="gain must be positive, is -1"):
+        one.ask("param/plant", {"set": {"gain": -1}}, 3.0, patient=True)
+    thread.join()
+
+
+def test_nobody_answers_is_said_within_the_time(wire):
+    one = wire.join()
+    begun = time.monotonic()
+    with pytest.raises(BusError, match="nobody answers cmd/plant"):
+        one.ask("cmd/plant", {}, 0.3)
+    wire.plant.serve("cmd/plant", lambda body: {})  # is there, but does not poll
+    with pytest.raises(BusError, match="nobody answers cmd/plant"):
+        one.ask("cmd/plant", {}, 0.3, patient=True)
+    assert time.monotonic() - begun < 1.5
+
+
+def test_a_latecomer_learns_the_setup(wire):
+    told = Setup("test", '{"plant": "belt"}', 1_000_000, 100_000, {"velocity": "m/s"}, {"laser": ("m/s", 100_000)})
+    thread = serving(wire.plant.serve("scene", lambda body: told.to_json()))
+    assert fetch(wire.join()) == told
+    thread.join()
+
+
+def test_the_last_word_before_closing_arrives(wire):
+    seen = ready(wire)
+    one = wire.join()
+    heard = one.subscribe("event/*")
+    one.announce()
+    assert seen()
+    for _ in range(200):
+        wire.plant.publisher("event/plant").put(b"x" * 1000, 0)
+    wire.plant.close()
+    assert len(gather(heard, 200)) == 200
+
+
+def test_closing_is_quick_and_may_be_repeated(wire):
+    one = wire.join()
+    one.subscribe("**", polled=True)
+    one.serve("param/one", lambda body: {})
+    one.announce()
+    begun = time.monotonic()
+    for session in (one, wire.plant, one, wire.plant):
+        session.close()
+    assert time.monotonic() - begun < 1.0
+
+
+def test_a_value_of_numpy_can_be_put_as_block(wire):
+    seen = ready(wire)
+    one = wire.join()
+    heard = one.subscribe("meas/laser")
+    one.announce()
+    assert seen()
+    wire.plant.publisher("meas/laser").put(encode.block(1, 2, 3, np.arange(4.0)), 2)
+    assert messages.decode("meas/laser", gather(heard, 1)[0].payload).v[:] == [0.0, 1.0, 2.0, 3.0]
