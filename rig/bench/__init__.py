@@ -1,0 +1,12 @@
+"""The bench: whatever lets a rig run, alone or with others.
+
+stand           the plant and its instruments, frame by frame; depends on ticks only
+protocol        the steps of an experiment, due on ticks
+exchange        commands: taken over, held, clamped, refused, replaced by safe values
+operation       what happens at a tick between measurement and integration; the same in every mode
+simulate        everything in one process
+plant_process   the plant as a process: lockstep or paced
+pace, timing    the pace of the wall clock, and how well it was kept
+supervise       the processes of one run, from start to end
+status          the line during a run and the summary after it
+"""

@@ -1,0 +1,224 @@
+"""The pace of the wall clock: frame k is due at start + k frame / pace, whatever the frames before it took.
+
+Deadlines are absolute, so a late frame delays nothing but itself. A frame that begins more than one frame late is an
+overrun, and the scene says what follows:
+
+    catch-up   nothing: the next frames run without a wait until the plant is on time again
+    skip       the frames of the wall clock that passed are given up; simulated time falls behind by as many
+    slow       the wall clock is given up: the frame counts as on time, all later ones are due that much later
+    stop       the run ends
+
+Behind by more than `PAUSE`, the process was stopped or the machine busy beyond repair: then even catch-up gives the
+time up, in one piece and reported, for a burst of thousands of frames is no experiment.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Literal, NamedTuple, Protocol
+
+import numpy as np
+
+Policy = Literal["catch-up", "skip", "slow", "stop"]
+PAUSE = 250_000_000
+"""Longest time [ns] that is caught up. # chosen: a quarter of a second is still a stutter, not a pause."""
+
+_TIMER_SLACK = 29  # PR_SET_TIMERSLACK of <linux/prctl.h>
+
+
+class Clock(Protocol):
+    """What tells the time and waits for it."""
+
+    def now(self) -> int:
+        """Nanoseconds since some moment; never goes back."""
+
+    def until(self, deadline: int) -> int:
+        """Wait for `deadline`; the time it then is."""
+
+
+@dataclass(frozen=True)
+class WallClock:
+    """The monotonic clock: sleeps until `spin_ns` before a deadline and watches the clock for the rest."""
+
+    spin_ns: int = 0
+
+    def now(self) -> int:
+        """Nanoseconds of the monotonic clock."""
+        return time.perf_counter_ns()
+
+    def until(self, deadline: int) -> int:
+        """Sleep, then spin."""
+        left = deadline - self.spin_ns - time.perf_counter_ns()
+        if left > 0:
+            time.sleep(left * 1e-9)
+        now = time.perf_counter_ns()
+        while now < deadline:
+            now = time.perf_counter_ns()
+        return now
+
+
+class GivenUp(NamedTuple):
+    """Time of the wall clock that was given up before a frame."""
+
+    frame: int
+    late_ns: int
+    frames: int
+    """Frames of the wall clock that passed without a frame of the plant."""
+
+
+class Pacer:
+    """Waits for one frame after another. `pace` is simulated over wall time."""
+
+    def __init__(self, frame_ns: int, pace: float, policy: Policy, clock: Clock, pause_ns: int = PAUSE) -> None:
+        self.wall_ns = frame_ns / pace
+        self.policy, self.pause_ns = policy, pause_ns
+        self.frame = -1
+        self.waited = False
+        """Whether there was time to wait before this frame; if not, the plant was busy beyond the deadline."""
+        self.given_up: list[GivenUp] = []
+        self.stopped = False
+        """Whether an overrun has ended the run (policy stop)."""
+        self._clock = clock
+        self._start = 0
+        self._first = 0
+
+    def anchor(self) -> None:
+        """The next frame is due now: at the start, and after a pause that somebody asked for."""
+        self._start, self._first = self._clock.now(), self.frame + 1
+
+    def wait(self) -> tuple[int, int]:
+        """Wait for the next frame; the time it is and by how much that is late [ns]."""
+        frame = self.frame = self.frame + 1
+        deadline = self._start + int((frame - self._first) * self.wall_ns)
+        now = self._clock.now()
+        self.waited = now < deadline
+        if self.waited:
+            now = self._clock.until(deadline)
+        late = now - deadline
+        if late > self.wall_ns:
+            self._overrun(now, late)
+        return now, late
+
+    def _overrun(self, now: int, late: int) -> None:
+        if self.policy == "stop":
+            self.stopped = True
+        elif self.policy == "slow":
+            self._give_up(now, late)
+        elif self.policy == "skip" or late > self.pause_ns:
+            self._give_up(now, int(late // self.wall_ns * self.wall_ns))
+
+    def _give_up(self, now: int, span: int) -> None:
+        late = now - self._start - int((self.frame - self._first) * self.wall_ns)
+        self.given_up.append(GivenUp(self.frame, late, int(late // self.wall_ns)))
+        self._start += span
+
+    @property
+    def frames_given_up(self) -> int:
+        """Frames of the wall clock that passed without a frame of the plant."""
+        return sum(one.frames for one in self.given_up)
+
+
+class Waiting(NamedTuple):
+    """How to wait on this machine, and the measurement [ns] that says so."""
+
+    spin_ns: int
+    sleep_p95: int
+    hybrid_p95: int
+    why: str
+
+    @property
+    def method(self) -> str:
+        """Sleep or hybrid."""
+        return "hybrid" if self.spin_ns else "sleep"
+
+
+def lateness(clock: Clock, frame_ns: int, frames: int) -> np.ndarray:
+    """By how much `frames` waits of `frame_ns` end late: int64 [frames], ns."""
+    found = np.empty(frames, np.int64)
+    for i in range(frames):
+        deadline = clock.now() + frame_ns
+        found[i] = clock.until(deadline) - deadline
+    return found
+
+
+def choose(frame_ns: int, frames: int = 60) -> Waiting:
+    """Sleep, or sleep and spin: measured in turns on this machine as it is now, in about 0.15 s.
+
+    Spinning takes a core from the others and the scheduler punishes it, so it must earn its place: a core to spare,
+    half the lateness in 19 of 20 frames, and no more bad frames than sleep alone.
+    """
+    sharpen_timers()
+    each = min(frame_ns, 1_000_000)
+    sleep = WallClock()
+    first = lateness(sleep, each, frames // 4)
+    spin = int(min(np.quantile(first, 0.95) * 1.5, each / 5))
+    slept, spun = [first], []
+    for _ in range(3):
+        spun.append(lateness(WallClock(spin), each, frames // 4))
+        slept.append(lateness(sleep, each, frames // 4))
+    return judge(np.concatenate(slept), np.concatenate(spun), spin, each, os.cpu_count() or 1, _load())
+
+
+def judge(slept: np.ndarray, spun: np.ndarray, spin_ns: int, frame_ns: int, cores: int, load: float) -> Waiting:
+    """The choice, from two sets of lateness [ns], the number of cores and the load on them."""
+    a, b = int(np.quantile(slept, 0.95)), int(np.quantile(spun, 0.95))
+    if cores < 2 or load > cores - 1:
+        return Waiting(0, a, b, f"no core to spare: load {load:.1f} on {cores}")
+    bad = frame_ns // 2
+    if np.mean(spun > bad) > np.mean(slept > bad):
+        return Waiting(0, a, b, "spinning brings more bad frames")
+    if b > a / 2:
+        return Waiting(0, a, b, "spinning gains nothing")
+    return Waiting(spin_ns, a, b, "spinning is more exact")
+
+
+def _load() -> float:
+    try:
+        return os.getloadavg()[0]
+    except OSError:
+        return 0.0
+
+
+def sharpen_timers() -> bool:
+    """Ask Linux not to round this thread's sleeps up by 50 us to save power; whether it does."""
+    if sys.platform != "linux":
+        return False
+    return bool(ctypes.CDLL(None).prctl(_TIMER_SLACK, ctypes.c_ulong(1), 0, 0, 0) == 0)
+
+
+def take_priority(priority: int = 20) -> str:
+    """Ask for real-time scheduling of this process, before it starts threads; "" or why it is not to be had."""
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except (OSError, AttributeError) as fault:
+        return f"no real-time scheduling here: {getattr(fault, 'strerror', None) or 'this system has none'}"
+    return ""
+
+
+@contextmanager
+def no_garbage() -> Iterator[None]:
+    """Collect once, then not again until the end of the run: a collection in between costs milliseconds."""
+    enabled = gc.isenabled()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        if enabled:
+            gc.enable()
+
+
+def asleep_ns() -> int:
+    """Nanoseconds that this machine has been suspended since it started; the monotonic clock stands still then."""
+    if sys.platform != "linux":
+        return 0
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.clock_gettime_ns(time.CLOCK_MONOTONIC)

@@ -1,0 +1,235 @@
+"""How well a run kept time: lateness, spans of a frame, overruns by cause, and the verdict.
+
+A frame is late when it begins more than one frame after its deadline. A row of late frames is one overrun; its cause is
+what kept the frame before the first of them busy, or the wait itself where the plant had been ready in time:
+
+    wake       ready in time, but woken too late: the scheduler, or the host
+    preempted  busy beyond the frame, but without the processor for most of that time
+    gc         a garbage collection                     compile    a kernel was compiled
+    receive, plant, publish, serve                      the longest span of the frame
+
+The verdict: VALID with at most 1 % of the frames late and nothing lost, DEGRADED with up to 5 % or a counted loss,
+else INVALID; the scene may set other shares. Frames of the wall clock that were given up count as late.
+
+A frame costs one tuple. What it means is worked out five times a second, outside the frame.
+"""
+
+from __future__ import annotations
+
+import gc
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numba.core import event
+from numpy.typing import NDArray
+
+SPANS = ("receive", "plant", "publish", "serve")
+CAUSES = ("wake", "preempted", "gc", "compile", *SPANS)
+_PER_OCTAVE = 16
+_BINS = 48 * _PER_OCTAVE  # up to 2**48 ns, 78 hours
+
+Row = tuple[int, int, bool, int, int, int, int, int]
+
+
+class Spread:
+    """The distribution of a duration [ns]: percentiles to 5 %, mean and maximum exact, in constant memory."""
+
+    def __init__(self) -> None:
+        self.count, self.total, self.worst = 0, 0, 0
+        self._bins = np.zeros(_BINS, np.int64)
+
+    def add(self, durations: NDArray[np.int64]) -> None:
+        """Count durations; what is below zero counts as zero."""
+        if not durations.size:
+            return
+        whole = np.maximum(durations, 0)
+        self.count += whole.size
+        self.total += int(whole.sum())
+        self.worst = max(self.worst, int(whole.max()))
+        bins = (np.log2(np.maximum(whole, 1)) * _PER_OCTAVE).astype(np.int64)
+        self._bins += np.bincount(np.minimum(bins, _BINS - 1), minlength=_BINS)
+
+    def quantile(self, share: float) -> float:
+        """The duration [ns] that `share` of all do not exceed."""
+        if not self.count:
+            return 0.0
+        reached = int(np.searchsorted(np.cumsum(self._bins), share * self.count))
+        return float(min(2.0 ** ((min(reached, _BINS - 1) + 1) / _PER_OCTAVE), self.worst))
+
+    @property
+    def mean(self) -> float:
+        """Mean duration [ns]."""
+        return self.total / self.count if self.count else 0.0
+
+    def told(self) -> dict[str, float]:
+        """In microseconds, for a summary."""
+        quantiles = {f"p{round(share * 100)}": self.quantile(share) / 1e3 for share in (0.5, 0.95, 0.99)}
+        return {"mean": self.mean / 1e3, **quantiles, "max": self.worst / 1e3}
+
+
+class Interruptions(event.Listener):  # type: ignore[misc]
+    """Garbage collections and compilations (loading from the cache too), each with begin and end on the clock."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[str, int, int]] = []
+        self._collecting, self._compiling, self._depth = 0, 0, 0
+
+    def within(self, kind: str, begin: int, end: int) -> int:
+        """Nanoseconds of `kind` between two moments."""
+        return sum(max(min(e, end) - max(b, begin), 0) for k, b, e in self.seen if k == kind)
+
+    def forget(self, before: int) -> None:
+        """Drop what ended before a moment."""
+        self.seen = [one for one in self.seen if one[2] >= before]
+
+    @contextmanager
+    def watched(self) -> Iterator[None]:
+        """Watch this process."""
+        event.register("numba:compiler_lock", self)  # type: ignore[no-untyped-call]
+        gc.callbacks.append(self._collected)
+        try:
+            yield
+        finally:
+            gc.callbacks.remove(self._collected)
+            event.unregister("numba:compiler_lock", self)  # type: ignore[no-untyped-call]
+
+    def _collected(self, phase: str, _: dict[str, int]) -> None:
+        if phase == "start":
+            self._collecting = time.perf_counter_ns()
+        else:
+            self.seen.append(("gc", self._collecting, time.perf_counter_ns()))
+
+    def on_start(self, _: Any) -> None:
+        """Called by numba when a compilation begins; they nest."""
+        if not self._depth:
+            self._compiling = time.perf_counter_ns()
+        self._depth += 1
+
+    def on_end(self, _: Any) -> None:
+        """Called by numba when a compilation ends."""
+        self._depth -= 1
+        if not self._depth:
+            self.seen.append(("compile", self._compiling, time.perf_counter_ns()))
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """VALID, DEGRADED or INVALID, and why."""
+
+    word: str
+    reasons: tuple[str, ...]
+
+    @property
+    def exit_code(self) -> int:
+        """0, or 3 where the timing is invalid."""
+        return 3 if self.word == "INVALID" else 0
+
+
+class Timing:
+    """The time keeping of one paced run with frames of `wall_ns` on the wall clock."""
+
+    def __init__(self, wall_ns: float) -> None:
+        self.wall_ns = wall_ns
+        self.rows: list[Row] = []
+        """Per frame: begin, lateness, whether there was time to wait, the four spans, processor time so far; all ns."""
+        self.interruptions = Interruptions()
+        self.lateness = Spread()
+        self.spans = {name: Spread() for name in SPANS}
+        self.busy = Spread()
+        self.late = 0
+        self.overruns = dict.fromkeys(CAUSES, 0)
+        self.worst_ns, self.worst_frame, self.worst_cause = 0, -1, ""
+        self.given_up = 0
+        self._last: Row | None = None
+        self._cause = ""
+
+    @property
+    def frames(self) -> int:
+        """Frames counted so far."""
+        return self.lateness.count
+
+    def fold(self) -> None:
+        """Work out the rows so far and forget them."""
+        if not self.rows:
+            return
+        rows, self.rows = self.rows, []
+        first = self.frames
+        table = np.array(rows, np.int64)
+        late = table[:, 1]
+        self.lateness.add(late)
+        for column, name in enumerate(SPANS, start=3):
+            self.spans[name].add(table[:, column])
+        self.busy.add(table[:, 3:7].sum(axis=1))
+        for i in np.flatnonzero(late > self.wall_ns):
+            before = rows[i - 1] if i else self._last
+            if before is None or before[1] <= self.wall_ns:
+                self._cause = self._explain(before, rows[i])
+                self.overruns[self._cause] += 1
+            self.late += 1
+            if late[i] > self.worst_ns:
+                self.worst_ns, self.worst_frame, self.worst_cause = int(late[i]), first + int(i), self._cause
+        if not self.late and late.max() > self.worst_ns:
+            self.worst_ns, self.worst_frame = int(late.max()), first + int(late.argmax())
+        self._last = rows[-1]
+        self.interruptions.forget(self._last[0])
+
+    def _explain(self, before: Row | None, row: Row) -> str:
+        if before is None or row[2]:
+            return "wake"
+        begin, end = before[0], row[0]
+        spans = dict(zip(SPANS, before[3:7]))
+        for kind in ("compile", "gc"):
+            if self.interruptions.within(kind, begin, end) > (end - begin) / 2:
+                return kind
+        longest = max(spans, key=lambda name: spans[name])
+        if row[7] - before[7] < (end - begin) / 2 and longest != "publish":
+            return "preempted"
+        return longest
+
+    @property
+    def late_share(self) -> float:
+        """Share of the frames of the wall clock that began late or never."""
+        due = self.frames + self.given_up
+        return (self.late + self.given_up) / due if due else 0.0
+
+    def verdict(
+        self, valid: float, degraded: float, lost: Mapping[str, int] | None = None, faults: Sequence[str] = ()
+    ) -> Verdict:
+        """The verdict: shares of late frames up to which a run is valid or degraded, losses by topic, other faults."""
+        share = self.late_share
+        reasons = []
+        if self.frames:
+            reasons.append(f"{share:.2%} of {self.frames + self.given_up} frames late by more than one frame")
+        if self.worst_ns:
+            because = f", {self.worst_cause}" if self.worst_cause else ""
+            reasons.append(f"worst {self.worst_ns / 1e6:.3g} ms at frame {self.worst_frame}{because}")
+        missing = {topic: count for topic, count in (lost or {}).items() if count}
+        reasons.append("lost " + ", ".join(f"{n} of {t}" for t, n in missing.items()) if missing else "nothing lost")
+        reasons.extend(faults)
+        if share > degraded:
+            word = "INVALID"
+        elif share > valid or missing or faults:
+            word = "DEGRADED"
+        else:
+            word = "VALID"
+        return Verdict(word, tuple(reasons))
+
+    def told(self) -> dict[str, Any]:
+        """Everything counted, durations in microseconds."""
+        return {
+            "frames": self.frames,
+            "late": self.late,
+            "given_up": self.given_up,
+            "late_share": self.late_share,
+            "overruns": {cause: count for cause, count in self.overruns.items() if count},
+            "worst_us": self.worst_ns / 1e3,
+            "worst_frame": self.worst_frame,
+            "worst_cause": self.worst_cause,
+            "lateness": self.lateness.told(),
+            "busy": self.busy.told(),
+            "spans": {name: spread.told() for name, spread in self.spans.items()},
+        }

@@ -1,0 +1,175 @@
+"""Pacing, on a clock that obeys the test."""
+
+import gc
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.bench.pace import Pacer, WallClock, judge, no_garbage, sharpen_timers
+
+MS = 1_000_000
+
+
+class FakeClock:
+    """Waits take no time and end exactly at the deadline, plus `oversleep`."""
+
+    def __init__(self):
+        self.time = 5_000_000_123
+        self.oversleep = 0
+
+    def now(self):
+        return self.time
+
+    def until(self, deadline):
+        self.time = max(self.time, deadline) + self.oversleep
+        return self.time
+
+    def work(self, ns):
+        self.time += ns
+
+
+def paced(policy="catch-up", pace=1.0, frame_ns=MS, **more):
+    clock = FakeClock()
+    pacer = Pacer(frame_ns, pace, policy, clock, **more)
+    pacer.anchor()
+    return clock, pacer
+
+
+def test_deadlines_do_not_drift():
+    clock, pacer = paced(pace=3.0)
+    begin = clock.now()
+    clock.oversleep = 40_000
+    for _ in range(30_001):
+        _, late = pacer.wait()
+        clock.work(17_000)
+    assert late == 40_000
+    assert clock.now() - begin == 10_000 * MS + 40_000 + 17_000
+
+
+@given(
+    policy=st.sampled_from(["catch-up", "skip", "slow"]),
+    spans=st.lists(st.integers(0, 300 * MS), min_size=1, max_size=40),
+)
+def test_time_is_never_lost_unsaid(policy, spans):
+    clock, pacer = paced(policy)
+    begin = clock.now()
+    for span in spans:
+        pacer.wait()
+        clock.work(span)
+    while True:
+        now, late = pacer.wait()
+        if late <= MS:
+            break
+    owed = now - begin - late - pacer.frame * MS
+    told = sum(one.late_ns if policy == "slow" else one.frames * MS for one in pacer.given_up)
+    assert owed == told
+    assert 0 <= late <= MS
+
+
+def test_catch_up_runs_the_missed_frames_at_once():
+    clock, pacer = paced()
+    pacer.wait()
+    clock.work(10 * MS)
+    begins = [pacer.wait()[0] for _ in range(12)]
+    assert np.ptp(begins[:10]) == 0
+    assert begins[-1] - begins[0] == 2 * MS
+    assert not pacer.given_up
+
+
+def test_skip_keeps_to_the_grid_of_the_clock():
+    clock, pacer = paced("skip")
+    start, _ = pacer.wait()
+    clock.work(int(3.4 * MS))
+    _, late = pacer.wait()
+    assert late == int(2.4 * MS)
+    assert pacer.frames_given_up == 2
+    assert pacer.wait()[0] - start == 4 * MS
+
+
+def test_slow_counts_from_the_late_frame_on():
+    clock, pacer = paced("slow")
+    pacer.wait()
+    clock.work(int(3.4 * MS))
+    begin, _ = pacer.wait()
+    assert pacer.wait() == (begin + MS, 0)
+
+
+def test_stop_ends_the_run_at_the_first_overrun():
+    clock, pacer = paced("stop")
+    pacer.wait()
+    clock.work(MS + MS // 2)
+    pacer.wait()
+    assert not pacer.stopped
+    clock.work(3 * MS)
+    pacer.wait()
+    assert pacer.stopped
+
+
+@pytest.mark.parametrize("policy", ["catch-up", "skip", "slow"])
+def test_a_pause_is_given_up_in_one_piece(policy):
+    clock, pacer = paced(policy)
+    pacer.wait()
+    clock.work(10_000 * MS)
+    pacer.wait()
+    _, late = pacer.wait()
+    assert late == 0
+    assert pacer.given_up == [(1, 9999 * MS, 9999)]
+
+
+def test_a_pause_asked_for_is_no_overrun():
+    clock, pacer = paced()
+    pacer.wait()
+    clock.work(10_000 * MS)
+    pacer.anchor()
+    now, late = pacer.wait()
+    assert (late, now, pacer.given_up) == (0, clock.now(), [])
+
+
+@pytest.mark.parametrize(
+    ("spun", "cores", "load", "method"),
+    [
+        ([1_000] * 60, 2, 0.3, "hybrid"),
+        ([1_000] * 60, 2, 1.5, "sleep"),  # nobody to spin beside
+        ([1_000] * 60, 1, 0.0, "sleep"),
+        ([1_000] * 58 + [3 * MS] * 2, 2, 0.3, "sleep"),  # a worse tail
+        ([60_000] * 60, 2, 0.3, "sleep"),
+    ],
+)
+def test_spinning_must_earn_its_place(spun, cores, load, method):
+    assert judge(np.full(60, 90_000), np.array(spun), 120_000, MS, cores, load).method == method
+
+
+@pytest.mark.parametrize("spin_ns", [0, 100_000])
+def test_the_wall_clock_waits_for_its_deadline(spin_ns):
+    sharpen_timers()
+    clock = WallClock(spin_ns)
+    deadline = clock.now() + 2 * MS
+    assert deadline <= clock.until(deadline) < deadline + 500 * MS
+    assert clock.until(deadline) >= deadline
+
+
+def test_no_garbage_is_collected_during_a_run():
+    found = []
+
+    def note(phase, _):
+        found.append(phase)
+
+    with no_garbage():
+        gc.callbacks.append(note)
+        for _ in range(5000):
+            one = []
+            one.append(one)
+        gc.callbacks.remove(note)
+    assert gc.isenabled()
+    assert not found
+
+
+def test_a_frame_costs_the_pacer_little():
+    _, pacer = paced()
+    begin = time.perf_counter_ns()
+    for _ in range(20_000):
+        pacer.wait()
+    assert (time.perf_counter_ns() - begin) / 20_000 < 5_000

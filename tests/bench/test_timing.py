@@ -1,0 +1,152 @@
+"""Time keeping: lateness, causes, verdict."""
+
+import gc
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rig.bench.timing import Interruptions, Spread, Timing, Verdict
+from rig.kernel import kernel
+
+MS = 1_000_000
+
+
+def kept(lateness, waited=None, spans=(0, 20_000, 10_000, 0), cpu=40_000):
+    """A Timing with one row for each lateness [ns]."""
+    timing = Timing(MS)
+    for i, late in enumerate(lateness):
+        begin = i * MS + late
+        timing.rows.append((begin, late, True if waited is None else waited[i], *spans, i * cpu))
+    timing.fold()
+    return timing
+
+
+@given(st.lists(st.integers(1, 10**11), min_size=1, max_size=300), st.floats(0.01, 1.0))
+def test_quantiles_are_right_to_five_per_cent(values, share):
+    spread = Spread()
+    array = np.array(values)
+    spread.add(array[: len(array) // 2])
+    spread.add(array[len(array) // 2 :])
+    exact = np.quantile(array, share, method="inverted_cdf")
+    assert exact / 1.05 <= spread.quantile(share) <= exact * 1.05
+    assert spread.worst == array.max()
+    assert spread.mean == pytest.approx(array.mean())
+
+
+def test_an_empty_spread_says_nothing():
+    spread = Spread()
+    spread.add(np.array([], np.int64))
+    assert spread.told() == {"mean": 0.0, "p50": 0.0, "p95": 0.0, "p99": 0.0, "max": 0.0}
+
+
+@pytest.mark.parametrize(
+    ("late", "word"), [(0, "VALID"), (10, "VALID"), (11, "DEGRADED"), (50, "DEGRADED"), (51, "INVALID")]
+)
+def test_the_verdict_follows_the_share_of_late_frames(late, word):
+    timing = kept([2 * MS] * late + [0] * (1000 - late))
+    assert timing.verdict(0.01, 0.05).word == word
+
+
+def test_exactly_one_frame_late_is_not_late():
+    assert kept([MS] * 100).late == 0
+    assert kept([MS + 1] * 100).late == 100
+
+
+def test_a_loss_or_a_fault_degrades():
+    timing = kept([0] * 1000)
+    assert timing.verdict(0.01, 0.05, {"act/nf": 0}) == Verdict(
+        "VALID", ("0.00% of 1000 frames late by more than one frame", "nothing lost")
+    )
+    assert timing.verdict(0.01, 0.05, {"meas/laser": 2}).word == "DEGRADED"
+    assert "lost 2 of meas/laser" in timing.verdict(0.01, 0.05, {"meas/laser": 2}).reasons
+    assert timing.verdict(0.01, 0.05, faults=["the controller nf died"]).word == "DEGRADED"
+    assert timing.verdict(0.01, 0.05, {"meas/laser": 2}).exit_code == 0
+    assert kept([2 * MS] * 100).verdict(0.01, 0.05, {"meas/laser": 2}).exit_code == 3
+
+
+def test_frames_given_up_count_as_late():
+    timing = kept([0] * 1000)
+    timing.given_up = 100
+    assert timing.late_share == pytest.approx(100 / 1100)
+    assert timing.verdict(0.01, 0.05).word == "INVALID"
+
+
+def test_a_row_of_late_frames_is_one_overrun():
+    timing = kept([0, 0, 9 * MS, 8 * MS, 7 * MS, 0, 0, 2 * MS, 0], waited=[1, 1, 0, 0, 0, 1, 1, 1, 1])
+    assert (timing.late, sum(timing.overruns.values())) == (4, 2)
+    assert (timing.worst_ns, timing.worst_frame) == (9 * MS, 2)
+
+
+def test_worst_lateness_is_shown_even_when_no_frame_was_late():
+    timing = kept([100, 200_000, 300])
+    assert (timing.worst_ns, timing.worst_frame) == (200_000, 1)
+    assert any("0.2 ms at frame 1" in reason for reason in timing.verdict(0.01, 0.05).reasons)
+
+
+@pytest.mark.parametrize(
+    ("waited", "spans", "cpu", "cause"),
+    [
+        (True, (0, 20_000, 10_000, 0), 40_000, "wake"),
+        (False, (0, 5 * MS, 10_000, 0), 5 * MS, "plant"),
+        (False, (0, 5 * MS, 10_000, 0), 1 * MS, "preempted"),
+        (False, (0, 20_000, 5 * MS, 0), 1 * MS, "publish"),  # a put that waits is no computation
+        (False, (0, 20_000, 10_000, 5 * MS), 5 * MS, "serve"),
+        (False, (5 * MS, 20_000, 10_000, 0), 5 * MS, "receive"),
+    ],
+)
+def test_an_overrun_has_a_cause(waited, spans, cpu, cause):
+    timing = kept([0, 4 * MS], waited=[True, waited], spans=spans, cpu=cpu)
+    assert {name for name, count in timing.overruns.items() if count} == {cause}
+    assert timing.worst_cause == cause
+
+
+@pytest.mark.parametrize("kind", ["gc", "compile"])
+def test_an_interruption_is_the_cause_of_what_it_delays(kind):
+    timing = Timing(MS)
+    timing.rows += [(0, 0, True, 0, 5 * MS, 0, 0, 0), (5 * MS, 4 * MS, False, 0, 0, 0, 0, 5 * MS)]
+    timing.interruptions.seen.append((kind, MS, 5 * MS))
+    timing.fold()
+    assert timing.overruns[kind] == 1
+
+
+def test_folding_often_or_once_counts_the_same():
+    rng = np.random.default_rng(1)
+    late = rng.choice([0, 3 * MS], 500, p=[0.9, 0.1])
+    once, often = kept(late), Timing(MS)
+    for i, one in enumerate(late):
+        often.rows.append((i * MS + int(one), int(one), True, 0, 20_000, 10_000, 0, i * 40_000))
+        if rng.random() < 0.2:
+            often.fold()
+    often.fold()
+    assert once.told() == often.told()
+
+
+def test_interruptions_are_seen():
+    found = Interruptions()
+
+    @kernel
+    def fresh(a):
+        return a + 41.5
+
+    with found.watched():
+        begin = time.perf_counter_ns()
+        gc.collect()
+        fresh(1.0)
+        end = time.perf_counter_ns()
+    assert {kind for kind, _, _ in found.seen} == {"gc", "compile"}
+    assert 0 < found.within("gc", begin, end) < end - begin
+    found.forget(end)
+    assert not found.seen
+
+
+def test_a_frame_costs_a_microsecond():
+    timing = Timing(MS)
+    append, cpu = timing.rows.append, time.thread_time_ns
+    begin = time.perf_counter_ns()
+    for i in range(20_000):
+        append((i, 40_000, True, 1, 2, 3, 4, cpu()))
+    timing.fold()
+    assert (time.perf_counter_ns() - begin) / 20_000 < 5_000  # 1 us on an idle machine
