@@ -1,0 +1,51 @@
+"""Controllers: pure objects that see measurements and send commands, and the process that runs one of them.
+
+base             what a controller is; change of parameters while it works
+loop             a controller at work: state, command in force, values that are no numbers
+normal_force     press less when the body runs with the belt
+belt_velocity    let the belt follow the body
+dither           the least amplitude that keeps the cycle away
+dither_sampled   dither as a held signal, to show its error
+velocity         the velocity fed back: measured or observed, filtered, predicted
+observer         a Kalman observer as plain arithmetic
+file             a user's own controller from a file
+process          the process main
+
+A controller never sees the plant: what it needs of the matrices comes as numbers from the design step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from controllers.base import Controller, Numbers
+from controllers.belt_velocity import BeltVelocity, BeltVelocityFeedback
+from controllers.dither import Dither, DitherSearch
+from controllers.dither_sampled import SampledDither, SampledDitherSignal
+from controllers.normal_force import NormalForce, NormalForceFeedback
+from rig.quantities import Section
+
+KINDS: dict[str, tuple[type[Section], Any]] = {
+    "normal_force": (NormalForce, NormalForceFeedback),
+    "belt_velocity": (BeltVelocity, BeltVelocityFeedback),
+    "dither": (Dither, DitherSearch),
+    "dither_sampled": (SampledDither, SampledDitherSignal),
+}
+
+
+def build(section: Section, numbers: Numbers) -> Controller:
+    """The controller of a scene's section, with the numbers of the design step."""
+    controller: Controller = KINDS[section.kind][1](section, numbers)  # type: ignore[attr-defined]
+    return controller
+
+
+def described(section: Section, numbers: Numbers) -> dict[str, Any]:
+    """A controller as plain values, the way it travels to its process."""
+    return {"section": section.model_dump(mode="json"), "numbers": dict(numbers)}
+
+
+def restored(values: Mapping[str, Any]) -> Controller:
+    """The controller that `described` told."""
+    section = KINDS[values["section"]["kind"]][0].model_validate(values["section"])
+    return build(section, values["numbers"])

@@ -1,0 +1,193 @@
+"""A controller as a process of its own: it answers the plant's steps, and ends when the plant ends.
+
+    step      due for its period: update, answer; the same step again: the same answer again
+    param     {"get": [keys]} or {"set": {key: value}}: checked, applied as a whole between two steps, told as an event
+    alive     declared when everything above stands; without a plant this process ends within a second
+
+A controller that the scene does not know (a user's own file) first asks the plant to be let in, naming what it reads
+and drives; the plant refuses what somebody else already drives.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import json
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import controllers
+from controllers.base import Controller, parameters
+from controllers.file import load_file
+from controllers.loop import Loop
+from rig import bus
+from rig.bus import encode, messages, setup
+from rig.bus.port import Session
+from rig.errors import BusError, RigError, UsageError
+
+PATIENCE = 0.1  # s without a step, after which this process looks whether the plant still lives
+
+
+class Worker:
+    """One controller on one session."""
+
+    def __init__(self, session: Session, described: setup.Setup, controller: Controller) -> None:
+        self.session = session
+        self.loop = Loop(controller)
+        self.tick, self.t_ns = -1, 0
+        self.answered = b""
+        sensors = list(described.sensors)
+        missing = [name for name in controller.reads if name not in sensors]
+        if missing:
+            raise UsageError(f"{session.name} reads {', '.join(missing)}; the sensors are {', '.join(sensors)}")
+        self.columns = [sensors.index(name) for name in controller.reads]
+        self.steps = session.subscribe("step")
+        self.act = session.publisher(f"act/{session.name}")
+        self.events = session.publisher(f"event/{session.name}")
+        self.server = session.serve(f"param/{session.name}", self.asked)
+        self.plant = session.watch("plant/*")
+        if session.name not in described.controllers:
+            wanted = {"controller": session.name, "reads": controller.reads, "drives": controller.drives}
+            session.ask("cmd/plant", {"do": "admit", **wanted, "period_ns": controller.period_ns}, timeout=5.0)
+
+    def follow(self, stopped: Callable[[], bool]) -> None:
+        """Answer steps until the plant leaves or `stopped`."""
+        if not self._plant_lives(3.0):
+            raise BusError(f"run {self.session.run} has no plant")
+        self.session.announce()
+        try:
+            while not stopped():
+                message = self.steps.get(timeout=PATIENCE)
+                if message is not None:
+                    self.take(messages.decode("step", message.payload))
+                elif not self._plant_lives(0.0):
+                    break
+                self.server.poll()
+        finally:
+            self.tell("left", f"{self.session.name} has left", self.loop.counters())
+            self.session.publisher(f"total/{self.session.name}").put(self.session.totals(), self.t_ns)
+
+    def take(self, step: Any) -> None:
+        """Answer one step: by an update if it is new and due, by the same answer if it is the last one again."""
+        if step.tick == self.tick and self.answered:
+            self.act.put(self.answered, step.t_ns)
+        if step.tick <= self.tick:
+            return
+        self.tick, self.t_ns, self.answered = step.tick, step.t_ns, b""
+        if self.loop.due(step.t_ns):
+            latest = step.values
+            values = tuple([latest[i] for i in self.columns])
+            first = self.loop.held == 0
+            self.answered = encode.act(step.tick, step.t_ns, self.loop.answer(step.t_ns, values))
+            self.act.put(self.answered, step.t_ns)
+            if first and self.loop.held:
+                self.tell("held", f"a sample that {self.session.name} reads is missing or no number", {})
+
+    def asked(self, body: dict[str, Any]) -> dict[str, Any]:
+        """Get or set parameters; a set is whole or not at all, and in force from the next step on."""
+        if (changes := body.get("set")) is not None:
+            self.loop.retune(changes)
+            text = ", ".join(f"{key} = {value}" for key, value in changes.items())
+            self.tell("parameter", text, {"set": changes, "after_tick": self.tick})
+        values = parameters(self.loop.controller)
+        unknown = [key for key in body.get("get", ()) if key not in values]
+        if unknown:
+            raise UsageError(f"no parameter is called {', '.join(unknown)}; there are {', '.join(values)}")
+        wanted = body.get("get") or values
+        return {"values": {key: values[key] for key in wanted}, "counters": self.loop.counters()}
+
+    def tell(self, kind: str, text: str, data: Mapping[str, object]) -> None:
+        """Say what happened."""
+        event = messages.TYPES["Event"](
+            t_ns=self.t_ns,
+            tick=max(self.tick, 0),
+            source=self.session.name,
+            kind=kind,
+            text=text,
+            data=json.dumps(data),
+        )
+        self.events.put(event.SerializeToString(), self.t_ns)
+
+    def _plant_lives(self, timeout: float) -> bool:
+        self.plant.poll(0.0)
+        if not self.plant.present:
+            self.plant.poll(timeout)
+        return bool(self.plant.present)
+
+
+def made(described: setup.Setup, name: str, file: Path | None = None) -> Controller:
+    """The controller of the scene called `name`, or the one in a user's own file."""
+    if file is not None:
+        return load_file(file)
+    if name not in described.controllers:
+        known = ", ".join(described.controllers) or "none"
+        raise UsageError(f"the scene has no controller called {name}; it has {known}. A file of your own ends in .py")
+    return controllers.restored(described.controllers[name])
+
+
+def run(
+    what: str,
+    run: str | None = None,
+    *,
+    changes: Mapping[str, object] | None = None,
+    wait: float = 10.0,
+    say: Callable[[str], object] = lambda _: None,
+) -> None:
+    """Run the controller `what`, a name in the scene or a Python file, in a live run (the newest by default).
+
+    Returns when the plant ends or on SIGINT or SIGTERM; raises RigError when it cannot begin or the controller fails.
+    """
+    file = Path(what) if what.endswith(".py") else None
+    name = file.stem if file is not None else what
+    stop = threading.Event()
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        with bus.join(run, role="controller", name=name, wait=wait) as session:
+            described = setup.fetch(session, wait)
+            worker = Worker(session, described, made(described, name, file))
+            if changes:
+                worker.loop.retune(changes)
+            drives, reads = ", ".join(worker.loop.controller.drives), ", ".join(worker.loop.controller.reads)
+            say(f"{name} drives {drives} and reads {reads or 'nothing'} in {session.run}")
+            gc.collect()
+            gc.freeze()
+            gc.disable()
+            try:
+                worker.follow(stop.is_set)
+            except RigError:
+                raise
+            except Exception as error:  # of the user's own code
+                worker.tell("fault", f"{type(error).__name__}: {error}", {"trace": traceback.format_exc()})
+                raise UsageError(f"{name} failed at tick {worker.tick}: {traceback.format_exc()}") from error
+            finally:
+                gc.enable()
+                gc.unfreeze()
+            counted = ", ".join(f"{count} {what}" for what, count in worker.loop.counters().items())
+            say(f"{name} has left {session.run}: {counted}")
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """`python -m controllers.process NAME_OR_FILE [--run RUN] [--wait S]`, started by a supervisor."""
+    parser = argparse.ArgumentParser(prog="controllers.process", description=__doc__.partition("\n")[0])
+    parser.add_argument("what", help="name of a controller in the scene, or a Python file")
+    parser.add_argument("--run", help="the run to join; the newest by default")
+    parser.add_argument("--wait", type=float, default=10.0, help="longest wait for the run [s]")
+    given = parser.parse_args(arguments)
+    try:
+        run(given.what, given.run, wait=given.wait)
+    except RigError as error:
+        sys.stderr.write(f"{error}\n")
+        return error.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

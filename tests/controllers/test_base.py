@@ -1,0 +1,84 @@
+import pytest
+
+import controllers
+from controllers.base import Controller, parameters, retune
+from controllers.normal_force import NormalForce
+from rig.errors import UsageError
+
+SECTIONS = {
+    "normal_force": {"sensor": "v", "gain": "0.2 N*s/mm", "nominal": 20.0},
+    "belt_velocity": {"sensor": "v", "gain": 2.0, "nominal": "60 mm/s"},
+    "dither": {"sensor": "v", "speed": 0.06},
+    "dither_sampled": {"amplitude": 0.1, "nominal": 0.06},
+}
+
+
+@pytest.fixture(params=sorted(controllers.KINDS))
+def controller(request):
+    section = controllers.KINDS[request.param][0](kind=request.param, **SECTIONS[request.param])
+    return controllers.build(section, {})
+
+
+def feedback(**given):
+    return controllers.build(NormalForce(kind="normal_force", sensor="v", gain=200.0, nominal=20.0, **given), {})
+
+
+def test_every_kind_is_a_controller(controller):
+    assert isinstance(controller, Controller)
+    assert controller.period_ns == 1_000_000
+    _, commands = controller.update(controller.start(), 0, tuple(0.0 for _ in controller.reads))
+    assert len(commands) == len(controller.drives)
+
+
+def test_every_kind_travels_as_plain_values(controller):
+    import json
+
+    told = json.loads(json.dumps(controllers.described(controller.section, {"drive_scale": 5.0})))
+    again = controllers.restored(told)
+    assert again.section == controller.section
+    assert again.numbers == {"drive_scale": 5.0}
+
+
+def test_units_are_understood():
+    assert feedback().section.gain == 200.0
+    assert retune(feedback(), {"gain": "0.3 N*s/mm"}).section.gain == pytest.approx(300.0)
+
+
+def test_retune_gives_a_new_controller_and_leaves_the_old():
+    old = feedback()
+    new = retune(old, {"gain": 300, "enable_at": "2 s"})
+    assert (new.section.gain, new.section.enable_at) == (300.0, 2.0)
+    assert old.section.gain == 200.0
+    assert new.numbers is old.numbers
+
+
+def test_a_faulty_change_names_every_fault_and_changes_nothing():
+    old = feedback()
+    with pytest.raises(UsageError) as told:
+        retune(old, {"gain": "5 kg", "gian": 3, "period": "2 ms", "highest": -1, "enable_at": "3 s"})
+    text = str(told.value)
+    assert "gain: is '5 kg'; expected a unit of N*s/m" in text
+    assert "gian: no such parameter; near: gain" in text
+    assert "period: is fixed while the rig runs" in text
+    assert "highest:" in text
+    assert old.section.enable_at == 0.0
+
+
+def test_what_decides_the_observer_is_fixed():
+    for key, value in (("sensor", "x"), ("velocity", "observed"), ("drive", "drive.speed"), ("kind", "dither")):
+        with pytest.raises(UsageError, match=f"{key}: is fixed"):
+            retune(feedback(), {key: value})
+
+
+def test_limits_are_checked_against_each_other_when_tuned():
+    with pytest.raises(UsageError, match="nominal = 20 is outside 0 to 10"):
+        retune(feedback(), {"highest": 10.0})
+
+
+def test_a_controller_without_a_section_says_so():
+    class Bare:
+        reads, drives, period_ns = (), (), 1
+
+    with pytest.raises(UsageError, match="Bare has no parameters"):
+        retune(Bare(), {"gain": 1})
+    assert parameters(Bare()) == {}

@@ -1,0 +1,66 @@
+from pathlib import Path
+
+import pytest
+
+from controllers.base import Controller, retune
+from controllers.file import load_file
+from controllers.loop import Loop
+from rig.errors import UsageError
+
+GOOD = """
+class Controller:
+    reads, drives, period_ns = ("v",), ("load.force",), 1_000_000
+    def start(self):
+        return 0.0
+    def update(self, state, t_ns, values):
+        return state, (20.0 - 100.0 * values[0],)
+"""
+
+
+def written(tmp_path, text, name="mine.py"):
+    path = tmp_path / name
+    path.write_text(text)
+    return path
+
+
+def test_a_file_with_a_class_is_a_controller(tmp_path):
+    controller = load_file(written(tmp_path, GOOD))
+    assert isinstance(controller, Controller)
+    assert Loop(controller).answer(0, (0.1,)) == (10.0,)
+
+
+@pytest.mark.parametrize(
+    ("text", "fault"),
+    [
+        ("x = 1\n", "defines no class Controller"),
+        ("class Controller:\n    def f(:\n", r"SyntaxError.*\(line 2\)"),
+        ("import no_such_module_at_all\n", r"ModuleNotFoundError.*\(line 1\)"),
+        ("class Controller:\n    reads = ()\n", "Controller has no drives"),
+        (GOOD.replace('("v",)', '"v"'), "Controller.reads is 'v'; expected a tuple"),
+        (GOOD.replace("1_000_000", "1e6"), "period_ns is 1000000.0; expected whole nanoseconds"),
+        (GOOD.replace("return state, (", "return ("), "expected .state, commands."),
+        (GOOD.replace("values[0],)", "values[0])"), "expected a tuple with one number for each of load.force"),
+        (GOOD.replace("values[0]", "values[1]"), r"IndexError.*\(line 7\)"),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_told_with_its_line(tmp_path, text, fault):
+    with pytest.raises(UsageError, match=fault):
+        load_file(written(tmp_path, text))
+
+
+def test_a_missing_file_is_told(tmp_path):
+    with pytest.raises(UsageError, match="no such file"):
+        load_file(tmp_path / "none.py")
+
+
+def test_the_example_of_the_documentation_works_and_can_be_tuned():
+    path = Path(__file__).parents[2] / "docs" / "example_controller.py"
+    assert len(path.read_text().splitlines()) <= 45
+    controller = load_file(path)
+    state, (low,) = controller.update(controller.start(), 0, (0.05,))
+    _, (high,) = controller.update(state, controller.period_ns, (-0.05,))
+    assert low < high
+    stronger = retune(controller, {"swing": "15 N"})
+    assert stronger.update(state, 0, (0.05,))[1][0] < low
+    with pytest.raises(UsageError, match="swing"):
+        retune(controller, {"swing": "8 kg"})

@@ -1,0 +1,78 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import controllers
+from controllers.loop import Loop
+from controllers.normal_force import NormalForce
+from rig.errors import UsageError
+
+NAN = math.nan
+
+
+def feedback(**given):
+    return controllers.build(NormalForce(kind="normal_force", sensor="v", gain=200.0, nominal=20.0, **given), {})
+
+
+class Faulty:
+    reads, drives, period_ns = ("v",), ("load.force",), 1_000_000
+
+    def start(self):
+        return 0
+
+    def update(self, state, t_ns, values):
+        return state + 1, (NAN if state == 2 else float(state),)
+
+
+def test_nothing_is_said_before_the_first_sample():
+    loop = Loop(feedback())
+    assert loop.answer(0, (NAN,)) == ()
+    assert loop.answer(1_000_000, (0.05,)) == (10.0,)
+    assert loop.counters() == {"updates": 1, "held": 1, "refused": 0}
+
+
+@pytest.mark.parametrize("bad", [NAN, math.inf, -math.inf])
+def test_a_value_that_is_no_number_holds_command_and_state(bad):
+    loop = Loop(feedback(filter=10.0))
+    loop.answer(0, (0.05,))
+    state = loop.state
+    assert loop.answer(1_000_000, (bad,)) == loop.command == (10.0,)
+    assert loop.state is state
+
+
+@given(st.lists(st.floats(), max_size=30))
+def test_whatever_is_measured_the_command_is_finite_and_within_limits(values):
+    loop = Loop(feedback(filter=50.0, compensation=0.01, frequency=3.5))
+    for k, value in enumerate(values):
+        command = loop.answer(k * 1_000_000, (value,))
+        assert command == () or 0.0 <= command[0] <= 100.0
+
+
+def test_an_answer_that_is_no_number_is_not_sent_and_the_state_starts_afresh():
+    loop = Loop(Faulty())
+    assert [loop.answer(k, (0.0,)) for k in range(5)] == [(0.0,), (1.0,), (1.0,), (0.0,), (1.0,)]
+    assert loop.counters() == {"updates": 4, "held": 0, "refused": 1}
+
+
+def test_an_answer_of_the_wrong_length_is_a_fault():
+    class Short(Faulty):
+        drives = ("load.force", "drive.speed")
+
+    with pytest.raises(UsageError, match=r"drives load.force, drive.speed"):
+        Loop(Short()).answer(0, (0.0,))
+
+
+def test_an_update_is_due_once_a_period():
+    loop = Loop(feedback(period="4 ms"))
+    assert [loop.due(k * 1_000_000) for k in range(5)] == [True, False, False, False, True]
+
+
+def test_tuning_keeps_the_state():
+    loop = Loop(feedback(filter=10.0))
+    loop.answer(0, (0.05,))
+    state = loop.state
+    loop.retune({"gain": 0.0})
+    assert loop.state is state
+    assert loop.answer(1_000_000, (0.05,)) == (20.0,)

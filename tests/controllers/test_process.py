@@ -1,0 +1,329 @@
+"""A controller as a process: against the twin of the bus, and once as a real process over a private unix socket."""
+
+import contextlib
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+import controllers
+from controllers import process
+from controllers.loop import Loop
+from controllers.normal_force import NormalForce
+from rig import bus
+from rig.bus import encode, messages
+from rig.bus.setup import Setup
+from rig.bus.twin import Twin
+from rig.errors import BusError, UsageError
+
+ROOT = Path(__file__).parents[2]
+FRAME = 1_000_000
+
+
+def section(**given):
+    return NormalForce(**{"kind": "normal_force", "sensor": "vibrometer", "gain": 200.0, "nominal": 20.0} | given)
+
+
+def described(**given):
+    """A stand with two sensors and one controller that reads the second."""
+    return Setup(
+        run="twin",
+        scene="{}",
+        frame_ns=FRAME,
+        step_ns=FRAME,
+        outputs={},
+        sensors={"disc": ("rad/s", FRAME), "vibrometer": ("m/s", FRAME)},
+        controllers={"feedback": controllers.described(section(**given), {})},
+    )
+
+
+class Plant:
+    """The plant's end: sends steps, gets answers."""
+
+    def __init__(self, session):
+        self.session = session
+        self.acts = session.subscribe("act/*")
+        self.events = session.subscribe("event/*")
+        self.watch = session.watch("controller/*")
+        self.step = session.publisher("step")
+
+    def send(self, tick, v, t_ns=None):
+        import numpy as np
+
+        t_ns = tick * FRAME if t_ns is None else t_ns
+        self.step.put(encode.step(tick, t_ns, [0.3, v], np.ones(2, dtype=np.int64)), t_ns)
+
+    def answer(self, timeout=5.0):
+        message = self.acts.get(timeout)
+        return messages.decode(message.topic, message.payload) if message is not None else None
+
+    def event(self, timeout=5.0):
+        message = self.events.get(timeout)
+        return messages.decode(message.topic, message.payload)
+
+
+@contextlib.contextmanager
+def at_work(**given):
+    """A plant and a worker in a thread, over the twin; the worker must end by itself."""
+    hub = Twin()
+    plant = Plant(hub.open("plant", "plant"))
+    plant.session.announce()
+    mine = hub.open("controller", "feedback")
+    setup = described(**given)
+    worker = process.Worker(mine, setup, process.made(setup, "feedback"))
+    thread = threading.Thread(target=worker.follow, args=(lambda: False,), daemon=True)
+    thread.start()
+    assert plant.watch.wait_for("controller", "feedback", 5.0)
+    plant.worker = worker
+    yield plant
+    plant.session.close()
+    thread.join(3.0)
+    assert not thread.is_alive()
+
+
+def test_each_step_is_answered_with_its_tick_and_the_very_numbers_of_a_run_in_one_process():
+    loop = Loop(controllers.build(section(filter=80.0), {}))
+    with at_work(filter=80.0) as plant:
+        for tick in range(200):
+            v = 0.05 * math.sin(0.022 * tick)
+            plant.send(tick, v)
+            act = plant.answer()
+            assert act.tick == tick
+            assert tuple(act.values) == loop.answer(tick * FRAME, (v,))
+
+
+def test_the_same_step_again_gets_the_same_answer_and_no_second_update():
+    with at_work(filter=10.0) as plant:
+        plant.send(0, 0.0)
+        plant.answer()
+        plant.send(1, 0.05)
+        first = plant.answer()
+        plant.send(1, 0.05)
+        assert plant.answer() == first
+        assert plant.worker.loop.updates == 2
+
+
+def test_a_step_of_the_past_is_not_answered():
+    with at_work() as plant:
+        plant.send(5, 0.0)
+        plant.answer()
+        plant.send(3, 0.05)
+        assert plant.answer(0.2) is None
+        assert plant.worker.loop.updates == 1
+
+
+def test_only_steps_that_are_due_are_answered():
+    with at_work(period="4 ms") as plant:
+        for tick in range(9):
+            plant.send(tick, 0.01)
+        assert [plant.answer().tick for _ in range(3)] == [0, 4, 8]
+        assert plant.answer(0.1) is None
+
+
+def test_a_missing_sample_holds_the_command_and_is_told_once():
+    with at_work() as plant:
+        plant.send(0, math.nan)
+        assert list(plant.answer().values) == []
+        plant.send(1, 0.05)
+        assert list(plant.answer().values) == [10.0]
+        plant.send(2, math.nan)
+        assert list(plant.answer().values) == [10.0]
+        assert plant.event().kind == "held"
+        assert plant.worker.loop.counters() == {"updates": 1, "held": 2, "refused": 0}
+
+
+def test_parameters_are_read_and_set_while_it_works():
+    with at_work() as plant:
+        asked = plant.session.ask("param/feedback", {"get": ["gain", "lowest"]}, 5.0)
+        assert asked["values"] == {"gain": 200.0, "lowest": 0.0}
+        plant.send(7, 0.05)
+        plant.answer()
+        changed = plant.session.ask("param/feedback", {"set": {"gain": "0.3 N*s/mm", "lowest": "1 N"}}, 5.0)
+        assert changed["values"]["gain"] == pytest.approx(300.0)
+        plant.send(8, 0.05)
+        assert list(plant.answer().values) == pytest.approx([5.0])
+        event = plant.event()
+        assert (event.kind, event.source, event.tick) == ("parameter", "feedback", 7)
+        assert json.loads(event.data)["set"] == {"gain": "0.3 N*s/mm", "lowest": "1 N"}
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        ({"set": {"gain": "3 kg", "lowest": "1 N"}}, "gain: is '3 kg'"),
+        ({"set": {"period": "2 ms"}}, "is fixed"),
+        ({"get": ["gian"]}, "no parameter is called gian"),
+    ],
+)
+def test_a_faulty_question_is_refused_and_changes_nothing(body, fault):
+    with at_work() as plant:
+        with pytest.raises(BusError, match=fault):
+            plant.session.ask("param/feedback", body, 5.0)
+        plant.send(0, 0.05)
+        assert list(plant.answer().values) == [10.0]
+
+
+def test_it_leaves_when_the_plant_leaves_and_says_what_it_did():
+    with at_work() as plant:
+        plant.send(0, 0.05)
+        plant.answer()
+        totals = plant.session.subscribe("total/*")
+        began = time.monotonic()
+        plant.session._hub.tell("plant", "plant", False)
+        plant.session._announced = False
+        assert plant.event().kind == "left"
+        assert time.monotonic() - began < 1.0
+        said = messages.decode("total/feedback", totals.get(1.0).payload)
+        assert dict(zip(said.heard_topic, said.received))["step"] == 1
+        assert dict(zip(said.sent_topic, said.sent))["act/feedback"] == 1
+
+
+def test_a_sensor_that_is_not_there_is_named():
+    setup = described(sensor="laser")
+    with pytest.raises(UsageError, match="feedback reads laser; the sensors are disc, vibrometer"):
+        process.Worker(Twin().open("controller", "feedback"), setup, process.made(setup, "feedback"))
+
+
+def test_a_controller_that_is_not_in_the_scene_is_named():
+    with pytest.raises(UsageError, match="no controller called feed; it has feedback"):
+        process.made(described(), "feed")
+
+
+def test_a_file_asks_the_plant_to_be_let_in():
+    hub = Twin()
+    plant = hub.open("plant", "plant")
+    asked = []
+    server = plant.serve("cmd/plant", lambda body: asked.append(body) or {})
+    answering = threading.Thread(target=lambda: server.poll(5.0), daemon=True)
+    answering.start()
+    controller = process.made(described(), "example_controller", ROOT / "docs" / "example_controller.py")
+    process.Worker(hub.open("controller", "example_controller"), described(), controller)
+    answering.join(5.0)
+    assert asked == [
+        {
+            "do": "admit",
+            "controller": "example_controller",
+            "reads": ["vibrometer"],
+            "drives": ["load.force"],
+            "period_ns": FRAME,
+        }
+    ]
+
+
+@pytest.fixture
+def private(tmp_path, monkeypatch):
+    """A runtime directory of this test's own."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    return tmp_path
+
+
+@contextlib.contextmanager
+def spawned(what, **given):
+    """A hub in this process and the controller in one of its own."""
+    with bus.host(run="here") as session:
+        plant = Plant(session)
+        setup = described(**given)
+        server = session.serve("scene", lambda _: setup.to_json())
+        session.announce()
+        command = [sys.executable, "-m", "controllers.process", what, "--run", "here"]
+        with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as child:
+            try:
+                deadline = time.monotonic() + 20.0
+                while ("controller", "feedback") not in plant.watch.present and time.monotonic() < deadline:
+                    server.poll(0.05)
+                    plant.watch.poll()
+                    if child.poll() is not None:
+                        break
+                yield plant, child, session
+            finally:
+                child.kill()
+
+
+def ended(child, within):
+    """Exit code of a process that must end by itself."""
+    return child.wait(within)
+
+
+def test_a_real_process_answers_over_a_private_socket_and_ends_with_the_plant(private):
+    with spawned("feedback") as (plant, child, session):
+        for tick in range(50):
+            plant.send(tick, 0.05)
+            act = plant.answer()
+            assert (act.tick, list(act.values)) == (tick, [10.0])
+        session.close()
+        assert ended(child, 3.0) == 0
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_real_process_leaves_cleanly_when_asked_to(private, number):
+    with spawned("feedback") as (plant, child, _):
+        child.send_signal(number)
+        assert ended(child, 3.0) == 0
+        assert plant.event().kind == "left"
+
+
+def test_a_killed_process_leaves_nothing_behind(private):
+    with spawned("feedback") as (plant, child, _):
+        before = sorted(os.listdir(private / "friction-rig"))
+        child.kill()
+        child.wait(3.0)
+        deadline = time.monotonic() + 4.0
+        while plant.watch.present and time.monotonic() < deadline:
+            plant.watch.poll(0.1)
+        assert not plant.watch.present
+        assert sorted(os.listdir(private / "friction-rig")) == before
+
+
+def test_a_name_that_the_scene_does_not_have_ends_with_a_usage_error(private):
+    with spawned("feed") as (_, child, _session):
+        assert ended(child, 3.0) == 2
+        assert "no controller called feed" in child.stderr.read()
+
+
+def test_without_a_run_it_says_so_and_ends(private):
+    assert process.main(["feedback", "--wait", "0"]) == 2
+
+
+HUB = """
+import sys, time
+import numpy as np
+from rig import bus
+from rig.bus import encode
+from rig.bus.setup import Setup
+setup = Setup.from_json(__import__("json").loads(sys.stdin.readline()))
+with bus.host(run="here") as session:
+    server, watch = session.serve("scene", lambda _: setup.to_json()), session.watch("controller/*")
+    session.announce()
+    step, tick = session.publisher("step"), 0
+    while True:
+        server.poll(0.001)
+        step.put(encode.step(tick, tick * 1_000_000, [0.3, 0.05], np.ones(2, dtype=np.int64)), tick * 1_000_000)
+        tick += 1
+        if watch.poll() and watch.present:
+            print("joined", flush=True)
+"""
+
+
+def test_when_the_plant_is_killed_the_controller_ends_within_three_seconds(private):
+    hub = [sys.executable, "-c", HUB]
+    with subprocess.Popen(hub, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as plant:
+        try:
+            plant.stdin.write(described().to_text() + "\n")
+            plant.stdin.flush()
+            command = [sys.executable, "-m", "controllers.process", "feedback", "--run", "here"]
+            with subprocess.Popen(command, cwd=ROOT) as child:
+                try:
+                    assert plant.stdout.readline() == "joined\n"
+                    plant.kill()
+                    assert ended(child, 3.0) == 0
+                finally:
+                    child.kill()
+        finally:
+            plant.kill()
