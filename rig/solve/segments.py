@@ -18,7 +18,7 @@ class Segments(NamedTuple):
     the length 0. The arrays are buffers: longer than needed, written anew each frame.
     """
 
-    count: NDArray[np.int64]  # [1]
+    count: NDArray[np.int64]  # type: ignore[assignment]  # [1]; tuple.count is not needed
     start: NDArray[np.float64]  # [capacity], s after the start of the frame
     length: NDArray[np.float64]  # [capacity], s
     coef: NDArray[np.float64]  # [capacity, signals, DEGREE + 1]

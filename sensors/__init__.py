@@ -1,0 +1,39 @@
+"""Instruments: a physical quantity in, sampled measurements out, with the flaws of the real thing.
+
+kind                reads               delivers  filter
+laser_vibrometer    velocity      m/s   m/s       third-order Bessel; drop-outs, slew limit
+displacement_laser  displacement  m     m         mean over one sample period, one sample of processing
+strain_gauge        force         N     strain    second-order amplifier; zero drift
+accelerometer       acceleration  m/s^2 m/s^2     resonance and high-pass; warming
+normal_force        force         N     N         second-order; charge drift
+disc_speed          speed         rad/s rad/s     first-order pickup (m/s on a belt's roller)
+
+Signal model:  y = Q{ sat[ (1+g) H(s) x e^{-s tau} + offset + drift + noise ] }, then drop-outs.
+Noise is white from 0 to half the sample rate, with exactly the stated density there (the card's anti-aliasing is taken
+as ideal for noise). `ideal = true` reads the value at the sample instant and nothing else.
+At an instant where a signal jumps the value before the jump is read: a measurement never knows the command it causes.
+
+instrument  what all instruments declare      front_end  the one description each compiles to
+filters     transfer functions, modal form    response   exact response of a pole to a polynomial
+sampling    the kernel of one frame           streams    random numbers, drawn ahead
+bank        all instruments of a scene
+"""
+
+from __future__ import annotations
+
+from sensors.accelerometer import Accelerometer
+from sensors.disc_speed import DiscSpeed
+from sensors.displacement_laser import DisplacementLaser
+from sensors.instrument import Instrument
+from sensors.laser_vibrometer import LaserVibrometer
+from sensors.normal_force import NormalForce
+from sensors.strain_gauge import StrainGauge
+
+KINDS: dict[str, type[Instrument]] = {
+    "laser_vibrometer": LaserVibrometer,
+    "displacement_laser": DisplacementLaser,
+    "strain_gauge": StrainGauge,
+    "accelerometer": Accelerometer,
+    "normal_force": NormalForce,
+    "disc_speed": DiscSpeed,
+}

@@ -1,0 +1,173 @@
+"""All instruments of a scene, advanced together, one frame at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from difflib import get_close_matches
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import SceneError
+from rig.solve.segments import DEGREE, Segments
+from sensors.front_end import FrontEnd
+from sensors.instrument import Instrument
+from sensors.response import COLUMNS, POLE, RESIDUE, STATE, STEP, weigh
+from sensors.sampling import FRONT, advance
+from sensors.streams import Stream
+
+_CHUNK = 1024  # random numbers drawn at a time, at least
+_FINEST_STEP = 1000  # ns
+
+
+class Bank:
+    """The instruments of a scene over the plant's outputs.
+
+    `latest[i]` is the last published sample of instrument i (NaN before `start`), `fresh[i]` how many were published in
+    the last frame, `samples(i)` these. `columns` names the signals of `Segments` in order.
+    """
+
+    def __init__(self, sensors: Mapping[str, Instrument], columns: Sequence[str], frame_ns: int, seed: int) -> None:
+        self.names = tuple(sensors)
+        self.units = tuple(s.unit for s in sensors.values())
+        self.periods_ns = tuple(s.period_ns for s in sensors.values())
+        self.step_ns = math.gcd(frame_ns, *self.periods_ns)
+        _check(sensors, columns, frame_ns, self.step_ns)
+        self._sections = tuple(sensors.values())
+        self._ends = tuple(s.front_end() for s in self._sections)
+        self._columns = tuple(columns)
+        self._frame, self._seed = frame_ns, seed
+        n = len(self.names)
+        most = [frame_ns // period + 1 for period in self.periods_ns]
+        wait = max((end.delay_ns // end.period_ns + m + 1 for end, m in zip(self._ends, most)), default=1)
+        self.latest = np.full(n, np.nan)
+        self.fresh = np.zeros(n, dtype=np.int64)
+        self._queue = np.zeros((n, wait))
+        self._samples = np.zeros((n, max(most, default=1)))
+        self._noise = np.zeros((n, max(_CHUNK, 4 * max(most, default=1))))
+        longest = max((max(end.period_ns, frame_ns) * end.dropout_rate * 1e-9 for end in self._ends), default=0.0)
+        self._gaps = np.zeros((n, _CHUNK + math.ceil(16 * longest), 2), dtype=np.int64)
+        self._fronts = np.zeros(n, dtype=FRONT)
+        self._poles = np.zeros((sum(max(len(e.poles), e.averages) for e in self._ends), COLUMNS), dtype=complex)
+        self._most = most
+        self._all = (
+            self._fronts,
+            self._poles,
+            self.latest,
+            self.fresh,
+            self._queue,
+            self._samples,
+            self._noise,
+            self._gaps,
+            frame_ns,
+            1e-9 * self.step_ns,
+        )
+        self._now = 0
+
+    @staticmethod
+    def needs(sensors: Mapping[str, Instrument]) -> tuple[str, ...]:
+        """The plant outputs that are read, each once."""
+        return tuple(dict.fromkeys(s.reads for s in sensors.values()))
+
+    def start(self, values: NDArray[np.float64]) -> None:
+        """Settle on the constant input `values` [columns] and publish the sample at t = 0. Begins the run anew."""
+        self.latest[:] = np.nan
+        self._streams = [Stream(self._seed, name) for name in self.names]
+        row = 0
+        before = (max((end.delay_ns for end in self._ends), default=0) // self._frame + 1) * self._frame
+        for i, (section, end) in enumerate(zip(self._sections, self._ends)):
+            y = float(values[self._columns.index(section.reads)])
+            row = self._settle(i, row, end, y, before)
+        self._draw(everything=True)
+        # A delayed sample was taken before t = 0: run the frames before it on the constant input.
+        coef = np.zeros((1, len(values), DEGREE + 1))
+        coef[0, :, 0] = values
+        whole = Segments(np.ones(1, dtype=np.int64), np.zeros(1), np.array([1e-9 * self._frame]), coef)
+        self._now = -before
+        while self._now < 0:
+            self.advance(whole)
+
+    def advance(self, segments: Segments) -> None:
+        """Run one frame; `latest`, `fresh` and `samples` then hold what it published."""
+        count, start, length, coef = segments
+        now = self._now
+        self._now = now + self._frame
+        if advance(*self._all, now, count, start, length, coef):
+            self._draw()
+
+    def samples(self, i: int) -> NDArray[np.float64]:
+        """Samples that instrument i published in the last frame: a view, overwritten by the next."""
+        return self._samples[i, : self.fresh[i]]
+
+    def first_ns(self, i: int) -> int:
+        """When the first of them was published [ns]; the others follow period by period."""
+        return int(self._fronts["published"][i] - self.fresh[i]) * self.periods_ns[i]
+
+    def counters(self) -> dict[str, dict[str, int]]:
+        """Per instrument: samples clipped, dropped out, and lost to the slew limit since the start."""
+        kept = ("clipped", "dropped_out", "slew_lost")
+        return {name: {key: int(self._fronts[key][i]) for key in kept} for i, name in enumerate(self.names)}
+
+    def _settle(self, i: int, row: int, end: FrontEnd, y: float, before: int) -> int:
+        """Put instrument i to rest on the input y, `before` [ns] ahead of t = 0; returns the next free row of poles."""
+        s = self._fronts[i]
+        self._fronts[i] = np.zeros((), dtype=FRONT)
+        s["column"] = self._columns.index(self._sections[i].reads)
+        s["period"], s["delay"], s["most"] = end.period_ns, end.delay_ns, self._most[i]
+        for key in ("averages", "holds", "direct", "gain", "offset", "slope", "warmth", "fade", "rise", "noise"):
+            s[key] = getattr(end, key)
+        s["low"], s["high"], s["resolution"] = end.low, end.high, end.resolution
+        s["slew"] = end.slew * 1e-9 * end.period_ns
+        s["dropouts"] = end.dropout_rate > 0.0
+        s["first"] = row
+        at_rest = end.direct * y
+        if end.averages:  # the integral since the last sample; the next one is due `delay` before t = 0
+            window = 1e-9 * (end.period_ns - before + end.delay_ns)
+            self._poles[row, [STATE, POLE, RESIDUE]] = y * window, 0.0, 1e9 / end.period_ns
+            at_rest = y
+            row += 1
+        for pole, residue in zip(end.poles, end.residues):
+            pair = 2.0 if pole.imag else 1.0
+            self._poles[row, [STATE, POLE, RESIDUE]] = -y / pole, pole, pair * residue
+            at_rest -= (pair * residue * y / pole).real
+            row += 1
+        s["last"] = row
+        s["followed"] = s["previous"] = end.gain * at_rest
+        for p in range(int(s["first"]), row):
+            weigh(self._poles, p, STEP, 1e-9 * self.step_ns)
+        return row
+
+    def _draw(self, everything: bool = False) -> None:
+        """Fill the rows of noise and drop-outs up again, keeping what is not used yet."""
+        for i, (end, stream) in enumerate(zip(self._ends, self._streams)):
+            s = self._fronts[i]
+            if end.noise > 0.0:
+                used = self._noise.shape[1] if everything else int(s["drawn"])
+                left = self._noise.shape[1] - used
+                self._noise[i, :left] = self._noise[i, used:].copy()
+                self._noise[i, left:] = stream.noise(used)
+                s["drawn"] = 0
+            if end.dropout_rate > 0.0:
+                used = self._gaps.shape[1] if everything else int(s["gap"])
+                left = self._gaps.shape[1] - used
+                self._gaps[i, :left] = self._gaps[i, used:].copy()
+                self._gaps[i, left:] = stream.gaps(used, end.dropout_rate, end.dropout_shortest, end.dropout_longest)
+                s["gap"] = 0
+
+
+def _check(sensors: Mapping[str, Instrument], columns: Sequence[str], frame_ns: int, step_ns: int) -> None:
+    """Raise SceneError with every instrument that cannot run."""
+    faults = []
+    for name, s in sensors.items():
+        if s.reads not in columns:
+            near = get_close_matches(s.reads, columns, n=3) or sorted(columns)
+            faults.append(f"{name}.reads = {s.reads!r}: the plant has no such output; near: {', '.join(near)}")
+    if step_ns < min(_FINEST_STEP, frame_ns):
+        periods = ", ".join(f"{name} {s.period_ns} ns" for name, s in sensors.items())
+        faults.append(
+            f"rates: the frame of {frame_ns} ns and the sample periods ({periods}) have only {step_ns} ns in common; "
+            f"choose rates that share at least {_FINEST_STEP} ns"
+        )
+    if faults:
+        raise SceneError("sensors", faults)

@@ -1,0 +1,49 @@
+"""Laser triangulation: the mean displacement over one sample period, some samples late."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from pydantic import Field
+
+from rig.quantities import Metre, PositiveMetre
+from sensors.front_end import FrontEnd
+from sensors.instrument import Instrument
+from sensors.units import Length
+
+
+class DisplacementLaser(Instrument):
+    """Displacement of the spot [m]: exposure over the whole sample period, then processing.
+
+    span        +-10 mm: measuring range 20 mm [public: optoNCDT 1700-20]; its rates: 312.5 Hz to 2.5 kHz [public]
+    processing  1 sample [calibrated: 1 to 2 are usual]; `delay` comes on top
+    noise       standard deviation of one sample, white: 1.5 um [public: optoNCDT 1700-20, resolution at 2.5 kHz]
+    resolution  1.5 um [public: the same]
+    gain_error  linearity .08 % of the range by the data sheet [public: optoNCDT 1402]
+    """
+
+    delivers: ClassVar[str] = "m"
+    accepts: ClassVar[str] = "m"
+
+    kind: Literal["displacement_laser"] = "displacement_laser"
+    reads: str = "displacement"
+    processing: int = Field(default=1, ge=0, le=10)
+    span: PositiveMetre = 10e-3
+    resolution: Length = 1.5e-6
+    noise: Length = 1.5e-6
+    offset: Metre = 0.0
+
+    def flawed(self) -> FrontEnd:
+        """Mean over a period, published after the processing."""
+        return FrontEnd(
+            self.period_ns,
+            self.delay + self.processing * self.period_ns,
+            direct=0.0,
+            averages=True,
+            gain=self.gain,
+            offset=self.offset,
+            noise=self.noise,
+            low=-self.span,
+            high=self.span,
+            resolution=self.resolution,
+        )

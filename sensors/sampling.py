@@ -1,0 +1,185 @@
+"""The kernel that runs every instrument for one frame."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from rig.kernel import kernel
+from sensors.response import PART, PEEK, RESIDUE, STATE, STEP, polynomial, settle, weigh
+
+# One instrument: what it is, then where it stands. Sample n is published at n period and taken `delay` earlier.
+FRONT = np.dtype(
+    [
+        ("column", np.int64),  # of the signal in Segments
+        ("period", np.int64),  # ns
+        ("delay", np.int64),  # ns
+        ("first", np.int64),  # its poles are rows first .. last - 1 of the table
+        ("last", np.int64),
+        ("averages", np.int64),
+        ("holds", np.int64),
+        ("direct", np.float64),
+        ("gain", np.float64),
+        ("offset", np.float64),
+        ("slope", np.float64),
+        ("warmth", np.float64),
+        ("fade", np.float64),
+        ("rise", np.float64),
+        ("noise", np.float64),
+        ("low", np.float64),
+        ("high", np.float64),
+        ("resolution", np.float64),
+        ("slew", np.float64),  # largest change per sample
+        ("dropouts", np.int64),
+        ("most", np.int64),  # most samples in one frame
+        ("taken", np.int64),  # samples so far
+        ("published", np.int64),
+        ("drawn", np.int64),  # next number in the row of noise
+        ("gap", np.int64),  # next drop-out
+        ("lost_until", np.int64),  # ns
+        ("followed", np.float64),  # what the slew limit has come to
+        ("previous", np.float64),  # last sample taken
+        ("part", np.float64),  # s, length whose weights are at PART
+        ("peek", np.float64),  # s, length whose weights are at PEEK
+        ("clipped", np.int64),
+        ("dropped_out", np.int64),
+        ("slew_lost", np.int64),
+    ],
+    align=True,
+)
+
+
+@kernel
+def reading(s: Any, x: float, t: int, noise: Any, gaps: Any, i: int) -> float:
+    """The sample that instrument s (row i) makes of the filtered signal x at t [ns]; counts what went wrong."""
+    x *= s.gain
+    change = x - s.followed
+    if change > s.slew:
+        x = s.followed + s.slew
+        s.slew_lost += 1
+    elif change < -s.slew:
+        x = s.followed - s.slew
+        s.slew_lost += 1
+    s.followed = x
+    y = x + s.offset
+    seconds = max(t, 0) * 1e-9
+    y += s.slope * seconds
+    if s.warmth != 0.0:
+        y += s.warmth * (np.exp(-s.fade * seconds) - np.exp(-s.rise * seconds))
+    if s.noise > 0.0:
+        y += s.noise * noise[i, s.drawn]
+        s.drawn += 1
+    if y > s.high:
+        y = s.high
+        s.clipped += 1
+    elif y < s.low:
+        y = s.low
+        s.clipped += 1
+    if s.resolution > 0.0:
+        y = np.rint(y / s.resolution) * s.resolution
+    if s.dropouts:
+        while s.gap < gaps.shape[1] and gaps[i, s.gap, 0] <= t:
+            s.lost_until = max(s.lost_until, gaps[i, s.gap, 1])
+            s.gap += 1
+        if t < s.lost_until:
+            y = s.previous if s.holds else 0.0
+            s.dropped_out += 1
+    s.previous = y
+    return y  # type: ignore[no-any-return]
+
+
+@kernel
+def advance(
+    fronts: Any,
+    poles: Any,
+    latest: Any,
+    fresh: Any,
+    queue: Any,
+    samples: Any,
+    noise: Any,
+    gaps: Any,
+    frame: int,
+    step: float,
+    now: int,
+    count: Any,
+    start: Any,
+    length: Any,
+    coef: Any,
+) -> bool:
+    """Run all instruments over the frame (now, now + frame] [ns]. True: random numbers must be drawn before the next.
+
+    fronts FRONT[n]; poles complex[rows, COLUMNS]; queue[n, waiting]: taken, not yet published; samples[n, most]:
+    published in this frame, fresh[n] of them; noise[n, chunk]; gaps[n, chunk, 2]: start and end of drop-outs [ns];
+    step [s]: length of a full segment.
+    """
+    end_ns = now + frame
+    snap = 1e-12 * (1e-9 * frame)  # a sample this close to the end of a segment is taken at its end
+    same = 4e-15 * (1e-9 * frame)  # lengths this close differ by the rounding of start and length only
+    last = count[0] - 1
+    short = False
+    for i in range(fronts.shape[0]):
+        s = fronts[i]
+        column = s.column
+        due = s.taken * s.period - s.delay
+        tau = 1e-9 * (due - now)
+        for j in range(last + 1):
+            begin = start[j]
+            h = length[j]
+            end = begin + h
+            base = 0.0  # of the running mean: its integral at the last sample
+            while tau < end - snap and due <= end_ns:  # samples inside the segment
+                part = tau - begin
+                if abs(part - s.peek) > same:
+                    s.peek = part
+                    for p in range(s.first, s.last):
+                        weigh(poles, p, PEEK, part)
+                x = 0.0
+                for p in range(s.first, s.last):
+                    x += (poles[p, RESIDUE] * settle(poles, p, PEEK, coef, j, column, part / h)).real
+                if s.averages:
+                    x, base = x - base, x
+                if s.direct != 0.0:
+                    x += s.direct * polynomial(coef, j, column, part / h)
+                queue[i, s.taken % queue.shape[1]] = reading(s, x, due, noise, gaps, i)
+                s.taken += 1
+                due += s.period
+                tau = 1e-9 * (due - now)
+            at = STEP
+            if abs(h - step) > same:
+                at = PART
+                if abs(h - s.part) > same:
+                    s.part = h
+                    for p in range(s.first, s.last):
+                        weigh(poles, p, PART, h)
+            x = -base
+            for p in range(s.first, s.last):
+                z = settle(poles, p, at, coef, j, column, 1.0)
+                poles[p, STATE] = z
+                x += (poles[p, RESIDUE] * z).real
+            if due <= end_ns and (tau <= end + snap or j == last):  # a sample at the end of the segment
+                base = x + base
+                if s.direct != 0.0:
+                    x += s.direct * polynomial(coef, j, column, 1.0)
+                queue[i, s.taken % queue.shape[1]] = reading(s, x, due, noise, gaps, i)
+                s.taken += 1
+                due += s.period
+                tau = 1e-9 * (due - now)
+            if s.averages:
+                poles[s.first, STATE] -= base / poles[s.first, RESIDUE]
+        n = 0
+        while s.published * s.period <= end_ns:
+            latest[i] = queue[i, s.published % queue.shape[1]]
+            samples[i, n] = latest[i]
+            s.published += 1
+            n += 1
+        fresh[i] = n
+        for p in range(s.first, s.last):
+            z = poles[p, STATE]
+            if abs(z.real) + abs(z.imag) < 1e-250:  # a decayed state must not become denormal: it would cost 100 times
+                poles[p, STATE] = 0j
+        if s.noise > 0.0 and s.drawn + s.most > noise.shape[1]:
+            short = True
+        if s.dropouts and gaps[i, gaps.shape[1] - 1, 0] <= end_ns + frame:
+            short = True
+    return short

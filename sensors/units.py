@@ -1,0 +1,59 @@
+"""Quantities that only instruments have: rates, noise densities, sensitivities."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Annotated
+
+from annotated_types import Ge, Gt, Le
+from pydantic import AfterValidator, BeforeValidator, PlainSerializer
+
+from rig.quantities import Unit, nanoseconds, quantity, si
+
+SECOND = 1_000_000_000  # ns
+
+
+def _whole_period(rate: float) -> float:
+    """A rate whose period is a whole number of nanoseconds, or a fault that names two near ones."""
+    if abs(SECOND / rate - round(SECOND / rate)) > 1e-6:
+        even = sorted(2**a * 5**b for a in range(10) for b in range(10))
+        below = max(f for f in even if f < rate)
+        above = min(f for f in even if f > rate)
+        raise ValueError(f"is {rate:g} Hz, whose period is no whole number of ns; near: {below} Hz, {above} Hz")
+    return rate
+
+
+Rate = Annotated[
+    float, Unit("Hz"), BeforeValidator(partial(si, unit="Hz")), Ge(1.0), Le(100e3), AfterValidator(_whole_period)
+]
+Delay = Annotated[int, Unit("s"), BeforeValidator(nanoseconds), Ge(0), PlainSerializer(lambda ns: ns * 1e-9)]
+GainError = quantity("1", Gt(-1.0))
+Quality = quantity("1", Ge(0.55))  # of a second-order filter: at 1/2 its poles meet and have no modal form
+PerSecond = quantity("1/s", Ge(0.0))
+Kelvin = quantity("K")
+
+Length = quantity("m", Ge(0.0))
+
+SpeedDensity = quantity("m/s/Hz^0.5", Ge(0.0))
+SpeedStep = quantity("m/s", Ge(0.0))
+
+TurnSpan = quantity("rad/s", Gt(0.0))
+TurnStep = quantity("rad/s", Ge(0.0))
+TurnDensity = quantity("rad/s/Hz^0.5", Ge(0.0))
+
+Acceleration = quantity("m/s^2")
+AccelerationSpan = quantity("m/s^2", Gt(0.0))
+AccelerationStep = quantity("m/s^2", Ge(0.0))
+AccelerationDensity = quantity("m/s^2/Hz^0.5", Ge(0.0))
+AccelerationPerKelvin = quantity("m/s^2/K")
+
+ForceSpan = quantity("N", Gt(0.0))
+ForceStep = quantity("N", Ge(0.0))
+ForceDensity = quantity("N/Hz^0.5", Ge(0.0))
+ForceRate = quantity("N/s")
+
+StrainPerNewton = quantity("1/N", Gt(0.0))
+StrainSpan = quantity("1", Gt(0.0))
+StrainStep = quantity("1", Ge(0.0))
+StrainDensity = quantity("1/Hz^0.5", Ge(0.0))
+StrainPerKelvin = quantity("1/K")

@@ -1,0 +1,235 @@
+"""What a sample is: exact, on its instant, and the same however the run is cut."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+
+from rig.errors import SceneError
+from rig.solve.segments import Segments
+from sensors import KINDS
+from sensors.bank import Bank
+
+SIGNALS = {
+    "velocity": lambda t: 0.3 * np.sin(120.0 * t + 0.2) + 0.1,
+    "displacement": lambda t: 2e-3 * np.cos(90.0 * t) + 1e-3,
+    "friction_force": lambda t: 10.0 + 3.0 * np.sin(200.0 * t),
+    "acceleration": lambda t: 5.0 * np.cos(150.0 * t) + 2.0,
+    "normal_force": lambda t: 20.0 + np.sin(70.0 * t),
+    "disc_speed": lambda t: 0.3 + 0.1 * np.sin(30.0 * t),
+}
+
+
+def instruments(clean=None, **numbers):
+    sensors = {kind: cls(**({} if clean is None else clean[kind]), **numbers) for kind, cls in KINDS.items()}
+    fast = {"rate": 10e3} | ({} if clean is None else clean["laser_vibrometer"])
+    return sensors | {"fast": KINDS["laser_vibrometer"](**fast)}
+
+
+@settings(max_examples=12, deadline=None)
+@given(seed=st.integers(0, 10**6), delay=st.sampled_from([0, 0.3e-3, 1.7e-3]), frame_ms=st.sampled_from([1, 2, 5]))
+def test_samples_do_not_depend_on_how_the_run_is_cut(play, clean, seed, delay, frame_ms):
+    rng = np.random.default_rng(seed)
+    sensors = instruments(clean, delay=delay)
+    plain = play(sensors, SIGNALS, 0.02, parts=10)
+    frame = 1e-3 * frame_ms
+    cut = play(
+        sensors,
+        SIGNALS,
+        0.02,
+        frame_ns=frame_ms * 1_000_000,
+        cuts=lambda k: np.concatenate([np.arange(1, 10 * frame_ms) * 1e-4, rng.uniform(0.0, frame, 7)]),
+    )
+    for name in sensors:
+        np.testing.assert_array_equal(cut.t[name], plain.t[name])
+        scale = np.max(np.abs(plain.y[name]))
+        np.testing.assert_allclose(cut.y[name], plain.y[name], rtol=0, atol=1e-12 * scale, err_msg=name)
+
+
+def test_random_numbers_do_not_depend_on_the_frame(play):
+    sensors = {
+        "v": KINDS["laser_vibrometer"](rate=10e3, resolution=0.0, dropout_rate=2000.0, dropout="zero"),
+        "n": KINDS["normal_force"](resolution=0.0, delay="1.3 ms"),
+    }
+    still = {"velocity": np.zeros_like, "normal_force": np.zeros_like}
+    runs = [play(sensors, still, 1.2, frame_ns=ms * 1_000_000) for ms in (1, 4, 20)]
+    for run in runs[1:]:
+        for name in sensors:
+            np.testing.assert_array_equal(run.y[name], runs[0].y[name])
+        assert run.counters == runs[0].counters
+    assert runs[0].counters["v"]["dropped_out"] > 500
+
+
+def test_same_seed_same_bits_other_seed_other_noise(play):
+    sensors = instruments()
+    one, again, other = (play(sensors, SIGNALS, 0.3, seed=seed) for seed in (7, 7, 8))
+    for name in sensors:
+        np.testing.assert_array_equal(one.y[name], again.y[name])
+        assert np.any(one.y[name] != other.y[name]), name
+
+
+def test_start_begins_the_same_run_anew(play):
+    sensors = instruments()
+    bank = Bank(sensors, list(SIGNALS), 1_000_000, 3)
+    first = play(sensors, SIGNALS, 0.05, bank=bank)
+    second = play(sensors, SIGNALS, 0.05, bank=bank)
+    for name in sensors:
+        np.testing.assert_array_equal(first.y[name], second.y[name])
+    assert first.counters == second.counters
+
+
+def test_noise_of_an_instrument_does_not_depend_on_its_neighbours(play):
+    sensors = instruments()
+    alone = play({"accelerometer": sensors["accelerometer"]}, SIGNALS, 0.1, parts=10)
+    among = play(sensors, SIGNALS, 0.1, parts=10)
+    np.testing.assert_array_equal(alone.y["accelerometer"], among.y["accelerometer"])
+
+
+def test_two_instruments_of_a_kind_have_noise_of_their_own(play):
+    sensors = {side: KINDS["normal_force"](resolution=0.0, drift=0.0) for side in ("left", "right")}
+    run = play(sensors, {"normal_force": np.zeros_like}, 4.0)
+    assert abs(np.corrcoef(run.y["left"], run.y["right"])[0, 1]) < 0.06
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_ideal_is_the_value_at_the_sample_instant(play, kind):
+    sensor = KINDS[kind](ideal=True, delay="0.7 ms", gain_error=0.1, offset=1.0)
+    t, y = play({"s": sensor}, SIGNALS, 0.2, parts=2).only()
+    np.testing.assert_allclose(y, sensor.sensitivity * SIGNALS[sensor.reads](t), rtol=1e-12, atol=1e-16)
+    np.testing.assert_array_equal(t, 1e-9 * np.arange(0, 201 * 1_000_000, 1_000_000))
+
+
+def test_ideal_reads_exactly_the_polynomial_it_is_given():
+    bank = Bank({"v": KINDS["laser_vibrometer"](ideal=True)}, ["a", "velocity"], 1_000_000, 1)
+    bank.start(np.array([7.0, 0.5]))
+    assert bank.latest[0] == 0.5
+    assert bank.fresh[0] == 1
+    assert bank.first_ns(0) == 0
+    coef = np.zeros((4, 2, 9))
+    coef[0, 1, :4] = 1.0, 0.25, 0.125, 2.0
+    bank.advance(Segments(np.array([1]), np.zeros(4), np.full(4, 1e-3), coef))
+    assert bank.latest[0] == 3.375
+    assert bank.first_ns(0) == 1_000_000
+    np.testing.assert_array_equal(bank.samples(0), [3.375])
+
+
+def test_at_a_jump_the_value_before_it_is_read():
+    sensors = {"a": KINDS["accelerometer"](ideal=True), "fast": KINDS["accelerometer"](ideal=True, rate=2000.0)}
+    bank = Bank(sensors, ["acceleration"], 1_000_000, 1)
+    bank.start(np.array([1.0]))
+    coef = np.zeros((2, 1, 9))
+    coef[:, 0, 0] = 2.0, 3.0
+    bank.advance(Segments(np.array([2]), np.array([0.0, 5e-4]), np.array([5e-4, 5e-4]), coef))
+    np.testing.assert_array_equal(bank.samples(1), [2.0, 3.0])
+    assert bank.latest[0] == 3.0
+
+
+def test_before_the_start_there_is_no_sample():
+    bank = Bank(instruments(), list(SIGNALS), 1_000_000, 1)
+    assert np.all(np.isnan(bank.latest))
+
+
+def test_slow_cards_publish_between_frames_without_one(play):
+    sensors = {"slow": KINDS["normal_force"](rate=25.0), "slower": KINDS["normal_force"](rate=100.0)}
+    run = play(sensors, SIGNALS, 0.2)
+    np.testing.assert_allclose(run.t["slow"], np.arange(6) * 0.04)
+    np.testing.assert_allclose(run.t["slower"], np.arange(21) * 0.01)
+    assert Bank(sensors, list(SIGNALS), 1_000_000, 1).step_ns == 1_000_000
+
+
+@pytest.mark.parametrize("rate", [25.0, 100.0, 312.5, 1000.0, 2500.0, 10e3, 100e3])
+def test_samples_fall_on_whole_periods_at_every_rate(play, clean, rate):
+    sensor = KINDS["normal_force"](**clean["normal_force"], rate=rate)
+    t, y = play({"s": sensor}, {"normal_force": lambda t: 1.0 + t}, 0.2, parts=10).only()
+    np.testing.assert_allclose(t, np.arange(len(t)) / rate, rtol=1e-12)
+    assert len(t) == int(0.2 * rate + 1e-9) + 1
+    lag = np.sqrt(2.0) / (2.0 * np.pi * 2000.0)
+    np.testing.assert_allclose(y[t > 0.01], (1.0 + t - lag)[t > 0.01], rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("kind", "system"),
+    [
+        ("laser_vibrometer", signal.bessel(3, 2e4, analog=True, norm="mag")),
+        ("strain_gauge", signal.butter(2, 2e3, analog=True)),
+        ("normal_force", signal.butter(2, 2e3, analog=True)),
+        ("disc_speed", ([2e3], [1.0, 2e3])),
+    ],
+)
+def test_step_response(play, clean, kind, system):
+    corner = 2e4 if kind == "laser_vibrometer" else 2e3
+    sensor = KINDS[kind](**clean[kind], bandwidth=corner / (2.0 * np.pi), rate=50e3)
+    t, y = play({"s": sensor}, {sensor.reads: lambda t: np.where(t > 0.0, 1.0, 0.0)}, 5e-3).only()
+    _, expected, _ = signal.lsim(signal.lti(*system), np.ones_like(t), t)  # exact for a constant input
+    np.testing.assert_allclose(y / sensor.sensitivity, expected, atol=1e-10)
+
+
+def test_accelerometer_resonance_is_exact_over_segments_of_a_millisecond(play, clean):
+    # 250 rad per segment: the same signal in segments of a millisecond and of 10 us, and the ringing after a jump.
+    sensor = KINDS["accelerometer"](**clean["accelerometer"], rate=100e3, quality=200.0)
+    coarse = play({"s": sensor}, {"acceleration": lambda t: 1.0 + 3.0 * np.minimum(t, 9.0)}, 0.01).only()[1]
+    fine = play({"s": sensor}, {"acceleration": lambda t: 1.0 + 3.0 * t}, 0.01, parts=100).only()[1]
+    np.testing.assert_allclose(coarse, fine, atol=1e-13)
+    t, y = play({"s": sensor}, {"acceleration": lambda t: np.where(t > 0.0, 1.0, 0.0)}, 5e-3).only()
+    w, zeta, low = 2.0 * np.pi * 40e3, 0.5 / 200.0, 0.2 * np.pi
+    poles = np.array([-low, w * (-zeta + 1j * np.sqrt(1 - zeta**2))])
+    c0 = w**2 / (low**2 - 2 * zeta * w * low + w**2)
+    c1 = w**2 / ((poles[1] + low) * 2j * poles[1].imag)  # s cancels in H/s
+    closed = c0 * np.exp(poles[0] * t) + 2.0 * (c1 * np.exp(poles[1] * t)).real
+    np.testing.assert_allclose(y[1:], closed[1:], atol=1e-9)
+    assert np.max(y) > 1.75
+
+
+def test_long_runs_do_not_drift(play, clean):
+    sensor = KINDS["displacement_laser"](**clean["displacement_laser"])
+    bank = Bank({"s": sensor}, ["displacement"], 1_000_000, 1)
+    bank.start(np.array([1.0]))
+    coef = np.zeros((1, 1, 9))
+    coef[0, 0, 0] = 1.0
+    frame = Segments(np.array([1]), np.zeros(1), np.full(1, 1e-3), coef)
+    for _ in range(100_000):
+        bank.advance(frame)
+    assert bank.latest[0] == pytest.approx(1.0, abs=1e-15)
+    assert bank.first_ns(0) == 100_000 * 1_000_000
+
+
+def test_a_dead_signal_costs_no_more_than_a_live_one(clean):
+    bank = Bank({"s": KINDS["disc_speed"](**clean["disc_speed"])}, ["disc_speed"], 1_000_000, 1)
+    bank.start(np.array([1.0]))
+    dead = Segments(np.array([1]), np.zeros(1), np.full(1, 1e-3), np.zeros((1, 1, 9)))
+    for _ in range(3000):
+        bank.advance(dead)
+    assert bank.latest[0] == 0.0  # exp(-942) would stay at the least denormal number
+
+
+def test_every_fault_of_a_bank_is_named():
+    sensors = {
+        "v": KINDS["laser_vibrometer"](reads="velocty"),
+        "f": KINDS["strain_gauge"](reads="force"),
+        "n": KINDS["normal_force"](rate=1e9 / 1_000_003),
+    }
+    with pytest.raises(SceneError) as error:
+        Bank(sensors, ["velocity", "friction_force", "normal_force"], 1_000_000, 1)
+    faults = error.value.faults
+    assert len(faults) == 3
+    assert "v.reads = 'velocty'" in faults[0]
+    assert "near: velocity" in faults[0]
+    assert "f.reads = 'force'" in faults[1]
+    assert "only 1 ns in common" in faults[2]
+
+
+def test_needs_names_each_output_once():
+    expected = "velocity", "displacement", "friction_force", "acceleration", "normal_force", "disc_speed"
+    assert Bank.needs(instruments()) == expected
+    assert Bank.needs({}) == ()
+
+
+def test_a_bank_without_instruments_runs():
+    bank = Bank({}, ["velocity"], 1_000_000, 1)
+    bank.start(np.array([1.0]))
+    bank.advance(Segments(np.array([1]), np.zeros(1), np.full(1, 1e-3), np.zeros((1, 1, 9))))
+    assert bank.names == bank.units == bank.periods_ns == ()
+    assert bank.counters() == {}

@@ -1,0 +1,76 @@
+"""Instruments as they are declared in a scene."""
+
+from __future__ import annotations
+
+import pytest
+from pydantic import ValidationError
+
+from rig.quantities import unit_of
+from sensors import KINDS
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_every_kind_has_defaults_and_round_trips(kind):
+    sensor = KINDS[kind](kind=kind)
+    assert sensor.kind == kind
+    assert KINDS[kind].model_validate(sensor.model_dump()) == sensor
+    late = KINDS[kind](delay="1.25 ms", rate="10 kHz")
+    assert (late.delay, late.period_ns) == (1_250_000, 100_000)
+    assert KINDS[kind].model_validate_json(late.model_dump_json()) == late
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_units_are_stated_and_every_default_has_an_origin(kind):
+    cls = KINDS[kind]
+    assert unit_of(cls, "rate") == "Hz"
+    assert unit_of(cls, "span") != ""
+    for name in cls.model_fields:
+        if name not in {"kind", "reads", "ideal", "radius"}:
+            assert name in cls.__doc__ + cls.__mro__[1].__doc__, name
+    assert "[calibrated" in cls.__doc__
+
+
+def test_every_fault_of_a_section_is_reported():
+    with pytest.raises(ValidationError) as error:
+        KINDS["laser_vibrometer"](rate="3 kHz", span="1 N", noise=-1.0, bandwith=3.0, delay=-1e-3, dropout="freeze")
+    where = {e["loc"][0] for e in error.value.errors()}
+    assert where == {"rate", "span", "noise", "bandwith", "delay", "dropout"}
+    assert "near: 2560 Hz, 3125 Hz" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("kind", "numbers"),
+    [
+        ("laser_vibrometer", {"dropout_shortest": 1e-3, "dropout_longest": 1e-4}),
+        ("normal_force", {"quality": 0.5}),
+        ("accelerometer", {"quality": 0.5}),
+        ("accelerometer", {"rate": 200e3}),
+        ("accelerometer", {"rate": 0.5}),
+        ("strain_gauge", {"strain_per_newton": 0.0}),
+        ("disc_speed", {"radius": 0.0}),
+        ("disc_speed", {"gain_error": -1.0}),
+        ("displacement_laser", {"processing": 11}),
+    ],
+)
+def test_impossible_numbers_are_refused(kind, numbers):
+    with pytest.raises(ValidationError):
+        KINDS[kind](**numbers)
+
+
+@pytest.mark.parametrize(
+    ("kind", "field", "text", "value"),
+    [
+        ("laser_vibrometer", "noise", "0.1 um/s/Hz^0.5", 1e-7),
+        ("laser_vibrometer", "slew", "160 g_0", 1569.064),
+        ("strain_gauge", "span", "500 um/m", 500e-6),
+        ("strain_gauge", "strain_per_newton", "20 um/m/N", 20e-6),
+        ("strain_gauge", "noise", "2e-9 1/Hz^0.5", 2e-9),
+        ("accelerometer", "temperature_sensitivity", "0.2 m/s^2/K", 0.2),
+        ("accelerometer", "warming", "2 delta_degC", 2.0),
+        ("normal_force", "drift", "5 mN/s", 5e-3),
+        ("disc_speed", "span", "60 rpm", 6.283185307),
+        ("disc_speed", "noise", "1 mrad/s/Hz^0.5", 1e-3),
+    ],
+)
+def test_units_as_users_write_them(kind, field, text, value):
+    assert getattr(KINDS[kind](**{field: text}), field) == pytest.approx(value, rel=1e-6)
