@@ -20,7 +20,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from functools import partial
 from typing import Annotated, Any, Literal, Self
 
@@ -28,6 +27,7 @@ from annotated_types import Ge, Gt
 from pydantic import BeforeValidator, Field, PlainSerializer, ValidationInfo, field_validator, model_validator
 
 from rig.quantities import Nanoseconds, PositiveNewton, Section, Unit, nanoseconds, si
+from rig.scenes.faults import near
 
 Length = Annotated[int, Unit("s"), BeforeValidator(nanoseconds), Ge(0), PlainSerializer(lambda ns: ns / 1e9)]
 Impulse = Annotated[float, Unit("N*s"), BeforeValidator(partial(si, unit="N*s"))]
@@ -43,31 +43,32 @@ class Known:
     settable: Mapping[str, str] = field(default_factory=dict)
     sensors: Mapping[str, str] = field(default_factory=dict)
     controllers: frozenset[str] = frozenset()
+    whole: bool = True
+    """False for a rig that could not be built: any name is taken then, and values are not read."""
 
 
-def listed(what: str, known: Iterable[str]) -> str:
-    """The end of a message: the near names, or all of them."""
-    names = sorted(known)
-    near = get_close_matches(what, names, n=3, cutoff=0.6)
-    if near:
-        return f"did you mean {' or '.join(near)}?"
-    return f"known: {', '.join(names)}" if names else "there is none in this scene"
+UNKNOWN = Known(whole=False)
 
 
-def _named(value: str, what: str, known: Iterable[str]) -> str:
-    names = set(known)
-    if value not in names:
-        raise ValueError(f"unknown {what}; {listed(value, names)}")
+def _named(value: str, what: str, info: ValidationInfo, *rooms: str) -> str:
+    """A name that stands in one of the `rooms` of the rig."""
+    told = info.context
+    if told is not None and told.whole:
+        names = {name for room in rooms for name in getattr(told, room)}
+        if value not in names:
+            raise ValueError(f"unknown {what}; {near(value, names)}")
     return value
 
 
-def _read(value: Any, units: Mapping[str, str] | None, key: str) -> Any:
-    """A value in the unit of what `key` names; a fault of the key itself is reported with the key."""
+def _read(value: Any, field: str, info: ValidationInfo, *rooms: str) -> Any:
+    """A value in the unit of what `field` names; a name that is wrong is reported by itself."""
     if value is None or (isinstance(value, int | float) and not isinstance(value, bool)):
         return value
-    if units is None:
+    told, name = info.context, info.data.get(field, "")
+    if told is None:
         raise ValueError("expected a number in SI")
-    return si(value, units[key]) if key in units else 0.0
+    unit = next((getattr(told, room)[name] for room in rooms if name in getattr(told, room)), None)
+    return 0.0 if unit is None else si(value, unit)
 
 
 class Load(Section):
@@ -80,7 +81,8 @@ class Load(Section):
     @field_validator("step")
     @classmethod
     def _loadable(cls, step: str, info: ValidationInfo) -> str:
-        if info.context is not None and "load.force" not in info.context.inputs:
+        told = info.context
+        if told is not None and told.whole and "load.force" not in told.inputs:
             raise ValueError("this rig has no actuator load.force")
         return step
 
@@ -101,12 +103,12 @@ class Ramp(Section):
     @field_validator("target")
     @classmethod
     def _known(cls, target: str, info: ValidationInfo) -> str:
-        return target if info.context is None else _named(target, "actuator", info.context.inputs)
+        return _named(target, "actuator", info, "inputs")
 
     @field_validator("to", mode="before")
     @classmethod
     def _in_unit(cls, to: Any, info: ValidationInfo) -> Any:
-        return _read(to, None if info.context is None else info.context.inputs, info.data.get("target", ""))
+        return _read(to, "target", info, "inputs")
 
 
 class Hold(Section):
@@ -139,12 +141,12 @@ class Wait(Section):
     @field_validator("sensor")
     @classmethod
     def _known(cls, sensor: str, info: ValidationInfo) -> str:
-        return sensor if info.context is None else _named(sensor, "sensor", info.context.sensors)
+        return _named(sensor, "sensor", info, "sensors")
 
     @field_validator("above", "below", "quiet", "settled", mode="before")
     @classmethod
     def _in_unit(cls, value: Any, info: ValidationInfo) -> Any:
-        return _read(value, None if info.context is None else info.context.sensors, info.data.get("sensor", ""))
+        return _read(value, "sensor", info, "sensors")
 
     @model_validator(mode="after")
     def _one_condition(self) -> Self:
@@ -193,16 +195,14 @@ class Set(Section):
     @field_validator("target")
     @classmethod
     def _known(cls, target: str, info: ValidationInfo) -> str:
-        known = info.context
-        return target if known is None else _named(target, "key", {**known.settable, **known.inputs})
+        return _named(target, "key", info, "inputs", "settable")
 
     @field_validator("to", mode="before")
     @classmethod
     def _in_unit(cls, to: Any, info: ValidationInfo) -> Any:
         if isinstance(to, bool):
             return float(to)
-        known = info.context
-        return _read(to, None if known is None else {**known.settable, **known.inputs}, info.data.get("target", ""))
+        return _read(to, "target", info, "inputs", "settable")
 
 
 class _Connection(Section):
@@ -212,7 +212,7 @@ class _Connection(Section):
     @field_validator("controller")
     @classmethod
     def _known(cls, controller: str, info: ValidationInfo) -> str:
-        return controller if info.context is None else _named(controller, "controller", info.context.controllers)
+        return _named(controller, "controller", info, "controllers")
 
 
 class Connect(_Connection):

@@ -1,0 +1,153 @@
+"""What holds between the parts of a scene: whole numbers of frames, sensors and actuators that exist, one owner each.
+
+Every check yields (dotted key, line), as `faults.lines` does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from math import ceil, floor
+from typing import Any
+
+from rig.scenes.faults import near, shown
+from rig.scenes.protocol import Connect, Disconnect, Load, Ramp, Repeat, Set, flat
+from rig.scenes.scene import Clock, controller_drives, controller_reads
+
+Fault = tuple[str, str]
+TIMES = ("over", "time", "timeout", "window")
+
+
+def sampling(clock: Clock, sensors: Mapping[str, Any], raw: Mapping[str, Any]) -> Iterator[Fault]:
+    """A sensor samples at every n-th frame, or n times in each."""
+    frame = clock.frame
+    for name, section in sensors.items():
+        period = section.period_ns
+        if period % frame == 0 or frame % period == 0:
+            continue
+        key = f"sensors.{name}.rate"
+        given = _raw(raw, "sensors", name, "rate", default=section.rate)
+        yield (
+            key,
+            f"{key} = {given}: a sample every {_ms(period)} is neither a whole number of frames ({_ms(frame)}) "
+            f"nor a whole part of one; nearest: {_near_rates(section.rate, frame)}",
+        )
+
+
+def _near_rates(rate: float, frame: int) -> str:
+    """The next allowed rates below and above."""
+    ratio = 1e9 / rate / frame  # frames to a sample
+    if ratio > 1:
+        found = {1e9 / (n * frame) for n in (floor(ratio), ceil(ratio))}
+    else:
+        parts = [n for n in range(1, 4 * ceil(1 / ratio) + 8) if frame % n == 0]
+        below = max(n for n in parts if n <= 1 / ratio)
+        above = min((n for n in parts if n >= 1 / ratio), default=below)
+        found = {n * 1e9 / frame for n in (below, above)}
+    return " or ".join(f"{f:g} Hz" for f in sorted(found))
+
+
+def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]) -> Iterator[Fault]:
+    """Controllers work, and their loops delay, by whole frames."""
+    for name, section in controllers.items():
+        for field in ("period", "delay"):
+            value = getattr(section, field, 0)
+            given = _raw(raw, "controllers", name, field, default=f"{value / 1e9:g} s")
+            yield from _whole(f"controllers.{name}.{field}", given, value, clock.frame, field == "delay")
+
+
+def steps(clock: Clock, step_ns: int, raw: Mapping[str, Any]) -> Iterator[Fault]:
+    """The fixed step of rk4 divides the sample step."""
+    if clock.method == "rk4" and step_ns % clock.rk4_step:
+        parts = max(1, round(step_ns / clock.rk4_step))
+        while step_ns % parts:
+            parts += 1
+        given = _raw(raw, "clock", "rk4_step", default=f"{clock.rk4_step / 1e9:g} s")
+        yield (
+            "clock.rk4_step",
+            f"clock.rk4_step = {given}: {_ms(clock.rk4_step)} is not a whole part of the sample step "
+            f"({_ms(step_ns)}); nearest: {_ms(step_ns // parts)}",
+        )
+
+
+def lengths(clock: Clock, protocol: Iterable[Any], raw: Any, prefix: str = "protocol") -> Iterator[Fault]:
+    """Every time in the protocol is a whole number of frames."""
+    for i, step in enumerate(protocol):
+        told = raw[i] if isinstance(raw, list) and i < len(raw) else {}
+        for field in TIMES:
+            value = getattr(step, field, 0)
+            given = shown(told[field]) if field in told else f"{value / 1e9:g} s"
+            yield from _whole(f"{prefix}[{i + 1}].{field}", given, value, clock.frame, zero=True)
+        if isinstance(step, Repeat):
+            yield from lengths(clock, step.steps, told.get("steps", []), f"{prefix}[{i + 1}].steps")
+
+
+def _whole(key: str, given: str, value: int, frame: int, zero: bool) -> Iterator[Fault]:
+    if value % frame:
+        near = sorted({n * frame for n in (value // frame, value // frame + 1) if n or zero})
+        yield (
+            key,
+            f"{key} = {given}: {_ms(value)} is not a whole number of frames ({_ms(frame)}); "
+            f"nearest: {' or '.join(map(_ms, near))}",
+        )
+
+
+def readings(sensors: Mapping[str, Any], outputs: Mapping[str, Any], plant: str) -> Iterator[Fault]:
+    """Each sensor reads an output of the rig that has the unit it is made for."""
+    for name, section in sensors.items():
+        key = f"sensors.{name}.reads"
+        if section.reads not in outputs:
+            yield key, f'{key} = "{section.reads}": {plant} has no such output; {near(section.reads, outputs)}'
+        elif outputs[section.reads].unit != section.reads_unit:
+            fitting = [n for n, output in outputs.items() if output.unit == section.reads_unit]
+            yield (
+                key,
+                f'{key} = "{section.reads}": is in {outputs[section.reads].unit}, a {section.kind} reads '
+                f"{section.reads_unit}; fitting: {', '.join(fitting)}",
+            )
+
+
+def wiring(
+    controllers: Mapping[str, Any], sensors: Iterable[str], inputs: Iterable[str], plant: str
+) -> Iterator[Fault]:
+    """Controllers read sensors that are there, drive actuators that are there, and each actuator has one driver."""
+    sensors, inputs = set(sensors), set(inputs)
+    owners: dict[str, str] = {}
+    for name, section in controllers.items():
+        for field, sensor in controller_reads(section).items():
+            if sensor not in sensors:
+                key = f"controllers.{name}.{field}"
+                yield key, f'{key} = "{sensor}": unknown sensor; {near(sensor, sensors)}'
+        for actuator in controller_drives(section):
+            key = f"controllers.{name}.drive"
+            if actuator not in inputs:
+                yield key, f'{key} = "{actuator}": {plant} has no such actuator; {near(actuator, inputs)}'
+            elif actuator in owners:
+                yield key, f"controllers.{owners[actuator]} and controllers.{name}: both drive {actuator}; only one can"
+            else:
+                owners[actuator] = name
+
+
+def hands_off(protocol: Iterable[Any], controllers: Mapping[str, Any]) -> Iterator[Fault]:
+    """The protocol leaves an actuator alone while a controller drives it."""
+    owners = {actuator: name for name, section in controllers.items() for actuator in controller_drives(section)}
+    connected = set(controllers) - {s.controller for s in flat(protocol) if isinstance(s, Connect)}
+    for i, step in enumerate(protocol, 1):
+        for inner in flat([step]):
+            if isinstance(inner, Connect):
+                connected.add(inner.controller)
+            elif isinstance(inner, Disconnect):
+                connected.discard(inner.controller)
+            elif isinstance(inner, Load | Ramp | Set) and owners.get(inner.target) in connected:
+                key = f"protocol[{i}].{inner.step}"
+                yield key, f"{key}: {inner.target} is driven by controllers.{owners[inner.target]} at this point"
+
+
+def _raw(raw: Mapping[str, Any], *path: str, default: Any) -> str:
+    value: Any = raw
+    for part in path:
+        value = value.get(part) if isinstance(value, Mapping) else None
+    return shown(default if value is None else value)
+
+
+def _ms(ns: float) -> str:
+    return f"{ns / 1e6:.6g} ms"

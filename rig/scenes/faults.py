@@ -1,0 +1,209 @@
+"""From the faults that pydantic finds to lines that a user can act on: key, what was given, what is allowed.
+
+load.force = "-3 N": must be at least 0 N
+drive.sped: unknown key; did you mean drive.speed?
+friction.law = "strbeck": unknown; did you mean stribeck? known: coulomb, exponential, falling, stribeck, table
+"""
+
+from __future__ import annotations
+
+import json
+import types
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from difflib import get_close_matches
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from rig.quantities import Unit
+
+BOUNDS = {
+    "greater_than": ("greater than", "gt"),
+    "greater_than_equal": ("at least", "ge"),
+    "less_than": ("less than", "lt"),
+    "less_than_equal": ("at most", "le"),
+}
+TAGS = ("law", "kind", "step")
+Loc = tuple[int | str, ...]
+
+
+def lines(error: ValidationError, model: Any, raw: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """(dotted key, line) for every fault in `error`, found when `raw` was read as `model`."""
+    for fault in error.errors(include_url=False):
+        kind, context = fault["type"], fault.get("ctx", {})
+        path, owner, annotation, unit = _walk(model, fault["loc"])
+        key = dotted(path, prefix)
+        given = _lookup(raw, path)
+        if kind == "extra_forbidden":
+            yield key, unknown_key(key, keys(owner))
+        elif kind == "missing":
+            yield key, f"{key}: is missing{_expected(annotation, unit)}"
+        elif kind == "union_tag_invalid":
+            tag = context["discriminator"].strip("'")
+            yield key, unknown_choice(dotted((*path, tag), prefix), context["tag"], members(annotation, tag))
+        elif kind == "union_tag_not_found":
+            tag = context["discriminator"].strip("'")
+            if isinstance(given, Mapping):
+                yield key, f"{dotted((*path, tag), prefix)}: is missing; known: {', '.join(members(annotation, tag))}"
+            else:
+                yield key, f"{_given(key, given)}: expected a table with {tag} = ..."
+        elif kind == "literal_error" and path and path[-1] in TAGS:
+            yield key, unknown_choice(key, given, [str(c) for c in get_args(annotation)])
+        else:
+            yield key, f"{_given(key, given)}: {_told(kind, context, fault['msg'], given, unit)}"
+
+
+def _told(kind: str, context: Mapping[str, Any], message: str, given: Any, unit: str) -> str:
+    """What is wrong with a value, in words."""
+    suffix = "" if unit in ("", "1") else f" {unit}"
+    if kind in BOUNDS:
+        words, name = BOUNDS[kind]
+        bound = context[name]
+        if unit == "s" and isinstance(given, int | float | str) and isinstance(bound, int):
+            return f"must be {words} {bound / 1e9:g}{suffix}"  # a duration, counted in nanoseconds
+        return f"must be {words} {bound:g}{suffix}"
+    if kind == "literal_error":
+        return f"unknown; known: {context['expected']}".replace("'", "").replace(" or ", ", ")
+    if kind == "finite_number":
+        return "must be a finite number"
+    if kind in ("model_type", "model_attributes_type", "dict_type"):
+        return "expected a table"
+    text = message.removeprefix("Value error, ")
+    repeated = f"is {given!r}"
+    if text.startswith(repeated):
+        text = text.removeprefix(repeated).lstrip(";").strip()
+    return text[:1].lower() + text[1:]
+
+
+def unknown_key(key: str, known: Iterable[str]) -> str:
+    """The line for a key that is not there."""
+    parent, _, last = key.rpartition(".")
+    names = sorted(known)
+    near = get_close_matches(last, names, n=3, cutoff=0.6)
+    full = [f"{parent}.{name}" if parent else name for name in (near or names)]
+    if near:
+        return f"{key}: unknown key; did you mean {' or '.join(full)}?"
+    return f"{key}: unknown key; known: {', '.join(full)}"
+
+
+def unknown_choice(key: str, given: Any, known: Iterable[str]) -> str:
+    """The line for a choice that does not exist."""
+    names = sorted(known)
+    near = get_close_matches(str(given), names, n=1, cutoff=0.6)
+    hint = f"did you mean {near[0]}? " if near else ""
+    return f"{_given(key, given)}: unknown; {hint}known: {', '.join(names)}"
+
+
+def near(what: str, known: Iterable[str]) -> str:
+    """The end of a message: the near names, or all of them."""
+    names = sorted(known)
+    found = get_close_matches(what, names, n=3, cutoff=0.6)
+    if found:
+        return f"did you mean {' or '.join(found)}?"
+    return f"known: {', '.join(names)}" if names else "there is none in this scene"
+
+
+def _given(key: str, given: Any) -> str:
+    return f"{key} = {shown(given)}" if given is not None else key
+
+
+def shown(value: Any) -> str:
+    """A value as it stands in a scene file, shortened where long."""
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
+def _expected(annotation: Any, unit: str) -> str:
+    models = list(_models(annotation))
+    if len(models) == 1:
+        return f"; expected a table with {', '.join(_required(models[0]))}"
+    if models:
+        return "; expected a table"
+    if unit:
+        return "; expected a number" if unit == "1" else f"; expected a value in {unit}"
+    choices = [str(c) for c in get_args(annotation)] if get_origin(annotation) is Literal else []
+    return f"; known: {', '.join(choices)}" if choices else ""
+
+
+def _required(model: type[BaseModel]) -> list[str]:
+    return [name for name, f in model.model_fields.items() if f.is_required()] or list(model.model_fields)
+
+
+def dotted(path: Iterable[int | str], prefix: str = "") -> str:
+    """A key as the user writes it: tables by dots, list entries counted from one."""
+    out = prefix
+    for part in path:
+        out += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if out else part
+    return out
+
+
+def keys(model: Any) -> list[str]:
+    """Names of the fields of a section, or of every section of a union."""
+    return sorted({name for member in _models(model) for name in member.model_fields})
+
+
+def members(annotation: Any, tag: str) -> dict[str, type[BaseModel]]:
+    """Tag value -> section, for a discriminated union."""
+    found: dict[str, type[BaseModel]] = {}
+    for model in _models(annotation):
+        if tag in model.model_fields:
+            found.update({str(c): model for c in get_args(model.model_fields[tag].annotation)})
+    return found
+
+
+def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+    """Every section that an annotation admits."""
+    origin = get_origin(annotation)
+    if isinstance(annotation, type) and origin is None:
+        if issubclass(annotation, BaseModel):
+            yield annotation
+    elif origin is Annotated:
+        yield from _models(get_args(annotation)[0])
+    elif origin in (Union, types.UnionType):
+        for member in get_args(annotation):
+            yield from _models(member)
+
+
+def _walk(model: Any, loc: Loc) -> tuple[Loc, Any, Any, str]:
+    """Follow pydantic's location: path as the user wrote it, section that holds the key, its annotation and unit."""
+    path: list[int | str] = []
+    owner, annotation, unit = model, model, ""
+    for part in loc:
+        origin = get_origin(annotation)
+        if origin in (tuple, list, Sequence) and isinstance(part, int):
+            annotation, unit = get_args(annotation)[0], _unit(get_args(annotation)[0]) or unit
+            path.append(part)
+            continue
+        candidates = list(_models(annotation))
+        tagged = next((c for tag in TAGS for name, c in members(annotation, tag).items() if name == part), None)
+        if tagged is not None and (len(candidates) > 1 or part not in tagged.model_fields):
+            annotation = tagged
+            continue
+        holder = next((c for c in candidates if part in c.model_fields), None)
+        if holder is None:
+            owner = annotation
+            if candidates or not path:  # an unknown key; anything else is an inner part of a value
+                path.append(part)
+            annotation = Any
+            continue
+        owner, info = holder, holder.model_fields[str(part)]
+        annotation, unit = info.annotation, next((str(m) for m in info.metadata if isinstance(m, Unit)), "")
+        path.append(part)
+    return tuple(path), owner, annotation, unit
+
+
+def _unit(annotation: Any) -> str:
+    metadata = get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
+    return next((str(m) for m in metadata if isinstance(m, Unit)), "")
+
+
+def _lookup(raw: Any, path: Loc) -> Any:
+    """What the user gave at `path`; None where nothing."""
+    for part in path:
+        if isinstance(raw, Mapping) and part in raw:
+            raw = raw[part]
+        elif isinstance(raw, list | tuple) and isinstance(part, int) and part < len(raw):
+            raw = raw[part]
+        else:
+            return None
+    return raw

@@ -1,0 +1,208 @@
+"""A scene as the rig runs it: checked, in SI, every value with its origin; and the same as JSON, for recordings."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from math import gcd
+from typing import Annotated, Any, Literal, NamedTuple, Self
+
+from annotated_types import Ge, Gt, Le
+from pydantic import BaseModel, BeforeValidator, TypeAdapter, model_validator
+
+from controllers import KINDS as CONTROLLERS
+from rig.plants import PLANTS
+from rig.quantities import Nanoseconds, Section, Unit, si, unit_of
+from rig.scenes.protocol import Known, Step, longest_ns
+from sensors import KINDS as SENSORS
+
+Count = Annotated[int, Gt(0)]
+Share = Annotated[float, Unit("1"), BeforeValidator(partial(si, unit="1")), Ge(0.0), Le(1.0)]
+Small = Annotated[float, Unit("1"), BeforeValidator(partial(si, unit="1")), Gt(0.0), Le(1e-2)]
+Large = Annotated[float, Unit("1"), BeforeValidator(partial(si, unit="1")), Gt(0.0)]
+STEP: TypeAdapter[Step] = TypeAdapter(Step)
+STEPS: TypeAdapter[tuple[Step, ...]] = TypeAdapter(tuple[Step, ...])
+
+
+class Origin(NamedTuple):
+    """Where a value comes from: one of `rig.quantities.ORIGINS`, and a note."""
+
+    origin: str
+    note: str = ""
+
+
+class Clock(Section):
+    """How time passes and how it is integrated.
+
+    frame                loop period: commands in, measurements out
+    method, tolerance, rk4_step   of the integration; `auto` is exact where the law allows, else dopri5
+    overrun              what a paced run does when it is late: catch up, skip frames, go slower or stop
+    late_share_valid, late_share_degraded   share of frames late by more than one frame, for the timing verdict
+    hold_frames          a command that does not come is held so long, then the actuator takes its safe value
+    events_per_frame     more events in one frame stop the run
+    limit                largest norm of the state; beyond, the run has diverged
+    """
+
+    frame: Nanoseconds = 1_000_000
+    method: Literal["auto", "exact", "dopri5", "rk4"] = "auto"
+    tolerance: Small = 1e-7
+    rk4_step: Nanoseconds = 100_000
+    overrun: Literal["catch-up", "skip", "slow", "stop"] = "catch-up"
+    late_share_valid: Share = 0.01
+    late_share_degraded: Share = 0.05
+    hold_frames: Count = 50
+    events_per_frame: Count = 200
+    limit: Large = 1e6
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.late_share_degraded < self.late_share_valid:
+            raise ValueError("late_share_degraded is below late_share_valid")
+        return self
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A plant with its effects, sensors, controllers and protocol. Made by `rig.scenes.load` or `Scene.from_json`."""
+
+    name: str
+    title: str
+    about: str
+    plant: str
+    parameters: Section
+    clock: Clock
+    sensors: dict[str, Any]
+    controllers: dict[str, Any]
+    protocol: tuple[Step, ...]
+    limits: dict[str, float]
+    seed: int
+    origins: dict[str, Origin] = field(default_factory=dict)
+
+    @property
+    def frame_ns(self) -> int:
+        """Loop period [ns]."""
+        return int(self.clock.frame)
+
+    @cached_property
+    def step_ns(self) -> int:
+        """Sample step of the integrator [ns]: it meets every frame and every sample of every sensor."""
+        return gcd(self.frame_ns, *(s.period_ns for s in self.sensors.values()))
+
+    @cached_property
+    def duration_ns(self) -> int | None:
+        """Longest time the protocol takes [ns]; None without a protocol, or with one that never ends."""
+        return longest_ns(self.protocol) if self.protocol else None
+
+    def assemble(self) -> Any:
+        """The plant of this scene (`rig.solve.assembly.Assembly`)."""
+        return plant_module(self.plant).assemble(self.parameters)
+
+    def values(self) -> dict[str, tuple[Any, str]]:
+        """Every value of the scene: dotted key -> (value in SI, unit), defaults included, tables left out absent."""
+        found = dict(leaves(self.parameters))
+        found |= leaves(self.clock, "clock")
+        for name, section in self.sensors.items():
+            found |= leaves(section, f"sensors.{name}")
+        for name, section in self.controllers.items():
+            found |= leaves(section, f"controllers.{name}")
+        return found
+
+    def to_json(self) -> str:
+        """The scene as JSON text; `from_json` gives an equal scene back."""
+        return json.dumps(
+            {
+                "name": self.name,
+                "title": self.title,
+                "about": self.about,
+                "plant": self.plant,
+                "seed": self.seed,
+                "clock": dump(self.clock),
+                "parameters": dump(self.parameters),
+                "sensors": {name: dump(section) for name, section in self.sensors.items()},
+                "controllers": {name: dump(section) for name, section in self.controllers.items()},
+                "protocol": [dump(step) for step in self.protocol],
+                "limits": self.limits,
+                "origins": {key: list(origin) for key, origin in self.origins.items()},
+            },
+            ensure_ascii=False,
+        )
+
+    @classmethod
+    def from_json(cls, text: str) -> Scene:
+        """The scene of `to_json`. What was once a checked scene is only read again, not judged again."""
+        raw = json.loads(text)
+        return cls(
+            name=raw["name"],
+            title=raw["title"],
+            about=raw["about"],
+            plant=raw["plant"],
+            parameters=plant_module(raw["plant"]).Parameters.model_validate(raw["parameters"]),
+            clock=Clock.model_validate(raw["clock"]),
+            sensors={n: SENSORS[s["kind"]].model_validate(s) for n, s in raw["sensors"].items()},
+            controllers={n: CONTROLLERS[s["kind"]][0].model_validate(s) for n, s in raw["controllers"].items()},
+            protocol=STEPS.validate_python(raw["protocol"]),
+            limits={name: float(value) for name, value in raw["limits"].items()},
+            seed=raw["seed"],
+            origins={key: Origin(*origin) for key, origin in raw["origins"].items()},
+        )
+
+    @cached_property
+    def digest(self) -> str:
+        """Hash (16 hex digits) of everything that the run depends on: titles and origins left out."""
+        raw = json.loads(self.to_json())
+        told = {key: raw[key] for key in raw.keys() - {"name", "title", "about", "origins"}}
+        return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def plant_module(plant: str) -> Any:
+    """The module of a plant: `Parameters` and `assemble`."""
+    return importlib.import_module(PLANTS[plant])
+
+
+def dump(section: Section) -> dict[str, Any]:
+    """A section as plain JSON values in SI."""
+    return section.model_dump(mode="json", exclude_none=True)
+
+
+def leaves(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, tuple[Any, str]]]:
+    """(dotted key, (value, unit)) of a section and the sections in it."""
+    plain = section.model_dump(mode="json", exclude_none=True)
+    for name in type(section).model_fields:
+        value = getattr(section, name)
+        key = f"{prefix}.{name}" if prefix else name
+        if isinstance(value, BaseModel):
+            yield from leaves(value, key)
+        elif value is not None:
+            yield key, (plain[name], unit_of(type(section), name))
+
+
+def controller_reads(section: Section) -> dict[str, str]:
+    """Field -> sensor, for the sensors that a controller's section names."""
+    fields = [f for f in type(section).model_fields if f == "sensor" or f.endswith("_sensor")]
+    return {name: getattr(section, name) for name in fields if getattr(section, name) is not None}
+
+
+def controller_drives(section: Any) -> tuple[str, ...]:
+    """Actuators that a controller's section drives."""
+    if "drive" in type(section).model_fields:
+        return (section.drive,)
+    return tuple(CONTROLLERS[section.kind][1].drives)
+
+
+def known(assembly: Any, parameters: Section, sensors: Mapping[str, Any], controllers: Mapping[str, Any]) -> Known:
+    """What a protocol of this rig may name."""
+    settable = {k: unit for k, (v, unit) in leaves(parameters) if unit and not k.startswith("start.")}
+    for name, section in controllers.items():
+        fixed: frozenset[str] = getattr(section, "fixed", frozenset())
+        values = leaves(section, f"controllers.{name}")
+        settable |= {key: unit for key, (_, unit) in values if unit and key.rpartition(".")[2] not in fixed}
+    return Known(
+        inputs={name: i.unit for name, i in assembly.inputs.items()},
+        settable=settable,
+        sensors={name: s.unit for name, s in sensors.items()},
+        controllers=frozenset(controllers),
+    )

@@ -1,0 +1,35 @@
+"""The shipped scenes: names, files, titles. Reads no more of a file than asked for."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+from rig.errors import SceneError
+from rig.scenes.faults import near
+
+HERE = Path(__file__).parent
+
+
+def names() -> tuple[str, ...]:
+    """Names of the shipped scenes."""
+    return tuple(sorted(path.stem for path in HERE.glob("*.toml")))
+
+
+def path(name_or_path: str | Path) -> Path:
+    """The file of a shipped scene or of a path; SceneError with the near names where there is none."""
+    text = str(name_or_path)
+    shipped = HERE / f"{text}.toml"
+    if text in names():
+        return shipped
+    given = Path(name_or_path)
+    if given.suffix == ".toml" or "/" in text:
+        return given
+    raise SceneError(text, [f"no scene has this name; {near(text, names())}"])
+
+
+def card(name: str) -> dict[str, str]:
+    """Title, plant and first line of the description of a shipped scene."""
+    raw = tomllib.loads(path(name).read_text(encoding="utf-8"))
+    about = str(raw.get("about", "")).strip().split("\n")[0]
+    return {"name": name, "plant": str(raw.get("plant", "")), "title": str(raw.get("title", "")), "about": about}

@@ -1,0 +1,138 @@
+"""From a scene file and `-p` changes to one tree of plain values, with the origin of each kept beside it."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from rig.errors import SceneError
+from rig.quantities import ORIGINS
+from rig.scenes.faults import shown, unknown_choice
+from rig.scenes.scene import Origin
+
+FIXED = ("title", "plant", "about", "protocol")
+_POSITION = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
+_NUMBER = re.compile(r"[+-]?(\d|\.\d)")
+
+
+def tree(path: Path) -> dict[str, Any]:
+    """The tables of a TOML file; a SceneError says line and column where it is broken."""
+    try:
+        text = path.read_bytes().decode()
+    except FileNotFoundError:
+        raise SceneError(str(path), ["there is no such file"]) from None
+    except UnicodeDecodeError as error:
+        raise SceneError(str(path), [f"is not text in UTF-8 (byte {error.start})"]) from None
+    except OSError as error:
+        raise SceneError(str(path), [f"cannot be read: {error.strerror}"]) from None
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        message = str(error)
+        found = _POSITION.search(message)
+        line, column = found.groups() if found else (None, None)
+        if line is None:
+            lines = text.rstrip().split("\n")
+            line, column = str(len(lines)), str(len(lines[-1]) + 1)
+        what = _POSITION.sub("", message)
+        raise SceneError(str(path), [f"line {line}, column {column}: {what[:1].lower()}{what[1:]}"]) from None
+
+
+def stripped(raw: Any, origins: dict[str, Origin], faults: list[str], key: str = "") -> Any:
+    """`raw` without its origins, which go to `origins` under their dotted keys."""
+    if isinstance(raw, Mapping):
+        return {name: stripped(value, origins, faults, f"{key}.{name}" if key else name) for name, value in raw.items()}
+    if not isinstance(raw, list):
+        return raw
+    if _has_origin(raw):
+        if raw[1] not in ORIGINS:
+            faults.append(unknown_choice(f"{key}: origin", raw[1], ORIGINS))
+        origins[key] = Origin(raw[1], raw[2] if len(raw) == 3 else "")
+        return raw[0]
+    return [stripped(value, origins, faults, f"{key}[{i}]") for i, value in enumerate(raw, 1)]
+
+
+def _has_origin(raw: list[Any]) -> bool:
+    """Whether a list is [value, origin] or [value, origin, note] and not a list of values."""
+    if len(raw) not in (2, 3) or not all(isinstance(part, str) for part in raw[1:]) or isinstance(raw[0], Mapping):
+        return False
+    if raw[1] in ORIGINS:
+        return True
+    value = not isinstance(raw[0], str) or _NUMBER.match(raw[0]) is not None
+    return value and _NUMBER.match(raw[1]) is None
+
+
+def change(
+    raw: dict[str, Any], overrides: Mapping[str, object], origins: dict[str, Origin], faults: list[str]
+) -> set[str]:
+    """Put `overrides` into `raw`; returns the tables whose `law` or `kind` was changed.
+
+    A text is read as a TOML value where it is one ("5", "true", "[1, 2]"); "none" takes a key or a table away.
+    """
+    recast: set[str] = set()
+    for key, value in overrides.items():
+        *parents, last = key.split(".")
+        if not all((*parents, last)):
+            faults.append(f"{key!r}: is not a dotted key such as drive.speed")
+            continue
+        if (parents or [last])[0] in FIXED:
+            faults.append(f"{key}: cannot be changed here; copy the scene file and change it there")
+            continue
+        value = _read(value)
+        table = _table(raw, parents)
+        if table is None:
+            faults.append(f"{key} = {shown(value)}: {'.'.join(parents)} is a value, not a table")
+            continue
+        forget(origins, key)
+        if value is None:
+            if table.pop(last, None) is None:
+                faults.append(f"{key}: is not in the scene, so it cannot be taken away")
+            continue
+        if last in ("law", "kind") and table.get(last, value) != value:
+            recast.add(".".join(parents))
+        if isinstance(value, list) and _has_origin(value):
+            value = stripped(value, origins, faults, key)
+        elif isinstance(value, int | float | str) and last not in ("law", "kind"):
+            origins[key] = Origin("user")
+        table[last] = value
+    return recast
+
+
+def _read(value: object) -> Any:
+    if not isinstance(value, str):
+        return value
+    text = value.strip()
+    if text == "none":
+        return None
+    try:
+        found = tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, KeyError):
+        return text
+    return found if isinstance(found, bool | int | float | str | list) else text
+
+
+def _table(raw: dict[str, Any], parents: list[str]) -> dict[str, Any] | None:
+    """The table to change, made where it is not there; None where a value is in the way."""
+    table: Any = raw
+    for name in parents:
+        table = table.setdefault(name, {})
+        if not isinstance(table, dict):
+            return None
+    return table  # type: ignore[no-any-return]
+
+
+def drop(raw: dict[str, Any], key: str) -> None:
+    """Take the value at a dotted key away."""
+    *parents, last = key.split(".")
+    table = _table(raw, parents)
+    if table is not None:
+        table.pop(last, None)
+
+
+def forget(origins: dict[str, Origin], key: str) -> None:
+    """Drop the origins of a value or of a whole table."""
+    for old in [o for o in origins if o == key or o.startswith((f"{key}.", f"{key}["))]:
+        del origins[old]
