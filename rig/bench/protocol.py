@@ -1,0 +1,323 @@
+"""An experiment, step by step, on ticks: what is due depends on the tick and on the measured samples alone.
+
+`Protocol.due` is asked once in every frame, after the measurements of that tick. Steps that take no time follow one
+another within the tick; a ramp, a hold or a wait holds up those behind it.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import count
+from math import isfinite
+from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
+
+from rig.scenes.protocol import Hold, Knock, Load, Mark, Ramp, Repeat, Set, Wait
+from rig.solve.assembly import Input
+
+
+class Apply(NamedTuple):
+    """An actuator takes a value at once."""
+
+    name: str
+    value: float
+
+
+class Move(NamedTuple):
+    """An actuator runs linearly to a value within whole ticks; an `Apply` of that value follows at the end."""
+
+    name: str
+    to: float
+    ticks: int
+
+
+class Strike(NamedTuple):
+    """The body's momentum changes at once [N s]."""
+
+    impulse: float
+
+
+class Change(NamedTuple):
+    """A parameter of the rig or of a controller ("controllers.<name>.<parameter>")."""
+
+    key: str
+    value: float
+
+
+class Switch(NamedTuple):
+    """The commands of a controller reach its actuators from here on, or no longer."""
+
+    controller: str
+    on: bool
+
+
+class Note(NamedTuple):
+    """A line for the recording: kind `step`, `mark` or `timeout`."""
+
+    kind: str
+    text: str
+
+
+class Finish(NamedTuple):
+    """The run ends."""
+
+    reason: str
+
+
+Action = Apply | Move | Strike | Change | Switch | Note | Finish
+NOTHING: tuple[Action, ...] = ()
+
+
+class Progress(NamedTuple):
+    """Where an experiment stands."""
+
+    phase: str
+    step: int
+    steps: int | None
+    """None where steps are repeated forever."""
+    fraction: float | None
+    left_ns: int | None
+    """Time that the steps take at least from here; waits may add to it."""
+
+
+class Protocol:
+    """The steps of a scene, carried out on frames of `frame_ns`; `inputs` and `sensors` (names in the order of the
+    samples, with units) say what the steps may name.
+    """
+
+    def __init__(
+        self,
+        steps: Sequence[Any],
+        frame_ns: int,
+        sensors: Mapping[str, str],
+        inputs: Mapping[str, Input],
+    ) -> None:
+        self.done = not steps
+        self._frame_ns = frame_ns
+        self._columns = {name: column for column, name in enumerate(sensors)}
+        self._inputs = {name: one.unit for name, one in inputs.items()}
+        self._sensors = dict(sensors)
+        self._steps = _walk(steps)
+        self._count = _counted(steps)
+        self._length = _length(steps, frame_ns)
+        self._begun, self._passed = 0, 0
+        self._until = 0
+        self._current: Any = None
+        self._condition: Condition | None = None
+        self.phase = ""
+
+    def due(self, tick: int, latest: NDArray[Any]) -> Sequence[Action]:
+        """What happens at `tick`, when the latest samples of the sensors are `latest` [sensors]."""
+        condition = self._condition
+        if condition is not None:
+            met = condition.met(float(latest[condition.column]))
+            if not met and tick < self._until:
+                return NOTHING
+        elif tick < self._until or self.done:
+            return NOTHING
+        return self._go_on(tick, latest)
+
+    def _go_on(self, tick: int, latest: NDArray[Any]) -> list[Action]:
+        actions = self._finished(tick)
+        for step in self._steps:
+            actions += self._begin(step, tick)
+            condition = self._condition
+            if condition is not None:
+                if not condition.met(float(latest[condition.column])):
+                    return actions
+                actions += self._finished(tick)
+            elif self._until > tick:
+                return actions
+        self.done, self.phase = True, "done"
+        return actions
+
+    def _finished(self, tick: int) -> list[Action]:
+        """The step that held up the others is over."""
+        step, condition = self._current, self._condition
+        self._current = self._condition = None
+        if isinstance(step, Ramp | Load):
+            return [Apply(step.target, _value(step))]
+        if condition is None or condition.is_met:
+            return []
+        text = f"{self._described(step)}: not so within {step.timeout / 1e9:g} s"
+        return [Finish(text)] if step.otherwise == "stop" else [Note("timeout", text)]
+
+    def _begin(self, step: Any, tick: int) -> list[Action]:
+        self._begun += 1
+        self.phase = step.step
+        self._passed += _span(step)
+        self._until = tick + _span(step) // self._frame_ns
+        if isinstance(step, Mark):
+            return [Note("mark", step.text)]
+        return [Note("step", self._described(step)), *self._started(step, tick)]
+
+    def _started(self, step: Any, tick: int) -> list[Action]:
+        if isinstance(step, Ramp | Load):
+            if self._until == tick:
+                return [Apply(step.target, _value(step))]
+            self._current = step
+            return [Move(step.target, _value(step), self._until - tick)]
+        if isinstance(step, Wait):
+            self._current = step
+            self._condition = Condition(step, self._columns[step.sensor], self._frame_ns)
+            self._until = tick + step.timeout // self._frame_ns
+        elif isinstance(step, Knock):
+            return [Strike(step.impulse)]
+        elif isinstance(step, Set):
+            known = step.target in self._inputs
+            return [Apply(step.target, step.to) if known else Change(step.target, step.to)]
+        elif not isinstance(step, Hold):
+            return [Switch(step.controller, step.step == "connect")]
+        return []
+
+    def progress(self, tick: int) -> Progress:
+        """Where the experiment stands at `tick`."""
+        waiting = self._condition is not None
+        left = None
+        if self._length is not None:
+            left = self._length - self._passed + (0 if waiting else max(self._until - tick, 0) * self._frame_ns)
+        fraction = 1.0 if self.done else 1.0 - left / self._length if left is not None and self._length else None
+        return Progress(self.phase, self._begun, self._count, fraction, left)
+
+    def _described(self, step: Any) -> str:
+        if isinstance(step, Ramp | Load):
+            unit = self._inputs.get(step.target, "")
+            within = f" within {step.over / 1e9:g} s" if step.over else ""
+            return f"{step.step} {step.target} to {_value(step):g} {unit}{within}"
+        if isinstance(step, Hold):
+            return f"hold for {step.time / 1e9:g} s"
+        if isinstance(step, Wait):
+            return f"wait until {step.sensor} is {step.condition} {step.limit:g} {self._sensors[step.sensor]}"
+        if isinstance(step, Knock):
+            return f"knock with {step.impulse:g} N s"
+        if isinstance(step, Set):
+            return f"set {step.target} = {step.to:g} {self._inputs.get(step.target, '')}".rstrip()
+        return f"{step.step} {step.controller}"
+
+
+class Condition:
+    """Whether the wait for a measured signal is over; see `rig.scenes.protocol.Wait`."""
+
+    def __init__(self, step: Wait, column: int, frame_ns: int) -> None:
+        self.column = column
+        self.is_met = False
+        self._kind, self._limit = step.condition, step.limit
+        frames = max(step.window // frame_ns, 1)
+        self._range = Range(frames)
+        self._before: deque[tuple[float, float]] = deque(maxlen=frames + 1)
+
+    def met(self, sample: float) -> bool:
+        """Judge the sample of one more frame; one that is no number says nothing and starts the windows afresh."""
+        if not isfinite(sample):
+            self._range.clear()
+            self._before.clear()
+        elif self._kind == "above":
+            self.is_met = sample > self._limit
+        elif self._kind == "below":
+            self.is_met = sample < self._limit
+        elif self._range.add(sample):
+            self.is_met = self._quiet() if self._kind == "quiet" else self._settled()
+        return self.is_met
+
+    def _quiet(self) -> bool:
+        return (self._range.highest - self._range.lowest) / 2.0 < self._limit
+
+    def _settled(self) -> bool:
+        past = self._before
+        highest, lowest = self._range.highest, self._range.lowest
+        past.append((highest, lowest))
+        if len(past) < (past.maxlen or 0):
+            return False
+        return abs(highest - past[0][0]) < self._limit and abs(lowest - past[0][1]) < self._limit
+
+
+class Range:
+    """Highest and lowest of the last `frames` samples, kept in amortised constant time: two monotonic queues."""
+
+    def __init__(self, frames: int) -> None:
+        self.frames = frames
+        self._high: deque[tuple[int, float]] = deque()
+        self._low: deque[tuple[int, float]] = deque()
+        self._seen = 0
+
+    def clear(self) -> None:
+        """Forget all samples."""
+        self._high.clear()
+        self._low.clear()
+        self._seen = 0
+
+    def add(self, sample: float) -> bool:
+        """Add a sample; whether there are enough of them."""
+        high, low, number = self._high, self._low, self._seen
+        while high and high[-1][1] <= sample:
+            high.pop()
+        while low and low[-1][1] >= sample:
+            low.pop()
+        high.append((number, sample))
+        low.append((number, sample))
+        oldest = number - self.frames
+        if high[0][0] <= oldest:
+            high.popleft()
+        if low[0][0] <= oldest:
+            low.popleft()
+        self._seen = number + 1
+        return self._seen >= self.frames
+
+    @property
+    def highest(self) -> float:
+        """Of the last frames."""
+        return self._high[0][1]
+
+    @property
+    def lowest(self) -> float:
+        """Of the last frames."""
+        return self._low[0][1]
+
+
+def _walk(steps: Iterable[Any]) -> Iterator[Any]:
+    """The steps one after another, repeats unrolled."""
+    for step in steps:
+        if isinstance(step, Repeat):
+            for _ in count() if step.times == "forever" else range(step.times):
+                yield from _walk(step.steps)
+        else:
+            yield step
+
+
+def _counted(steps: Iterable[Any]) -> int | None:
+    """Steps in all, repeats unrolled; None if they never end."""
+    total = 0
+    for step in steps:
+        inner = _counted(step.steps) if isinstance(step, Repeat) else 1
+        times = step.times if isinstance(step, Repeat) else 1
+        if inner is None or times == "forever":
+            return None
+        total += inner * times
+    return total
+
+
+def _length(steps: Iterable[Any], frame_ns: int) -> int | None:
+    """Time that the steps take at least; None if they never end."""
+    total = 0
+    for step in steps:
+        if isinstance(step, Repeat):
+            inner = _length(step.steps, frame_ns)
+            if inner is None or step.times == "forever":
+                return None
+            total += inner * step.times
+        else:
+            total += _span(step)
+    return total
+
+
+def _span(step: Any) -> int:
+    """Time that a step takes [ns], 0 for a wait."""
+    if isinstance(step, Hold):
+        return int(step.time)
+    return int(step.over) if isinstance(step, Ramp | Load) else 0
+
+
+def _value(step: Ramp | Load) -> float:
+    return step.force if isinstance(step, Load) else step.to

@@ -1,0 +1,214 @@
+"""The steps of an experiment on ticks."""
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pydantic import TypeAdapter
+
+from rig.bench.protocol import Apply, Change, Finish, Move, Note, Protocol, Range, Strike, Switch
+from rig.scenes.protocol import Step
+from rig.solve.assembly import Input
+
+MS = 1_000_000
+STEPS = TypeAdapter(tuple[Step, ...])
+INPUTS = {"drive.speed": Input("m/s", -1.0, 1.0, 0.0), "load.force": Input("N", 0.0, 100.0, 20.0)}
+SENSORS = {"vibrometer": "m/s", "laser": "m"}
+
+
+def protocol(*steps):
+    return Protocol(STEPS.validate_python(steps), MS, SENSORS, INPUTS)
+
+
+def carried_out(made, ticks, signal=lambda tick: 0.0):
+    """(tick, action) of everything but the notes of begun steps."""
+    found = []
+    for tick in range(ticks):
+        for action in made.due(tick, np.array([signal(tick), 0.0])):
+            if not (isinstance(action, Note) and action.kind == "step"):
+                found.append((tick, action))
+    return found
+
+
+def hold(ms):
+    return {"step": "hold", "time": ms * 1e-3}
+
+
+def wait(**more):
+    return {"step": "wait", "sensor": "vibrometer", **more}
+
+
+def mark(text="here"):
+    return {"step": "mark", "text": text}
+
+
+HERE = Note("mark", "here")
+
+
+def test_accelerate_hold_decelerate():
+    made = protocol(
+        {"step": "load", "force": 20.0, "over": 0.01},
+        {"step": "ramp", "target": "drive.speed", "to": 0.5, "over": 0.1},
+        hold(50),
+        {"step": "ramp", "target": "drive.speed", "to": 0.0, "over": 0.1},
+        mark("at rest"),
+    )
+    assert carried_out(made, 400) == [
+        (0, Move("load.force", 20.0, 10)),
+        (10, Apply("load.force", 20.0)),
+        (10, Move("drive.speed", 0.5, 100)),
+        (110, Apply("drive.speed", 0.5)),
+        (160, Move("drive.speed", 0.0, 100)),
+        (260, Apply("drive.speed", 0.0)),
+        (260, Note("mark", "at rest")),
+    ]
+    assert made.done
+
+
+def test_steps_without_length_fall_on_one_tick():
+    made = protocol(
+        {"step": "load", "force": 5.0},
+        {"step": "set", "target": "drive.speed", "to": 0.2},
+        {"step": "set", "target": "friction.mu_static", "to": 0.6},
+        {"step": "set", "target": "controllers.nf.gain", "to": 200.0},
+        {"step": "knock", "impulse": 0.1},
+        {"step": "disconnect", "controller": "nf"},
+        {"step": "connect", "controller": "nf"},
+        mark(),
+    )
+    assert [action for _, action in carried_out(made, 1)] == [
+        Apply("load.force", 5.0),
+        Apply("drive.speed", 0.2),
+        Change("friction.mu_static", 0.6),
+        Change("controllers.nf.gain", 200.0),
+        Strike(0.1),
+        Switch("nf", False),
+        Switch("nf", True),
+        HERE,
+    ]
+
+
+def test_repeats_are_unrolled():
+    inner = {"step": "repeat", "times": 2, "steps": [hold(3), mark()]}
+    made = protocol({"step": "repeat", "times": 3, "steps": [inner, hold(4)]})
+    assert [tick for tick, _ in carried_out(made, 60)] == [3, 6, 13, 16, 23, 26]
+    assert made.done
+
+
+def test_forever_has_no_end_and_says_so():
+    made = protocol({"step": "repeat", "times": "forever", "steps": [hold(10), mark()]})
+    assert len(carried_out(made, 1001)) == 100
+    assert not made.done
+    assert made.progress(1001)[2:] == (None, None, None)
+
+
+@pytest.mark.parametrize(
+    ("condition", "tick"), [({"above": 0.5}, 51), ({"below": 0.5}, 0), ({"above": 2.0, "timeout": 0.2}, 200)]
+)
+def test_wait_for_a_value(condition, tick):
+    made = protocol(wait(**condition), mark())
+    found = carried_out(made, 300, lambda tick: tick * 0.01)
+    assert found[-1] == (tick, HERE)
+    assert any(isinstance(a, Note) and a.kind == "timeout" for _, a in found) == ("timeout" in condition)
+
+
+def test_a_wait_in_vain_can_end_the_run():
+    made = protocol(wait(above=1.0, timeout=0.1, otherwise="stop"))
+    ((tick, action),) = carried_out(made, 101)
+    assert tick == 100
+    assert isinstance(action, Finish)
+    assert "vibrometer is above 1 m/s: not so within 0.1 s" in action.reason
+
+
+def test_quiet_is_half_the_peak_to_peak_of_a_window():
+    made = protocol(wait(quiet=0.1, window=0.05), mark())
+    found = carried_out(made, 3000, lambda tick: np.exp(-tick / 500) * np.cos(tick / 3) + 7.0)
+    assert 0 <= found[0][0] - 500 * np.log(10) < 50
+
+
+def test_quiet_needs_a_whole_window():
+    made = protocol(wait(quiet=0.1, window=0.05), mark())
+    assert carried_out(made, 100)[0][0] == 49
+
+
+def test_settled_compares_two_windows():
+    made = protocol(wait(settled=0.01, window=0.05), mark())
+    found = carried_out(made, 3000, lambda tick: (1 + np.exp(-tick / 200)) * np.cos(2 * np.pi * tick / 25))
+    change = (np.exp(50 / 200) - 1) * np.exp(-np.arange(3000) / 200)
+    expected = int(np.argmax(change < 0.01)) + 50
+    assert found[0][0] == pytest.approx(expected, abs=30)
+
+
+def test_a_growing_cycle_is_not_settled():
+    made = protocol(wait(settled=0.01, window=0.05), mark())
+    assert not carried_out(made, 1000, lambda tick: 0.001 * tick * np.cos(2 * np.pi * tick / 25))
+
+
+def test_samples_that_are_no_numbers_say_nothing():
+    made = protocol(wait(quiet=0.1, window=0.02), mark())
+    assert carried_out(made, 300, lambda tick: float("nan") if tick < 100 else 0.0)[0][0] == 119
+    made = protocol(wait(below=0.1), mark())
+    assert carried_out(made, 300, lambda tick: float("nan") if tick < 100 else 0.0)[0][0] == 100
+
+
+@given(st.lists(st.integers(-5, 5), min_size=1, max_size=80), st.integers(1, 20))
+def test_range_is_that_of_the_last_samples(samples, frames):
+    found = Range(frames)
+    for i, sample in enumerate(samples, start=1):
+        assert found.add(sample) == (i >= frames)
+        last = samples[max(i - frames, 0) : i]
+        assert (found.highest, found.lowest) == (max(last), min(last))
+
+
+LEAF = st.one_of(
+    st.builds(hold, st.integers(1, 30)),
+    st.builds(lambda to, ms: {"step": "ramp", "target": "drive.speed", "to": to, "over": ms * 1e-3},
+              st.floats(-1, 1), st.integers(1, 30)),
+    st.just(mark()),
+    st.builds(lambda above: wait(above=above, timeout=0.05), st.floats(-1, 2)),
+)  # fmt: skip
+ANY = st.recursive(
+    LEAF, lambda s: st.builds(lambda n, i: {"step": "repeat", "times": n, "steps": i}, st.integers(1, 3), st.lists(s))
+)
+
+
+@settings(max_examples=30)
+@given(st.lists(ANY, min_size=1, max_size=5), st.integers(0, 1000))
+def test_the_same_samples_give_the_same_run(steps, seed):
+    signal = np.random.default_rng(seed).normal(size=3000)
+    first = carried_out(protocol(*steps), 3000, lambda tick: signal[tick])
+    assert first == carried_out(protocol(*steps), 3000, lambda tick: signal[tick])
+
+
+@settings(max_examples=30)
+@given(st.lists(ANY, min_size=1, max_size=5))
+def test_progress_only_goes_forward(steps):
+    made = protocol(*steps)
+    before, tick = -1.0, 0
+    while not made.done and tick < 20_000:
+        made.due(tick, np.ones(2))
+        told = made.progress(tick)
+        assert told.step <= told.steps
+        if told.fraction is not None:
+            assert before - 1e-12 <= told.fraction <= 1.0
+            before = told.fraction
+        tick += 1
+    assert made.done
+    assert made.progress(tick).fraction == 1.0
+
+
+def test_ticks_may_be_left_out_without_losing_a_step():
+    made = protocol(hold(10), mark(), hold(10), mark())
+    assert [a for t in (0, 12, 40) for a in made.due(t, np.zeros(2)) if a == HERE] == [HERE, HERE]
+
+
+def test_nothing_due_costs_nothing():
+    made = protocol(hold(1_000_000))
+    latest = np.zeros(2)
+    made.due(0, latest)
+    begin = time.perf_counter_ns()
+    for tick in range(20_000):
+        made.due(tick, latest)
+    assert (time.perf_counter_ns() - begin) / 20_000 < 2_000
