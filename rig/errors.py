@@ -1,0 +1,70 @@
+"""The errors of the laboratory, in one tree.
+
+RigError
+├── SceneError        a scene, a key or a value that cannot be used; carries every fault found
+├── UsageError        a command that cannot be carried out as given
+├── NumericsError     the integration had to stop; carries time, mode and state
+│   ├── Diverged      the state left the stated limit or is not finite
+│   ├── Jammed        no contact mode is consistent with the equations (Painleve)
+│   └── Chatter       more events in one block than the scene allows
+├── BusError          a connection, a topic or a message that failed
+└── LogError          a recording that cannot be read or written
+
+A user's mistake never ends in a traceback: the commands print `str(error)` and leave with `error.exit_code`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+
+class RigError(Exception):
+    """Base of all errors of the project."""
+
+    exit_code = 2
+
+
+class SceneError(RigError):
+    """A scene that cannot be used; `faults` holds one line for each fault, all found at once."""
+
+    def __init__(self, where: str, faults: Iterable[str]) -> None:
+        self.where = where
+        self.faults = tuple(faults)
+        super().__init__("\n".join([f"{where}:", *(f"  {fault}" for fault in self.faults)]))
+
+
+class UsageError(RigError):
+    """A command that cannot be carried out as given."""
+
+
+class NumericsError(RigError):
+    """The integration had to stop. `time` [s], `mode` (named contact modes) and `state` (named values) say where."""
+
+    exit_code = 4
+
+    def __init__(self, what: str, time: float, mode: str, state: dict[str, float]) -> None:
+        self.time, self.mode, self.state = time, mode, state
+        values = ", ".join(f"{name} = {value:.6g}" for name, value in state.items())
+        super().__init__(f"{what}\n  at t = {time:.9g} s, in mode {mode}\n  state: {values}")
+
+
+class Diverged(NumericsError):
+    """The state left the stated limit or is not finite."""
+
+
+class Jammed(NumericsError):
+    """No contact mode is consistent with the equations."""
+
+
+class Chatter(NumericsError):
+    """More events in one block than the scene allows."""
+
+
+class BusError(RigError):
+    """A connection, a topic or a message that failed."""
+
+
+class LogError(RigError):
+    """A recording that cannot be read or written."""
+
+    exit_code = 1

@@ -1,0 +1,16 @@
+"""Time integration of linear structures with frictional contacts. Knows modes, guards and matrices; knows no rig.
+
+assembly     rows by name: what plants and effects write
+formulation  the matrices of one mode set
+slots        tables of the mode sets a run has visited
+expm         propagators
+roots        the first fall of a polynomial through zero
+laws         friction coefficient over slip speed
+settle       the modes that agree with the equations at one instant
+exact        propagators per tick, guards certified, uncertified ticks opened
+dopri5, rk4  for laws that fall with speed, and for comparison
+ledger       energy, each term integrated on its own
+motion       the run: one state, its time and its modes
+verdict      what eigenvalues say before the run starts
+segments     the signals of one frame, for the sensors
+"""

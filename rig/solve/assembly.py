@@ -1,0 +1,179 @@
+"""Rows by name: the form in which plants and effects write a rig down.
+
+State  x = [q, v, network, signals]. A row is a dict from state names to coefficients, e.g. {"one": 20.0, "dither": 1.0}.
+A coordinate "x" brings the states "x" and "x'"; "x''" is its acceleration, which only outputs may name. The signal
+"one" is constant. Outputs may also name, for a contact c, "T:c" (friction force), "N:n" (normal force n), "w:c" (slip
+speed). Everything that couples is such a row, so an effect adds rows and nothing else.
+
+    structure  M a + D v + K q = sum_p t_p T_p + sum_k n_k N_k + F x
+    patch p    w_p = V_p - t_p . v          normal k   N_k = r_k x + g_k . a
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import SceneError
+from rig.solve.formulation import Limiter, Normal, Patch, System
+from rig.solve.laws import Law
+
+Row = dict[str, float]
+Write = Callable[[NDArray[np.float64], float, float], None]
+
+
+@dataclass(frozen=True)
+class Output:
+    """A quantity of the rig that an instrument may read: an extended row and its unit."""
+
+    row: Row
+    unit: str
+
+
+@dataclass(frozen=True)
+class Input:
+    """An actuator: `write(x, value, t)` puts a command in force at time t [s] by writing states of x.
+
+    `parameter` names the scene key to change instead where a command changes a matrix (a dither frequency).
+    """
+
+    unit: str
+    low: float
+    high: float
+    safe: float
+    state: str = ""
+    slope: str = ""
+    write: Write | None = None
+    parameter: str = ""
+
+
+@dataclass
+class Assembly:
+    """A rig under construction. Plants start it, effects add rows, `system()` turns names into matrices."""
+
+    title: str = ""
+    coordinates: list[str] = field(default_factory=list)
+    mass: dict[tuple[str, str], float] = field(default_factory=dict)
+    damping: dict[tuple[str, str], float] = field(default_factory=dict)
+    stiffness: dict[tuple[str, str], float] = field(default_factory=dict)
+    force: dict[str, Row] = field(default_factory=dict)
+    network: dict[str, Row] = field(default_factory=dict)
+    signals: dict[str, Row] = field(default_factory=lambda: {"one": {}})
+    start: dict[str, float] = field(default_factory=lambda: {"one": 1.0})
+    patches: list[tuple[str, Row, Row, Law]] = field(default_factory=list)
+    normals: list[tuple[str, str, Row, Row, Row, bool]] = field(default_factory=list)
+    limiters: list[tuple[str, Row, float, float, str, float]] = field(default_factory=list)
+    outputs: dict[str, Output] = field(default_factory=dict)
+    inputs: dict[str, Input] = field(default_factory=dict)
+    owners: dict[str, str] = field(default_factory=dict)
+
+    def coordinate(self, name: str, mass: float, damping: float = 0.0, stiffness: float = 0.0) -> None:
+        """A degree of freedom with its own mass, damper and spring to ground."""
+        self.coordinates.append(name)
+        self.mass[name, name] = mass
+        self.damping[name, name] = damping
+        self.stiffness[name, name] = stiffness
+
+    def signal(self, name: str, rate: Row, start: float, owner: str) -> None:
+        """A state s with s' = rate; `owner` is the effect it belongs to."""
+        self.signals[name] = dict(rate)
+        self.start[name] = start
+        self.owners[name] = owner
+
+    def push(self, coordinate: str, row: Row) -> None:
+        """Add a force row to a coordinate."""
+        add(self.force.setdefault(coordinate, {}), row)
+
+    def patch(self, name: str, direction: Row, surface: Row, law: Law) -> None:
+        """A friction patch: `direction` over coordinates, `surface` speed as a row, its friction law."""
+        self.patches.append((name, dict(direction), dict(surface), law))
+
+    def normal(self, name: str, patch: str, row: Row, direction: Row | None = None, inertia: Row | None = None) -> None:
+        """A normal force of a patch, N = row x + inertia . a, acting along `direction`; opens at N = 0."""
+        self.normals.append((name, patch, dict(row), dict(direction or {}), dict(inertia or {}), True))
+
+    def limit(self, name: str, row: Row, low: float, high: float, signal: str, gain: float) -> None:
+        """A clamp: signal' gains `gain * min(max(row x, low), high)`."""
+        self.limiters.append((name, dict(row), low, high, signal, gain))
+
+    def surface(self, patch: str) -> Row:
+        """The surface speed row of a patch, to add to."""
+        return next(s for n, _, s, _ in self.patches if n == patch)
+
+    def load(self, normal: str) -> Row:
+        """The row of a normal force, to add to."""
+        return next(entry[2] for entry in self.normals if entry[0] == normal)
+
+    @property
+    def names(self) -> list[str]:
+        """State names in the order of x."""
+        return [*self.coordinates, *(f"{c}'" for c in self.coordinates), *self.network, *self.signals]
+
+    def system(self) -> System:
+        """The matrices. Raises SceneError when a row names an unknown state."""
+        names = self.names
+        index = {name: i for i, name in enumerate(names)}
+        nq, n = len(self.coordinates), len(names)
+        faults: list[str] = []
+
+        def row(what: str, entries: Row) -> NDArray[np.float64]:
+            out = np.zeros(n)
+            for name, value in entries.items():
+                if name in index:
+                    out[index[name]] += value
+                else:
+                    faults.append(f"{what} names the unknown state {name!r}; known: {', '.join(names)}")
+            return out
+
+        def over_coordinates(entries: Row) -> NDArray[np.float64]:
+            return np.array([entries.get(c, 0.0) for c in self.coordinates])
+
+        def square(entries: dict[tuple[str, str], float]) -> NDArray[np.float64]:
+            out = np.zeros((nq, nq))
+            for (a, b), value in entries.items():
+                out[index[a], index[b]] += value
+            return out
+
+        patch_names = [p[0] for p in self.patches]
+        system = System(
+            names=tuple(names),
+            coordinates=tuple(self.coordinates),
+            mass=square(self.mass),
+            damping=square(self.damping),
+            stiffness=square(self.stiffness),
+            force=np.array([row(f"force on {c}", self.force.get(c, {})) for c in self.coordinates]).reshape(nq, n),
+            network=np.array([row(f"network {e}", r) for e, r in self.network.items()]).reshape(-1, n),
+            signals=np.array([row(f"signal {s}", r) for s, r in self.signals.items()]).reshape(-1, n),
+            patches=tuple(
+                Patch(name, over_coordinates(t), row(f"surface speed of {name}", surface), law)
+                for name, t, surface, law in self.patches
+            ),
+            normals=tuple(
+                Normal(
+                    name,
+                    patch_names.index(patch),
+                    row(f"normal force {name}", r),
+                    over_coordinates(d),
+                    over_coordinates(g),
+                    opens,
+                )
+                for name, patch, r, d, g, opens in self.normals
+            ),
+            limiters=tuple(
+                Limiter(name, row(f"limiter {name}", r), low, high, index[signal], gain)
+                for name, r, low, high, signal, gain in self.limiters
+            ),
+            start=np.array([self.start.get(name, 0.0) for name in names]),
+        )
+        if faults:
+            raise SceneError(self.title or "assembly", faults)
+        return system
+
+
+def add(target: Row, row: Row) -> None:
+    """Add `row` to `target` in place."""
+    for name, value in row.items():
+        target[name] = target.get(name, 0.0) + value

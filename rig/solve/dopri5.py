@@ -1,0 +1,222 @@
+"""Dormand-Prince 5(4) with dense output and events, for slip under a law that depends on speed.
+
+x' = A x + b T(x). Steps are not cut at ticks; the quartic dense output gives the state there. Guards are polynomials
+of the dense output and their first fall ends the step. Stick is linear for any law and is left to the exact
+propagator. The law is continued smoothly through w = 0, so the trial step over an event keeps its order.
+
+Source: Dormand and Prince, J. Comp. Appl. Math. 6 (1980) 19; dense output: Hairer, Norsett, Wanner, Solving Ordinary
+Differential Equations I, section II.6.
+"""
+
+from __future__ import annotations
+
+from rig.kernel import inner
+from rig.solve.emit import emit_quartic, quartic
+from rig.solve.field import book, forces, guard_needs_force, lend, rate, read
+from rig.solve.roots import NONE, first_fall
+from rig.solve.settle import LAND, dot, rounding, transition
+
+_SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
+_SHARE = 0.5  # of the tolerance for the local error, so that event times keep within it
+
+
+@inner
+def trial(shape, f, k, x, h, y, z):
+    """Stages k[1..6] and the end y of a step h from x, whose k[0] is known; z is scratch."""
+    n = len(shape)
+    for i in range(n):
+        z[i] = x[i] + h * (k[0, i] * (1.0 / 5.0))
+    rate(shape, f, True, z, k[1])
+    for i in range(n):
+        z[i] = x[i] + h * (k[0, i] * (3.0 / 40.0) + k[1, i] * (9.0 / 40.0))
+    rate(shape, f, True, z, k[2])
+    for i in range(n):
+        z[i] = x[i] + h * (k[0, i] * (44.0 / 45.0) - k[1, i] * (56.0 / 15.0) + k[2, i] * (32.0 / 9.0))
+    rate(shape, f, True, z, k[3])
+    for i in range(n):
+        z[i] = x[i] + h * (
+            k[0, i] * (19372.0 / 6561.0)
+            - k[1, i] * (25360.0 / 2187.0)
+            + k[2, i] * (64448.0 / 6561.0)
+            - k[3, i] * (212.0 / 729.0)
+        )
+    rate(shape, f, True, z, k[4])
+    for i in range(n):
+        z[i] = x[i] + h * (
+            k[0, i] * (9017.0 / 3168.0)
+            - k[1, i] * (355.0 / 33.0)
+            + k[2, i] * (46732.0 / 5247.0)
+            + k[3, i] * (49.0 / 176.0)
+            - k[4, i] * (5103.0 / 18656.0)
+        )
+    rate(shape, f, True, z, k[5])
+    for i in range(n):
+        y[i] = x[i] + h * (
+            k[0, i] * (35.0 / 384.0)
+            + k[2, i] * (500.0 / 1113.0)
+            + k[3, i] * (125.0 / 192.0)
+            - k[4, i] * (2187.0 / 6784.0)
+            + k[5, i] * (11.0 / 84.0)
+        )
+    rate(shape, f, True, y, k[6])
+
+
+@inner
+def error(shape, k, y, size, h, tolerance):
+    """Largest local error of the step, each state against `tolerance` times its largest size so far."""
+    n = len(shape)
+    worst = 0.0
+    for i in range(n):
+        e = h * (
+            k[0, i] * (71.0 / 57600.0)
+            - k[2, i] * (71.0 / 16695.0)
+            + k[3, i] * (71.0 / 1920.0)
+            - k[4, i] * (17253.0 / 339200.0)
+            + k[5, i] * (22.0 / 525.0)
+            - k[6, i] * (1.0 / 40.0)
+        )
+        largest = max(size[i], abs(y[i]))
+        if largest > 0.0:
+            worst = max(worst, abs(e) / (_SHARE * tolerance * largest))
+    return worst
+
+
+@inner
+def dense(shape, k, x, y, h, d):
+    """Coefficients d[0..4] of the quartic through the step, in powers of theta."""
+    n = len(shape)
+    for i in range(n):
+        difference = y[i] - x[i]
+        bulge = h * k[0, i] - difference
+        r3 = difference - h * k[6, i] - bulge
+        r4 = h * (
+            k[0, i] * (-12715105075.0 / 11282082432.0)
+            + k[2, i] * (87487479700.0 / 32700410799.0)
+            - k[3, i] * (10690763975.0 / 1880347072.0)
+            + k[4, i] * (701980252875.0 / 199316789632.0)
+            - k[5, i] * (1453857185.0 / 822651844.0)
+            + k[6, i] * (69997945.0 / 29380423.0)
+        )
+        # x + th (difference + (1 - th)(bulge + th (r3 + (1 - th) r4)))
+        d[0, i] = x[i]
+        d[1, i] = difference + bulge
+        d[2, i] = -bulge + r3 + r4
+        d[3, i] = -r3 - 2.0 * r4
+        d[4, i] = r4
+
+
+@inner
+def at(shape, d, theta, x):
+    """X = dense output at theta."""
+    for i in range(len(shape)):
+        x[i] = d[0, i] + theta * (d[1, i] + theta * (d[2, i] + theta * (d[3, i] + theta * d[4, i])))
+
+
+@inner
+def fall(shape, f, d, x, z, poly, work):
+    """First fall of any guard along the dense output: (theta or NONE, guard)."""
+    first, guard = NONE, -1
+    for g in range(f.G.shape[0]):
+        if guard_needs_force(f, g):
+            for q in range(5):
+                at(shape, d, 0.25 * q, z)
+                forces(f, z)
+                poly[q] = dot(f.G[g], z) + dot(f.GT[g], f.T)
+            poly[0], poly[1], poly[2], poly[3], poly[4] = quartic(poly[0], poly[1], poly[2], poly[3], poly[4])
+        else:
+            for c in range(5):
+                poly[c] = dot(f.G[g], d[c])
+        theta = first_fall(poly, 4, rounding(f.G[g], x), work)
+        if theta < first:
+            first, guard = theta, g
+    return first, guard
+
+
+@inner
+def book_step(shape, f, d, theta, h, z, nodes, weights, energy):
+    """Energy up to `theta` of the step, by Gauss-Legendre."""
+    for q in range(nodes.shape[0]):
+        at(shape, d, nodes[q] * theta, z)
+        book(shape, f, z, weights[q] * theta * h, energy)
+
+
+@inner
+def emit(shape, f, d, from_theta, to_theta, h, z, values, start, seg):
+    """One segment of the signals between two instants of the step."""
+    for q in range(5):
+        at(shape, d, from_theta + 0.25 * q * (to_theta - from_theta), z)
+        read(f, z, values[q])
+    emit_quartic(values, start, (to_theta - from_theta) * h, seg)
+
+
+@inner
+def stretch(shape, t, slot, ic, fc, x, w, ticks, out, modes, energy, booking, emitting, seg, tolerance):
+    """Carry x in slip until an event or the end of the ticks asked for.
+
+    ic[0] tick, fc[0] place in it, fc[1] step to try next; out[i] state after tick i. Returns the guard or -1.
+    """
+    n = len(shape)
+    tick_length = t.step[0]
+    f = lend(t, slot, w)
+    k, y, z, d, size = w.k, w.y, w.y2, w.derivatives, w.size
+    rate(shape, f, True, x, k[0])
+    for i in range(n):
+        size[i] = max(size[i], abs(x[i]))
+    while ic[0] < ticks:
+        left = ((ticks - ic[0]) - fc[0]) * tick_length
+        h = min(fc[1], left)
+        if left - h < 1e-9 * tick_length:
+            h = left
+        trial(shape, f, k, x, h, y, z)
+        e = error(shape, k, y, size, h, tolerance)
+        ic[5] += 1
+        if not (e <= 1.0):
+            if not (e == e):
+                return -2
+            fc[1] = h * max(_SHRINK, _SAFETY * e ** (-0.2))
+            if fc[1] < 1e-14 * tick_length:
+                return -2
+            continue
+        grow = _GROW if e < 1e-4 else min(_GROW, _SAFETY * e ** (-0.2))
+        if h >= fc[1] or grow < 1.0:
+            fc[1] = h * grow
+        dense(shape, k, x, y, h, d)
+        theta, guard = fall(shape, f, d, x, z, w.poly, w.roots)
+        end = theta if guard >= 0 else 1.0
+        if booking:
+            book_step(shape, f, d, end, h, z, w.nodes5, w.weights5, energy)
+        done = 0.0
+        while True:  # ticks that lie inside the step
+            rest = (1.0 - fc[0]) * tick_length
+            to = done + rest / h
+            if guard < 0 and ic[0] == ticks - 1 and h == left:
+                to = 1.0
+            if to > end or (guard >= 0 and to >= end):
+                break
+            if emitting:
+                emit(shape, f, d, done, to, h, z, w.values, (ic[0] + fc[0]) * tick_length, seg)
+            at(shape, d, to, out[ic[0]])
+            modes[ic[0]] = slot
+            ic[0] += 1
+            fc[0] = 0.0
+            done = to
+            if ic[0] == ticks:
+                break
+        if done < end:
+            if emitting:
+                emit(shape, f, d, done, end, h, z, w.values, (ic[0] + fc[0]) * tick_length, seg)
+            fc[0] += (end - done) * h / tick_length
+        if guard >= 0:
+            at(shape, d, end, z)
+            for i in range(n):
+                x[i] = z[i]
+            ic[1] = transition(t, slot, ic[1], guard)
+            ic[2] = LAND
+            return guard
+        for i in range(n):
+            x[i] = y[i]
+            k[0, i] = k[6, i]
+            size[i] = max(size[i], abs(x[i]))
+    for i in range(n):
+        out[ticks - 1, i] = x[i]
+    return -1

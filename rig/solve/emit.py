@@ -1,0 +1,87 @@
+"""Writing down, segment by segment, the quantities that the sensors read.
+
+Linear mode sets give Taylor polynomials; a segment is no longer than half a reciprocal norm, where nine terms leave
+5e-9. Mode sets with a law over speed give the quartic through five points of the dense output.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rig.kernel import inner
+from rig.solve.segments import DEGREE, Segments
+
+
+def empty_segments(signals: int, capacity: int) -> Segments:
+    """Buffers for `capacity` segments of `signals` quantities."""
+    return Segments(
+        np.zeros(1, dtype=np.int64),
+        np.zeros(capacity),
+        np.zeros(capacity),
+        np.zeros((capacity, signals, DEGREE + 1)),
+    )
+
+
+@inner
+def emit_linear(t, slot, x, start, length, seg, derivatives):
+    """Segments of the signals over [start, start + length] s, from x at the start."""
+    n = x.shape[0]
+    longest = 2.0 * t.step[0] / 2.0 ** t.depth[slot]
+    pieces = int(length / longest * (1.0 - 1e-12)) + 1
+    piece = length / pieces
+    for i in range(n):
+        derivatives[0, i] = x[i]
+    for p in range(pieces):
+        at = seg.count[0]
+        if at >= seg.start.shape[0]:
+            seg.count[0] = at + 1  # counted, not kept: the run stops with the number needed
+            return
+        for k in range(1, DEGREE + 1):
+            f = piece / k
+            for i in range(n):
+                s = 0.0
+                for j in range(n):
+                    s += t.A[slot, i, j] * derivatives[k - 1, j]
+                derivatives[k, i] = f * s
+        for s in range(t.signals.shape[1]):
+            for k in range(DEGREE + 1):
+                c = 0.0
+                for i in range(n):
+                    c += t.signals[slot, s, i] * derivatives[k, i]
+                seg.coef[at, s, k] = c
+        seg.start[at], seg.length[at] = start + p * piece, piece
+        seg.count[0] = at + 1
+        if p + 1 < pieces:
+            for i in range(n):
+                s = 0.0
+                for k in range(DEGREE + 1):
+                    s += derivatives[k, i]
+                derivatives[0, i] = s
+
+
+@inner
+def emit_quartic(values, start, length, seg):
+    """One segment from signal values at u = 0, 1/4, 1/2, 3/4, 1: `values` [5, signal]."""
+    at = seg.count[0]
+    seg.count[0] = at + 1
+    if at >= seg.start.shape[0]:
+        return
+    for s in range(values.shape[1]):
+        c0, c1, c2, c3, c4 = quartic(values[0, s], values[1, s], values[2, s], values[3, s], values[4, s])
+        seg.coef[at, s, 0], seg.coef[at, s, 1], seg.coef[at, s, 2] = c0, c1, c2
+        seg.coef[at, s, 3], seg.coef[at, s, 4] = c3, c4
+        for k in range(5, DEGREE + 1):
+            seg.coef[at, s, k] = 0.0
+    seg.start[at], seg.length[at] = start, length
+
+
+@inner
+def quartic(a, b, c, d, e):
+    """Coefficients of the quartic through five equidistant values on [0, 1]."""
+    return (
+        a,
+        (-25.0 * a + 48.0 * b - 36.0 * c + 16.0 * d - 3.0 * e) / 3.0,
+        (70.0 * a - 208.0 * b + 228.0 * c - 112.0 * d + 22.0 * e) / 3.0,
+        (-80.0 * a + 288.0 * b - 384.0 * c + 224.0 * d - 48.0 * e) / 3.0,
+        (32.0 * a - 128.0 * b + 192.0 * c - 128.0 * d + 32.0 * e) / 3.0,
+    )

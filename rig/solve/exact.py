@@ -1,0 +1,170 @@
+"""Exact propagation within a mode set: quiet ticks, and the ticks that must be opened.
+
+A quiet tick is one product y = Phi x with a proof that no guard fell in it. A tick without that proof is opened: cells
+of step / 2^j from the ladder, left to right, as coarse as alignment and certificate allow; in a finest cell every guard
+is a Taylor polynomial whose first fall is found. After an event the state goes by Taylor to the next grid point and
+the ladder climbs again. Event times are exact to rounding at every step size.
+"""
+
+from __future__ import annotations
+
+from rig.kernel import inner
+from rig.solve.emit import emit_linear
+from rig.solve.ledger import book
+from rig.solve.roots import DEGREE, NONE, first_fall
+from rig.solve.settle import LAND, dot, rounding, transition
+
+
+@inner
+def quiet(shape, Phi, G, B, count, x, g, ticks, out):
+    """Up to `ticks` certified ticks from x in place; out[i] receives the state after tick i. Returns their number.
+
+    `shape`: a tuple of n zeros, so that n is a constant of the compiled code. `g`: guards at x, updated in place.
+    """
+    n = len(shape)
+    for tick in range(ticks):
+        y = out[tick]
+        for i in range(n):
+            s = 0.0
+            for j in range(n):
+                s += Phi[i, j] * x[j]
+            y[i] = s
+        for k in range(count):
+            after, bound = 0.0, 0.0
+            for j in range(n):
+                after += G[k, j] * y[j]
+                bound += B[k, j] * abs(x[j])
+            if not (g[k] > bound and after > bound):
+                for q in range(count):
+                    g[q] = dot(G[q], x)
+                return tick
+            g[k] = after
+        for i in range(n):
+            x[i] = y[i]
+    return ticks
+
+
+@inner
+def series(A, x, length, terms, derivatives):
+    """derivatives[k] = A^k x length^k / k!, k = 0 .. terms."""
+    n = x.shape[0]
+    for i in range(n):
+        derivatives[0, i] = x[i]
+    for k in range(1, terms + 1):
+        f = length / k
+        for i in range(n):
+            derivatives[k, i] = f * dot(A[i], derivatives[k - 1])
+
+
+@inner
+def along(derivatives, terms, u, x):
+    """X = sum_k derivatives[k] u^k."""
+    for i in range(x.shape[0]):
+        s = derivatives[terms, i]
+        for k in range(terms - 1, -1, -1):
+            s = s * u + derivatives[k, i]
+        x[i] = s
+
+
+@inner
+def certified(t, slot, x, y, shrink):
+    """Whether no guard can fall between x and y, the ends of a cell `shrink` = 4^-level of a step."""
+    for k in range(t.count[slot]):
+        before, after = dot(t.G[slot, k], x), dot(t.G[slot, k], y)
+        bound, slope_bound = 0.0, 0.0
+        for j in range(x.shape[0]):
+            bound += t.B[slot, k, j] * abs(x[j])
+            slope_bound += t.BA[slot, k, j] * abs(x[j])
+        if before > bound * shrink and after > bound * shrink:
+            continue
+        rising = dot(t.GA[slot, k], x) > slope_bound * shrink and dot(t.GA[slot, k], y) > slope_bound * shrink
+        if rising and before >= -rounding(t.G[slot, k], x):
+            continue
+        falling = dot(t.GA[slot, k], x) < -slope_bound * shrink and dot(t.GA[slot, k], y) < -slope_bound * shrink
+        if not (falling and after > 0.0):
+            return False
+    return True
+
+
+@inner
+def earliest(t, slot, x, derivatives, poly, work):
+    """First fall of any guard along a Taylor cell: (u in [0, 1] or NONE, guard)."""
+    first, guard = NONE, -1
+    for k in range(t.count[slot]):
+        for d in range(DEGREE + 1):
+            poly[d] = dot(t.G[slot, k], derivatives[d])
+        u = first_fall(poly, DEGREE, rounding(t.G[slot, k], x), work)
+        if u < first:
+            first, guard = u, k
+    return first, guard
+
+
+@inner
+def opened(t, slot, ic, fc, x, w, energy, emit, seg, origin):
+    """Carry x through (the rest of) one tick, up to its end or the first event.
+
+    fc[0] = u, where in the tick; advanced. Returns the guard that fell, or -1 at the end of the tick. `w`: Workspace.
+    `emit`: write segments for the sensors, `origin`: start of this tick [s] within the frame.
+    """
+    h = t.step[0]
+    depth = t.depth[slot]
+    cells = 2.0**depth
+    u = fc[0]
+    while u < 1.0:
+        position = u * cells
+        whole = int(position)
+        level = depth
+        partial = position != whole
+        if not partial:
+            while level > 0 and whole % 2 == 0 and u + 2.0 / 2.0**level <= 1.0:
+                whole //= 2
+                level -= 1
+            found = False
+            while True:
+                for i in range(x.shape[0]):
+                    w.y[i] = dot(t.LP[slot, level, i], x)
+                if certified(t, slot, x, w.y, 1.0 / 4.0**level):
+                    found = True
+                    break
+                if level == depth:
+                    break
+                level += 1
+            if found:
+                width = 1.0 / 2.0**level
+                if emit:
+                    emit_linear(t, slot, x, origin + u * h, width * h, seg, w.derivatives)
+                book(t.work[slot, level], x, energy)
+                for i in range(x.shape[0]):
+                    x[i] = w.y[i]
+                u += width
+                continue
+        length = (int(position) + 1) / cells - u
+        series(t.A[slot], x, length * h, DEGREE, w.derivatives)
+        fall, guard = earliest(t, slot, x, w.derivatives, w.poly, w.roots)
+        reach = 1.0 if guard < 0 else fall
+        if reach > 0.0:
+            if emit:
+                emit_linear(t, slot, x, origin + u * h, reach * length * h, seg, w.spare)
+            book_series(t, slot, w, reach, length * h, energy)
+            along(w.derivatives, DEGREE, reach, x)
+        u = u + reach * length if guard >= 0 else (int(position) + 1) / cells
+        if guard >= 0:
+            fc[0] = u
+            ic[2] = LAND
+            ic[1] = transition(t, slot, ic[1], guard)
+            return guard
+    fc[0] = 0.0
+    return -1
+
+
+@inner
+def book_series(t, slot, w, reach, length, energy):
+    """Energy along a Taylor cell up to `reach`, by Gauss-Legendre at eight nodes."""
+    for q in range(w.nodes.shape[0]):
+        along(w.derivatives, DEGREE, w.nodes[q] * reach, w.y)
+        scale = w.weights[q] * reach * length
+        for term in range(energy.shape[0]):
+            s = 0.0
+            for i in range(w.y.shape[0]):
+                s += w.y[i] * dot(t.powers[slot, term, i], w.y)
+            energy[term] += scale * s

@@ -1,0 +1,80 @@
+"""The energy ledger: where the energy of the structure comes from and where it goes, each term on its own.
+
+    stored'  = v.M a + q.K v = drive - friction - damper + forces + normal
+    drive    = sum_p T_p V_p      supplied by the belt or disc
+    friction = sum_p T_p w_p      turned into heat at the contacts, never negative
+    damper   = v.D v
+    forces   = v.F x              supplied by external forces
+    normal   = sum_k N_k n_k.v    supplied through normal forces
+
+Every power is a quadratic form x.Q x of the mode set; its integral over a cell is x.W x with W from the same ladder as
+the propagator, W(2h) = W(h) + Phi(h)^T W(h) Phi(h). No term is the difference of the others, so that their sum is a
+check. For laws over speed the forms hold the part that is linear in x; the rest is summed on the dense output.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.kernel import inner
+from rig.solve.expm import ORDER, taylor
+from rig.solve.formulation import ModeSet, System
+
+Array = NDArray[np.float64]
+NAMES = ("drive", "friction", "damper", "forces", "normal")
+SIGNS = np.array([1.0, -1.0, -1.0, 1.0, 1.0])
+TERMS = len(NAMES)
+NODES, WEIGHTS = (0.5 * (a + o) for a, o in zip(np.polynomial.legendre.leggauss(8), (1.0, 0.0)))
+
+
+def powers(system: System, modes: ModeSet) -> Array:
+    """Quadratic forms of the five powers, [term, n, n], symmetric."""
+    nq, n = len(system.coordinates), system.n
+    velocity = np.eye(n)[nq : 2 * nq]
+    _, normal_modes, _ = system.modes(modes.key)
+    out = np.zeros((TERMS, n, n))
+    for p, patch in enumerate(system.patches):
+        out[0] += np.outer(modes.friction[p], patch.surface)
+        out[1] += np.outer(modes.friction[p], system.slip_rows[p])
+    out[2] = velocity.T @ system.damping @ velocity
+    out[3] = velocity.T @ system.force
+    for k, contact in enumerate(system.normals):
+        if normal_modes[k] == 0:
+            out[4] += np.outer(modes.normal[k], contact.direction @ velocity)
+    return 0.5 * (out + out.transpose(0, 2, 1))
+
+
+def stored(system: System, x: Array) -> float:
+    """Kinetic and elastic energy of the structure [J]."""
+    nq = len(system.coordinates)
+    q, v = x[:nq], x[nq : 2 * nq]
+    return float(0.5 * (v @ system.mass @ v + q @ system.stiffness @ q))
+
+
+def work(A: Array, landing: Array, forms: Array, step: float, LP: Array) -> Array:
+    """Integrals of the powers over step / 2^level, [level, term, n, n]."""
+    levels = len(LP)
+    out = np.zeros((levels, *forms.shape))
+    cell = step / 2.0 ** (levels - 1)
+    for node, weight in zip(NODES, WEIGHTS):
+        Phi = (np.eye(len(A)) + taylor(A, node * cell, ORDER)) @ landing
+        out[-1] += weight * cell * (Phi.T @ forms @ Phi)
+    for level in range(levels - 2, -1, -1):
+        Phi = LP[level + 1]
+        out[level] = out[level + 1] + Phi.T @ out[level + 1] @ Phi
+    return out
+
+
+@inner
+def book(W, x, energy):
+    """energy[term] += x.W[term] x."""
+    n = x.shape[0]
+    for term in range(energy.shape[0]):
+        s = 0.0
+        for i in range(n):
+            r = 0.0
+            for j in range(n):
+                r += W[term, i, j] * x[j]
+            s += x[i] * r
+        energy[term] += s

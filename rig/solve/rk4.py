@@ -1,0 +1,121 @@
+"""The classical Runge-Kutta method at a fixed step, events by bisection: the papers' own.
+
+One-sided sign tests at step ends, so a stick phase shorter than the step is missed; that is the method's nature and
+the reason it is not the default. It serves comparison, and it serves every mode set alike.
+"""
+
+from __future__ import annotations
+
+from rig.kernel import inlined, inner
+from rig.solve.emit import emit_quartic
+from rig.solve.field import book, guard, lend, rate, read
+from rig.solve.settle import LAND, dot, rounding, transition
+
+
+@inlined
+def move(shape, f, falling, k, x, h, y, z):
+    """Y = one step of length h from x, whose derivative k[0] is known; z is scratch."""
+    n = len(shape)
+    for i in range(n):
+        z[i] = x[i] + 0.5 * h * k[0, i]
+    rate(shape, f, falling, z, k[1])
+    for i in range(n):
+        z[i] = x[i] + 0.5 * h * k[1, i]
+    rate(shape, f, falling, z, k[2])
+    for i in range(n):
+        z[i] = x[i] + h * k[2, i]
+    rate(shape, f, falling, z, k[3])
+    for i in range(n):
+        y[i] = x[i] + (h / 6.0) * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
+
+
+@inner
+def fell(f, x, y):
+    """The first guard that is not positive at y though it was at x, or has clearly fallen; -1 if none."""
+    for g in range(f.G.shape[0]):
+        if guard(f, g, y) <= 0.0:
+            if guard(f, g, x) > rounding(f.G[g], x) or dot(f.G[g], y) < -rounding(f.G[g], y):
+                return g
+    return -1
+
+
+@inner
+def bisect(shape, f, falling, k, x, h, y, z):
+    """Shorten the step until the first guard is zero to rounding: its length, y at that instant."""
+    low, high = 0.0, h
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        if middle <= low or middle >= high:
+            break
+        move(shape, f, falling, k, x, middle, y, z)
+        if fell(f, x, y) >= 0:
+            high = middle
+        else:
+            low = middle
+    move(shape, f, falling, k, x, high, y, z)
+    return high
+
+
+@inner
+def between(shape, k, x, y, h, u, z):
+    """Z = the cubic through x and y with the slopes k[0] and k[1], at u."""
+    a, b = 2.0 * u * u * u - 3.0 * u * u + 1.0, u * u * u - 2.0 * u * u + u
+    c, d = 1.0 - a, u * u * u - u * u
+    for i in range(len(shape)):
+        z[i] = a * x[i] + c * y[i] + h * (b * k[0, i] + d * k[1, i])
+
+
+@inner
+def observe(shape, f, k, x, y, h, z, start, booking, energy, emitting, values, seg):
+    """Energy (Simpson) and signals along a step from x to y, whose slopes are k[0] and k[1]."""
+    if booking:
+        book(shape, f, x, h / 6.0, energy)
+        between(shape, k, x, y, h, 0.5, z)
+        book(shape, f, z, 4.0 * h / 6.0, energy)
+        book(shape, f, y, h / 6.0, energy)
+    if emitting and h > 0.0:
+        for q in range(5):
+            between(shape, k, x, y, h, 0.25 * q, z)
+            read(f, z, values[q])
+        emit_quartic(values, start, h, seg)
+
+
+@inner
+def stretch(shape, t, slot, ic, fc, x, w, ticks, substeps, out, modes, energy, booking, emitting, seg):
+    """Carry x until an event or the end of the ticks asked for, `substeps` steps a tick. Returns the guard or -1."""
+    n = len(shape)
+    full = t.step[0] / substeps
+    f = lend(t, slot, w)
+    k, y, z = w.k, w.y, w.y2
+    falling = t.falling[slot] != 0
+    while ic[0] < ticks:
+        position = fc[0] * substeps
+        whole = int(position + 1e-12) + 1
+        h = full if position - (whole - 1) <= 1e-12 else (whole - position) * full
+        rate(shape, f, falling, x, k[0])
+        move(shape, f, falling, k, x, h, y, z)
+        fallen = fell(f, x, y)
+        length = h
+        if fallen >= 0:
+            length = bisect(shape, f, falling, k, x, h, y, z)
+            fallen = max(fell(f, x, y), 0)
+        if booking or emitting:
+            rate(shape, f, falling, y, k[1])
+            start = (ic[0] + fc[0]) * t.step[0]
+            observe(shape, f, k, x, y, length, z, start, booking, energy, emitting, w.values, seg)
+        for i in range(n):
+            x[i] = y[i]
+        if fallen >= 0:
+            fc[0] = min((position + length / full) / substeps, 1.0 - 1.2e-16)
+            ic[1] = transition(t, slot, ic[1], fallen)
+            ic[2] = LAND
+            return fallen
+        if whole >= substeps:
+            for i in range(n):
+                out[ic[0], i] = x[i]
+            modes[ic[0]] = slot
+            ic[0] += 1
+            fc[0] = 0.0
+        else:
+            fc[0] = whole / substeps
+    return -1

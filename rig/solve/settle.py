@@ -1,0 +1,227 @@
+"""The modes that agree with the equations at one instant.
+
+Settled at the start of a run, after every event and at the start of every block (a held command may have jumped):
+change a mode, look up its slot, land on the constraint, look again, until nothing changes. A step that ends on w = 0
+decides by the force that sticking would need, never by the sign of a rounded w. Nothing is landed at a jump of the
+belt: a stuck body whose belt jumps slips, and no energy moves by itself.
+"""
+
+from __future__ import annotations
+
+from rig.kernel import inlined, inner
+from rig.solve.formulation import (
+    G_CLOSE,
+    G_LIMIT_BACK,
+    G_LIMIT_LOW,
+    G_OPEN,
+    G_RELEASE_PLUS,
+    G_SLIP,
+    SLIP_MINUS,
+    SLIP_PLUS,
+    STICK,
+)
+from rig.solve.laws import mu
+
+DONE, NEED, CHATTER, JAM, LOST = range(5)  # what a kernel returns
+READY, SETTLE, LAND, START = range(4)  # what a run has to do first
+
+_ROUND = 64.0 * 2.2e-16
+_SLACK = 1e-9  # a contact that slips and sticks in the same instant may hold this much more
+
+
+@inner
+def dot(row, x):
+    """Row . x, summed in index order."""
+    s = 0.0
+    for j in range(row.shape[0]):
+        s += row[j] * x[j]
+    return s
+
+
+@inner
+def rounding(row, x):
+    """Size of the rounding error of row . x."""
+    s = 0.0
+    for j in range(row.shape[0]):
+        s += abs(row[j] * x[j])
+    return s * _ROUND
+
+
+@inlined
+def friction(sigma, code, numbers, slip, load, load_t, x, T, scratch):
+    """Friction forces T[patch] of the slipping patches with a law over speed (0 for the others).
+
+    T = sigma mu(sigma w) N with N = load x + load_t T, solved for T; all of one slot.
+    """
+    P = T.shape[0]
+    coupled = False
+    for p in range(P):
+        T[p] = 0.0
+        for r in range(P):
+            scratch[p, r] = 0.0
+        scratch[p, p] = 1.0
+        if sigma[p] != 0.0 and code[p] != 0:
+            w, N = 0.0, 0.0
+            for j in range(x.shape[0]):
+                w += slip[p, j] * x[j]
+                N += load[p, j] * x[j]
+            m = sigma[p] * mu(code[p], numbers[p], sigma[p] * w)
+            T[p] = m * N
+            for r in range(P):
+                if load_t[p, r] != 0.0:
+                    scratch[p, r] -= m * load_t[p, r]
+                    coupled = True
+    if coupled:
+        eliminate(scratch, T)
+
+
+@inner
+def eliminate(M, T):
+    """T <- M^-1 T without pivoting: M is one plus a small coupling; M is destroyed."""
+    P = T.shape[0]
+    for p in range(P):
+        for q in range(p + 1, P):
+            f = M[q, p] / M[p, p]
+            for r in range(p, P):
+                M[q, r] -= f * M[p, r]
+            T[q] -= f * T[p]
+    for p in range(P - 1, -1, -1):
+        for r in range(p + 1, P):
+            T[p] -= M[p, r] * T[r]
+        T[p] /= M[p, p]
+
+
+@inner
+def digit(key, base, radix):
+    """One mode of a mixed-radix key."""
+    return (key // base) % radix
+
+
+@inner
+def with_digit(key, base, radix, mode):
+    """The key with one mode replaced."""
+    return key + (mode - digit(key, base, radix)) * base
+
+
+@inner
+def bases(t, kind, owner):
+    """Weight of a mode in the key: kind 0 patch, 1 normal, 2 limiter."""
+    P, K = t.slip.shape[0], t.of_patch.shape[0]
+    if kind == 0:
+        return 3**owner
+    if kind == 1:
+        return 3**P * 2**owner
+    return 3**P * 2**K * 3**owner
+
+
+@inner
+def land(t, slot, x, copy):
+    """X <- Pi x: take what is left of the slip speed out of stuck patches."""
+    n = x.shape[0]
+    for i in range(n):
+        copy[i] = x[i]
+    for i in range(n):
+        x[i] = dot(t.landing[slot, i], copy)
+
+
+@inner
+def loaded(t, key, p):
+    """Whether any normal force of patch p is closed."""
+    for k in range(t.of_patch.shape[0]):
+        if t.of_patch[k] == p and digit(key, bases(t, 1, k), 2) == 0:
+            return True
+    return False
+
+
+@inner
+def choose(t, key, p, x):
+    """The key with patch p in stick where it does not slip, else in slip along its speed."""
+    w = dot(t.slip[p], x)
+    if abs(w) <= rounding(t.slip[p], x):
+        return with_digit(key, bases(t, 0, p), 3, STICK)
+    return with_digit(key, bases(t, 0, p), 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
+
+
+@inner
+def transition(t, slot, key, guard):
+    """The mode set that follows when `guard` falls through zero."""
+    kind, owner = t.kind[slot, guard], t.owner[slot, guard]
+    if kind == G_SLIP:
+        return with_digit(key, bases(t, 0, owner), 3, STICK)
+    if kind < G_OPEN:
+        return with_digit(key, bases(t, 0, owner), 3, SLIP_PLUS if kind == G_RELEASE_PLUS else SLIP_MINUS)
+    if kind <= G_CLOSE:
+        return with_digit(key, bases(t, 1, owner), 2, 1 if kind == G_OPEN else 0)
+    mode = 0 if kind == G_LIMIT_BACK else (1 if kind == G_LIMIT_LOW else 2)
+    return with_digit(key, bases(t, 2, owner), 3, mode)
+
+
+@inner
+def disagreement(t, slot, key, x, T, slack):
+    """The first mode that the state contradicts, as the key that mends it; -1 when all agree.
+
+    A patch that slips with w inside rounding agrees: it has just been released.
+    """
+    for k in range(t.of_patch.shape[0]):
+        N = dot(t.normal[slot, k], x) + dot(t.normal_t[slot, k], T)
+        size = rounding(t.normal[slot, k], x)
+        base, p = bases(t, 1, k), t.of_patch[k]
+        if digit(key, base, 2) == 0:
+            if N < -size:
+                return with_digit(key, base, 2, 1)
+        elif N > size:
+            was_loaded = loaded(t, key, p)
+            new = with_digit(key, base, 2, 0)
+            return new if was_loaded else choose(t, new, p, x)
+    for p in range(t.slip.shape[0]):
+        if not loaded(t, key, p):
+            continue
+        base = bases(t, 0, p)
+        w, size = dot(t.slip[p], x), rounding(t.slip[p], x)
+        mode = digit(key, base, 3)
+        if mode == STICK:
+            if abs(w) > size:
+                return with_digit(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
+            need = dot(t.friction[slot, p], x) + dot(t.friction_t[slot, p], T)
+            limit = t.static[p] * (dot(t.load[slot, p], x) + dot(t.load_t[slot, p], T))
+            if abs(need) > limit * (1.0 + slack):
+                return with_digit(key, base, 3, SLIP_PLUS if need > 0.0 else SLIP_MINUS)
+        elif (w if mode == SLIP_PLUS else -w) < -size:
+            return with_digit(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
+    for g in range(t.count[slot]):
+        if t.kind[slot, g] > G_CLOSE and dot(t.G[slot, g], x) < -rounding(t.G[slot, g], x):
+            return transition(t, slot, key, g)
+    return -1
+
+
+@inner
+def settle(t, ic, x, T, scratch, copy, repeat):
+    """Bring the modes of `ic` (see motion: key, pending work) into agreement with x. Returns DONE, NEED or JAM.
+
+    `repeat`: the same contact has just changed twice in one instant; sticking may then hold a little more.
+    """
+    key, pending = ic[1], ic[2]
+    if pending == START:
+        for p in range(t.slip.shape[0]):
+            key = choose(t, key, p, x)
+        pending = LAND
+    slack = _SLACK if repeat else 0.0
+    for _ in range(4 * (t.slip.shape[0] + t.of_patch.shape[0]) + 12):
+        slot = t.slot_of[key]
+        if slot < 0:
+            ic[1], ic[2] = key, pending
+            return NEED
+        if pending == LAND:
+            land(t, slot, x, copy)
+            pending = SETTLE
+        friction(t.sigma[slot], t.code, t.numbers, t.slip, t.load[slot], t.load_t[slot], x, T, scratch)
+        new = disagreement(t, slot, key, x, T, slack)
+        if new < 0:
+            ic[1], ic[2] = key, READY
+            return DONE
+        for p in range(t.slip.shape[0]):  # a patch that has just begun to stick lands
+            if digit(new, bases(t, 0, p), 3) == STICK and digit(key, bases(t, 0, p), 3) != STICK:
+                pending = LAND
+        key = new
+    ic[1] = key
+    return JAM

@@ -1,0 +1,227 @@
+"""Mode sets as arrays: the tables a kernel needs for each mode set, built when a run first visits it.
+
+Only a few of the possible mode sets are ever visited, so a kernel that meets an unknown one returns and asks for it.
+A command, a slope or a speed target is a state, so no command ever rebuilds a table.
+
+A guard g = G x is certified free of events over a cell of length h when it exceeds, at both ends, the bound
+b = B.|x|, B_j = 1.25 h^2/8 max |(G A^2 exp(A t))_j|: the interpolation error of a chord cannot reach zero then.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.kernel import bundle
+from rig.solve import expm, laws
+from rig.solve.formulation import ModeSet, System, assemble
+from rig.solve.ledger import TERMS, powers, work
+
+Array = NDArray[np.float64]
+_SAMPLES = 128
+_MARGIN = 1.25
+
+
+class Tables(NamedTuple):
+    """All mode sets visited so far, stacked by slot; unknown ones have slot -1 in `slot_of`."""
+
+    slot_of: NDArray[np.int32]  # [mode sets]
+    depth: NDArray[np.int64]  # [slot]
+    falling: NDArray[np.int64]  # [slot] 1: a slipping patch has a law over speed
+    LP: Array  # [slot, level, n, n] propagators over step / 2^level, landing folded in
+    A: Array  # [slot, n, n]
+    b: Array  # [slot, n, P]
+    landing: Array  # [slot, n, n]
+    count: NDArray[np.int64]  # [slot] guards
+    kind: NDArray[np.int64]  # [slot, guard]
+    owner: NDArray[np.int64]  # [slot, guard]
+    G: Array  # [slot, guard, n]
+    GT: Array  # [slot, guard, P]
+    GA: Array  # [slot, guard, n]
+    B: Array  # [slot, guard, n] bound of the chord over one step
+    BA: Array  # [slot, guard, n] the same for the guard's slope
+    normal: Array  # [slot, K, n]
+    normal_t: Array  # [slot, K, P]
+    friction: Array  # [slot, P, n]
+    friction_t: Array  # [slot, P, P]
+    load: Array  # [slot, P, n] sum of the closed normal forces of a patch
+    load_t: Array  # [slot, P, P]
+    sigma: Array  # [slot, P]
+    signals: Array  # [slot, S, n] quantities the sensors read
+    signals_t: Array  # [slot, S, P]
+    powers: Array  # [slot, terms, n, n] quadratic forms of power
+    work: Array  # [slot, level, terms, n, n] their integrals over step / 2^level
+    slip: Array  # [P, n] slip speed rows
+    surface: Array  # [P, n] surface speed rows
+    lift: Array  # [K, n] rows of the speed along each normal force
+    static: Array  # [P]
+    code: NDArray[np.int64]  # [P]
+    numbers: Array  # [P, widest]
+    of_patch: NDArray[np.int64]  # [K]
+    step: Array  # [1] s
+
+
+class Slots:
+    """The mode sets of one run: `tables` for the kernels, `add(key)` when one is met for the first time."""
+
+    def __init__(self, system: System, step: float, signals: list[dict[str, float]]) -> None:
+        """`signals`: extended rows (rig.solve.assembly) of the quantities that sensors read; `step` in s."""
+        self.system = system
+        self.step = step
+        self.rows = signals
+        self.sets: list[ModeSet] = []
+        self.tables = self._empty()
+        self.handle = bundle(self.tables)
+
+    def _empty(self) -> Tables:
+        s = self.system
+        n, P, K, S = s.n, len(s.patches), len(s.normals), len(self.rows)
+        g = 2 * P + K + 2 * len(s.limiters)
+        code, numbers = laws.pack(tuple(p.law for p in s.patches))
+        z = np.zeros
+        return Tables(
+            slot_of=np.full(s.keys, -1, dtype=np.int32),
+            depth=z(0, dtype=np.int64),
+            falling=z(0, dtype=np.int64),
+            LP=z((0, 1, n, n)),
+            A=z((0, n, n)),
+            b=z((0, n, P)),
+            landing=z((0, n, n)),
+            count=z(0, dtype=np.int64),
+            kind=z((0, g), dtype=np.int64),
+            owner=z((0, g), dtype=np.int64),
+            G=z((0, g, n)),
+            GT=z((0, g, P)),
+            GA=z((0, g, n)),
+            B=z((0, g, n)),
+            BA=z((0, g, n)),
+            normal=z((0, K, n)),
+            normal_t=z((0, K, P)),
+            friction=z((0, P, n)),
+            friction_t=z((0, P, P)),
+            load=z((0, P, n)),
+            load_t=z((0, P, P)),
+            sigma=z((0, P)),
+            signals=z((0, S, n)),
+            signals_t=z((0, S, P)),
+            powers=z((0, TERMS, n, n)),
+            work=z((0, 1, TERMS, n, n)),
+            slip=s.slip_rows.copy(),
+            surface=np.array([p.surface for p in s.patches]).reshape(P, n),
+            lift=np.array([k.direction for k in s.normals]).reshape(K, -1)
+            @ np.eye(n)[len(s.coordinates) :][: len(s.coordinates)],
+            static=np.array([p.law.static for p in s.patches], dtype=np.float64),
+            code=code,
+            numbers=numbers,
+            of_patch=np.array([k.patch for k in s.normals], dtype=np.int64),
+            step=np.array([self.step]),
+        )
+
+    def add(self, key: int) -> ModeSet:
+        """Assemble mode set `key` and append its tables; returns the mode set."""
+        system = self.system
+        modes = assemble(system, key)
+        t = self.tables
+        g = t.G.shape[1]
+        guards = _padded(modes.guards, g)
+        falling = bool(modes.nonlinear.any())
+        LP = expm.ladder(modes.A, self.step)
+        bounds, slopes = _bounds(modes.A, guards, self.step)
+        for level in range(len(LP)):
+            LP[level] = modes.landing @ LP[level] @ modes.landing
+        forms = powers(system, modes)
+        _, normal_modes, _ = system.modes(key)
+        load, load_t = np.zeros_like(modes.friction), np.zeros_like(modes.friction_t)
+        for k, contact in enumerate(system.normals):
+            if normal_modes[k] == 0:
+                load[contact.patch] += modes.normal[k]
+                load_t[contact.patch] += modes.normal_t[k]
+        rows, rows_t = signal_rows(system, modes, self.rows)
+        slot_of = t.slot_of.copy()
+        slot_of[key] = len(self.sets)
+        new: dict[str, Any] = {
+            "depth": len(LP) - 1,
+            "falling": int(falling),
+            "LP": LP,
+            "A": modes.A,
+            "b": modes.b,
+            "landing": modes.landing,
+            "count": len(modes.guards),
+            "kind": _padded(modes.kinds, g),
+            "owner": _padded(modes.owners, g),
+            "G": guards,
+            "GT": _padded(modes.guards_t, g),
+            "GA": guards @ modes.A,
+            "B": bounds,
+            "BA": slopes,
+            "normal": modes.normal,
+            "normal_t": modes.normal_t,
+            "friction": modes.friction,
+            "friction_t": modes.friction_t,
+            "load": load,
+            "load_t": load_t,
+            "sigma": modes.sigma,
+            "signals": rows,
+            "signals_t": rows_t,
+            "powers": forms,
+            "work": work(modes.A, modes.landing, forms, self.step, LP),
+        }
+        self.tables = t._replace(slot_of=slot_of, **{name: _stack(getattr(t, name), new[name]) for name in new})
+        self.handle = bundle(self.tables)
+        self.sets.append(modes)
+        return modes
+
+
+def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) -> tuple[Array, Array]:
+    """Extended rows by name as rows over x [signal, n] and T [signal, P] of one mode set."""
+    nq = len(system.coordinates)
+    known: dict[str, tuple[Array, Array]] = {}
+    for i, name in enumerate(system.names):
+        known[name] = (np.eye(system.n)[i], np.zeros(len(system.patches)))
+    for i, name in enumerate(system.coordinates):
+        known[f"{name}''"] = (modes.A[nq + i], modes.b[nq + i])
+    for p, patch in enumerate(system.patches):
+        known[f"T:{patch.name}"] = (modes.friction[p], modes.friction_t[p])
+        known[f"w:{patch.name}"] = (system.slip_rows[p], np.zeros(len(system.patches)))
+    for k, normal in enumerate(system.normals):
+        closed = system.modes(modes.key)[1][k] == 0
+        known[f"N:{normal.name}"] = (modes.normal[k] * closed, modes.normal_t[k] * closed)
+    over_x, over_t = np.zeros((len(rows), system.n)), np.zeros((len(rows), len(system.patches)))
+    for i, row in enumerate(rows):
+        for name, value in row.items():
+            over_x[i] += value * known[name][0]
+            over_t[i] += value * known[name][1]
+    return over_x, over_t
+
+
+def _padded(array: NDArray[Any], count: int) -> NDArray[Any]:
+    out = np.zeros((count, *array.shape[1:]), dtype=array.dtype)
+    out[: len(array)] = array
+    return out
+
+
+def _stack(old: NDArray[Any], new: Any) -> NDArray[Any]:
+    """Append one slot; a deeper ladder widens the level axis of the older ones."""
+    entry = np.asarray(new, dtype=old.dtype)[None]
+    if entry.ndim > 3 and entry.shape[1] != old.shape[1]:
+        levels = max(entry.shape[1], old.shape[1])
+        old = np.concatenate([old, np.zeros((len(old), levels - old.shape[1], *old.shape[2:]))], axis=1)
+        entry = np.concatenate([entry, np.zeros((1, levels - entry.shape[1], *entry.shape[2:]))], axis=1)
+    return np.ascontiguousarray(np.concatenate([old, entry]))
+
+
+def _bounds(A: Array, guards: Array, step: float) -> tuple[Array, Array]:
+    """Chord bounds over one step for each guard and for its slope, [guard, n] each."""
+    samples = int(min(_SAMPLES, 4 * 2 ** min(expm.depth(A, step), 10)))
+    E = expm.ladder(A, step / samples)[0]
+    second = guards @ A @ A
+    third = second @ A
+    worst2, worst3 = np.abs(second), np.abs(third)
+    for _ in range(samples):
+        second, third = second @ E, third @ E
+        np.maximum(worst2, np.abs(second), out=worst2)
+        np.maximum(worst3, np.abs(third), out=worst3)
+    scale = _MARGIN * step * step / 8.0
+    return scale * worst2, scale * worst3
