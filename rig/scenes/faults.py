@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import types
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from difflib import get_close_matches
+from difflib import SequenceMatcher
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -68,6 +68,8 @@ def _told(kind: str, context: Mapping[str, Any], message: str, given: Any, unit:
         return "must be a finite number"
     if kind in ("model_type", "model_attributes_type", "dict_type"):
         return "expected a table"
+    if kind in ("tuple_type", "list_type"):
+        return "expected a list"
     text = message.removeprefix("Value error, ")
     repeated = f"is {given!r}"
     if text.startswith(repeated):
@@ -79,9 +81,9 @@ def unknown_key(key: str, known: Iterable[str]) -> str:
     """The line for a key that is not there."""
     parent, _, last = key.rpartition(".")
     names = sorted(known)
-    near = get_close_matches(last, names, n=3, cutoff=0.6)
-    full = [f"{parent}.{name}" if parent else name for name in (near or names)]
-    if near:
+    likely = close(last, names)
+    full = [f"{parent}.{name}" if parent else name for name in (likely or names)]
+    if likely:
         return f"{key}: unknown key; did you mean {' or '.join(full)}?"
     return f"{key}: unknown key; known: {', '.join(full)}"
 
@@ -89,22 +91,29 @@ def unknown_key(key: str, known: Iterable[str]) -> str:
 def unknown_choice(key: str, given: Any, known: Iterable[str]) -> str:
     """The line for a choice that does not exist."""
     names = sorted(known)
-    near = get_close_matches(str(given), names, n=1, cutoff=0.6)
-    hint = f"did you mean {near[0]}? " if near else ""
+    likely = close(str(given), names)
+    hint = f"did you mean {likely[0]}? " if likely else ""
     return f"{_given(key, given)}: unknown; {hint}known: {', '.join(names)}"
 
 
 def near(what: str, known: Iterable[str]) -> str:
     """The end of a message: the near names, or all of them."""
     names = sorted(known)
-    found = get_close_matches(what, names, n=3, cutoff=0.6)
-    if found:
-        return f"did you mean {' or '.join(found)}?"
+    likely = close(what, names)
+    if likely:
+        return f"did you mean {' or '.join(likely)}?"
     return f"known: {', '.join(names)}" if names else "there is none in this scene"
 
 
+def close(what: str, names: Iterable[str]) -> list[str]:
+    """The names that `what` may have meant, the likeliest first, none that is much less likely than the first."""
+    score = {name: SequenceMatcher(None, what, name).ratio() for name in names}
+    best = max(score.values(), default=0.0)
+    return sorted((n for n in score if score[n] >= max(0.6, best - 0.15)), key=lambda n: -score[n])[:3]
+
+
 def _given(key: str, given: Any) -> str:
-    return f"{key} = {shown(given)}" if given is not None else key
+    return key if given is None or isinstance(given, Mapping) else f"{key} = {shown(given)}"
 
 
 def shown(value: Any) -> str:

@@ -23,7 +23,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Annotated, Any, Literal, Self
 
-from annotated_types import Ge, Gt
+from annotated_types import Ge
 from pydantic import BeforeValidator, Field, PlainSerializer, ValidationInfo, field_validator, model_validator
 
 from rig.quantities import Nanoseconds, PositiveNewton, Section, Unit, nanoseconds, si
@@ -227,11 +227,20 @@ class Disconnect(_Connection):
     step: Literal["disconnect"]
 
 
+def _times(value: Any) -> Any:
+    if value != "forever" and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
+        raise ValueError('expected a whole number above 0, or "forever"')
+    return value
+
+
+Times = Annotated[int | Literal["forever"], BeforeValidator(_times)]
+
+
 class Repeat(Section):
     """Carry `steps` out `times` times."""
 
     step: Literal["repeat"]
-    times: Annotated[int, Gt(0)] | Literal["forever"]
+    times: Times
     steps: tuple[Step, ...]
 
     @model_validator(mode="after")
