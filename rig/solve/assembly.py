@@ -1,6 +1,6 @@
 """Rows by name: the form in which plants and effects write a rig down.
 
-State  x = [q, v, network, signals]. A row is a dict from state names to coefficients, e.g. {"one": 20.0, "dither": 1.0}.
+State  x = [q, v, network, signals]. A row is a dict from state names to coefficients, e.g. {"one": 20, "dither": 1}.
 A coordinate "x" brings the states "x" and "x'"; "x''" is its acceleration, which only outputs may name. The signal
 "one" is constant. Outputs may also name, for a contact c, "T:c" (friction force), "N:n" (normal force n), "w:c" (slip
 speed). Everything that couples is such a row, so an effect adds rows and nothing else.
@@ -11,7 +11,7 @@ speed). Everything that couples is such a row, so an effect adds rows and nothin
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -22,7 +22,7 @@ from rig.solve.formulation import Limiter, Normal, Patch, System
 from rig.solve.laws import Law
 
 Row = dict[str, float]
-Write = Callable[[NDArray[np.float64], float, float], None]
+Write = Callable[[NDArray[np.float64], Mapping[str, float], float], None]
 
 
 @dataclass(frozen=True)
@@ -35,19 +35,21 @@ class Output:
 
 @dataclass(frozen=True)
 class Input:
-    """An actuator: `write(x, value, t)` puts a command in force at time t [s] by writing states of x.
+    """An actuator: its unit, its range, its value in force at the start and the one it takes when left alone.
 
-    `parameter` names the scene key to change instead where a command changes a matrix (a dither frequency).
+    A command is put in force by writing the state `state`; a ramp by writing `slope` as well (a state too, so that no
+    command changes a matrix). `write(x, values, t)` serves inputs that act on several states: `values` holds what is
+    commanded of every input, t is the time [s]. An input without any of these changes the scene key of its own name.
     """
 
     unit: str
     low: float
     high: float
+    value: float
     safe: float
     state: str = ""
     slope: str = ""
     write: Write | None = None
-    parameter: str = ""
 
 
 @dataclass

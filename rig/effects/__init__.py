@@ -1,0 +1,9 @@
+"""One file, one physical effect. An effect that the scene does not name is not there: no state, no row, no branch.
+
+friction   the laws: Coulomb, Stribeck, linear falling, exponential, tabulated
+drive      speed of the belt or disc; its lag and its limits
+load       the normal force; lag and limits of the magnet that holds it
+dither     a fast vibration of the belt, of the mass or of the normal force
+
+Each file declares its parameters (a `Section`, with units) and adds its rows to a `rig.solve.assembly.Assembly`.
+"""

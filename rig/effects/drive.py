@@ -1,0 +1,101 @@
+"""The drive: the speed of the belt or of the disc, as commanded, or through a lag with limits.
+
+    without lag   V = u,  u' = slope                         u: command, slope: of a ramp
+    with lag      V' = (min(max(u, speed_min), speed_max) - V) / lag
+
+The limits are a limiter inside the plant, so a ramp that runs beyond them is clamped at the instant it does.
+Source: Kroeger, Neubauer, Popp (2008), equation 4.7 and figure 22 (the actuator of the belt-velocity feedback).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any, Self
+
+from pydantic import model_validator
+
+from rig.quantities import MetrePerSecond, PositiveSecond, RadianPerSecond, Section
+from rig.solve.assembly import Assembly, Input, Row
+
+
+class _Drive(Section):
+    speed: Any
+    lag: PositiveSecond | None = None
+    speed_min: Any = None
+    speed_max: Any = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        low, high = limits(self.speed_min, self.speed_max)
+        if low >= high:
+            raise ValueError(f"speed_min {low:g} is not below speed_max {high:g}")
+        if not low <= self.speed <= high:
+            raise ValueError(f"speed {self.speed:g} is outside speed_min {low:g} .. speed_max {high:g}")
+        return self
+
+
+class BeltDrive(_Drive):
+    """Drives a belt; speeds in m/s."""
+
+    speed: MetrePerSecond
+    speed_min: MetrePerSecond | None = None
+    speed_max: MetrePerSecond | None = None
+
+
+class DiscDrive(_Drive):
+    """Drives a disc; speeds in rad/s (rpm are understood)."""
+
+    speed: RadianPerSecond
+    speed_min: RadianPerSecond | None = None
+    speed_max: RadianPerSecond | None = None
+
+
+def limits(low: float | None, high: float | None) -> tuple[float, float]:
+    """Limits with infinity where none is given."""
+    return (-math.inf if low is None else low), (math.inf if high is None else high)
+
+
+def add(a: Assembly, drive: _Drive, unit: str, moved: Mapping[str, str]) -> Row:
+    """Add the drive's signals and its actuator `drive.speed`; returns the row of its speed."""
+    low, high = limits(drive.speed_min, drive.speed_max)
+    return actuator(a, "drive.speed", unit, drive.speed, 0.0 if low <= 0.0 <= high else drive.speed,
+                    (low, high), drive.lag, "drive", moved)  # fmt: skip
+
+
+def actuator(
+    a: Assembly,
+    name: str,
+    unit: str,
+    value: float,
+    safe: float,
+    bounds: tuple[float, float],
+    lag: float | None,
+    owner: str,
+    moved: Mapping[str, str],
+) -> Row:
+    """A commanded quantity, with ramp, lag and limits as far as they are needed; returns its row.
+
+    `moved[name]` says what the scene does with it: nothing (absent), "held" commands, or "ramped" too.
+    """
+    how = moved.get(name, "")
+    low, high = bounds
+    state, slope = "", ""
+    row: Row = {"one": value}
+    if how:
+        state, slope = f"{owner}.command", f"{owner}.slope" if how == "ramped" else ""
+        if slope:
+            a.signal(slope, {}, 0.0, f"{owner} ramp")
+        a.signal(state, {slope: 1.0} if slope else {}, value, f"{owner} command")
+        row = {state: 1.0}
+    if lag is not None:
+        real = f"{owner}.actual"
+        a.signal(real, {real: -1.0 / lag}, value, f"{owner} lag")
+        if how and math.isfinite(low + high):
+            a.limit(owner, row, low, high, real, 1.0 / lag)
+        else:
+            for entry, coefficient in row.items():
+                a.signals[real][entry] = coefficient / lag
+        row = {real: 1.0}
+    a.inputs[name] = Input(unit, low, high, value, safe, state, slope)
+    return row

@@ -1,0 +1,117 @@
+"""Friction laws: the coefficient mu over slip speed v >= 0, and the static one that holds a stuck contact.
+
+    stribeck     mu_dynamic + (mu_static - mu_dynamic) exp(-v / speed_scale)     characteristic A
+    falling      max(mu_zero - slope v, mu_floor)                                characteristic B
+    coulomb      mu_static at rest, mu_kinetic in slip                           characteristic C
+    exponential  mu_kinetic + (mu_static - mu_kinetic) exp(-decay v)
+    table        a monotone cubic through (speeds, values), constant beyond
+
+Source: A, B, C from Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 2025, figure 3 (A's formula is a choice:
+the paper gives its shape); exponential from Liu and Ouyang, the slider-on-disc rig.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from annotated_types import Ge, Gt
+from pydantic import Field, model_validator
+
+from rig.quantities import PositiveMetrePerSecond, Ratio, Section, quantity
+from rig.solve import laws
+from rig.solve.laws import Law
+
+SecondPerMetre = quantity("s/m", Ge(0.0))
+PositiveSecondPerMetre = quantity("s/m", Gt(0.0))
+
+
+class Stribeck(Section):
+    """Exponential fall from the static to the dynamic coefficient."""
+
+    law: Literal["stribeck"]
+    mu_static: Ratio
+    mu_dynamic: Ratio
+    speed_scale: PositiveMetrePerSecond
+
+    def friction(self) -> Law:
+        """The law for the solver."""
+        return laws.stribeck(self.mu_static, self.mu_dynamic, self.speed_scale)
+
+
+class Falling(Section):
+    """Linear fall down to a floor."""
+
+    law: Literal["falling"]
+    mu_zero: Ratio
+    slope: SecondPerMetre
+    mu_floor: Ratio = 0.0
+
+    @model_validator(mode="after")
+    def _floor_below(self) -> Self:
+        if self.mu_floor > self.mu_zero:
+            raise ValueError(f"mu_floor {self.mu_floor:g} is above mu_zero {self.mu_zero:g}")
+        return self
+
+    def friction(self) -> Law:
+        """The law for the solver."""
+        return laws.falling(self.mu_zero, self.slope, self.mu_floor)
+
+
+class Coulomb(Section):
+    """One coefficient at rest, one in slip."""
+
+    law: Literal["coulomb"]
+    mu_static: Ratio
+    mu_kinetic: Ratio
+
+    @model_validator(mode="after")
+    def _static_is_larger(self) -> Self:
+        if self.mu_static < self.mu_kinetic:
+            raise ValueError(
+                f"mu_static {self.mu_static:g} is below mu_kinetic {self.mu_kinetic:g}: a contact that begins to slip "
+                "would stick at once, and stick would give way at once; give at least the same value"
+            )
+        return self
+
+    def friction(self) -> Law:
+        """The law for the solver."""
+        return laws.coulomb(self.mu_static, self.mu_kinetic)
+
+
+class Exponential(Section):
+    """Exponential fall, its decay a constant in s/m. A decay of zero is refused: it would be mu_static throughout."""
+
+    law: Literal["exponential"]
+    mu_static: Ratio
+    mu_kinetic: Ratio
+    decay: PositiveSecondPerMetre
+
+    def friction(self) -> Law:
+        """The law for the solver."""
+        return laws.stribeck(self.mu_static, self.mu_kinetic, 1.0 / self.decay)
+
+
+class Table(Section):
+    """Measured points. Without `mu_static` a stuck contact holds the first value."""
+
+    law: Literal["table"]
+    speeds: tuple[Annotated[float, Ge(0.0)], ...] = Field(min_length=2)
+    values: tuple[Annotated[float, Ge(0.0)], ...] = Field(min_length=2)
+    mu_static: Ratio | None = None
+
+    @model_validator(mode="after")
+    def _points(self) -> Self:
+        if len(self.speeds) != len(self.values):
+            raise ValueError(f"{len(self.speeds)} speeds and {len(self.values)} values; give one value for each speed")
+        if self.speeds[0] != 0.0 or any(b <= a for a, b in zip(self.speeds, self.speeds[1:])):
+            raise ValueError("speeds must rise from 0 m/s")
+        return self
+
+    def friction(self) -> Law:
+        """The law for the solver."""
+        static = self.values[0] if self.mu_static is None else self.mu_static
+        return laws.table(np.array(self.speeds), np.array(self.values), static)
+
+
+Friction = Annotated[Stribeck | Falling | Coulomb | Exponential | Table, Field(discriminator="law")]

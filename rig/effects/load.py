@@ -1,0 +1,43 @@
+"""The normal force that presses the bodies together: constant, or held by a magnet with lag and limits.
+
+    N = F,  or  N' = (min(max(u, force_min), force_max) - N) / lag       u: commanded force
+
+The contact opens where N would become negative: friction is then absent.
+Source: Kroeger, Neubauer, Popp (2008), equation 4.6; lags of electromagnets 5 to 20 ms (calibrated).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Self
+
+from pydantic import model_validator
+
+from rig.effects.drive import actuator
+from rig.quantities import PositiveNewton, PositiveSecond, Section
+from rig.solve.assembly import Assembly, Row
+
+
+class Load(Section):
+    """The force [N] at the start, and what the magnet can do."""
+
+    force: PositiveNewton
+    lag: PositiveSecond | None = None
+    force_min: PositiveNewton = 0.0
+    force_max: PositiveNewton | None = None
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        high = math.inf if self.force_max is None else self.force_max
+        if not self.force_min < high:
+            raise ValueError(f"force_min {self.force_min:g} N is not below force_max {high:g} N")
+        if not self.force_min <= self.force <= high:
+            raise ValueError(f"force {self.force:g} N is outside force_min {self.force_min:g} N .. {high:g} N")
+        return self
+
+
+def add(a: Assembly, load: Load, moved: Mapping[str, str]) -> Row:
+    """Add the magnet's signals and its actuator `load.force`; returns the row of the normal force."""
+    high = math.inf if load.force_max is None else load.force_max
+    return actuator(a, "load.force", "N", load.force, load.force, (load.force_min, high), load.lag, "load", moved)

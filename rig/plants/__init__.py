@@ -1,0 +1,5 @@
+"""What stands on the bench, one file each: physical parameters in, rows out. `PLANTS` is the list."""
+
+from __future__ import annotations
+
+PLANTS: dict[str, str] = {"belt": "rig.plants.belt", "pendulum": "rig.plants.pendulum"}

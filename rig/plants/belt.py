@@ -1,0 +1,72 @@
+"""A mass on a moving belt: one degree of freedom, the oldest stick-slip rig.
+
+    m x'' + d x' + c x = T,   w = V - x',   T = mu(|w|) N sgn(w) in slip
+
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 2025, section 2, equation 2.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rig.effects import dither, drive, load
+from rig.effects.dither import Dither
+from rig.effects.drive import BeltDrive
+from rig.effects.friction import Friction
+from rig.effects.load import Load
+from rig.quantities import Kilogram, Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
+from rig.solve.assembly import Assembly, Output
+
+RAMPED = {"drive.speed": "ramped", "load.force": "ramped"}
+
+
+class Body(Section):
+    """The mass, its spring and its damper."""
+
+    mass: Kilogram
+    stiffness: NewtonPerMetre
+    damping: NewtonSecondPerMetre = 0.0
+
+
+class Start(Section):
+    """Where the mass is at the start, from the unloaded spring."""
+
+    displacement: Metre = 0.0
+    velocity: MetrePerSecond = 0.0
+
+
+class Parameters(Section):
+    """The tables of a belt scene."""
+
+    body: Body
+    drive: BeltDrive
+    load: Load
+    friction: Friction
+    dither: Dither | None = None
+    start: Start = Start()
+
+
+def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
+    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    a = Assembly(title="belt")
+    a.coordinate("x", p.body.mass, p.body.damping, p.body.stiffness)
+    a.start |= {"x": p.start.displacement, "x'": p.start.velocity}
+    a.patch("contact", {"x": 1.0}, drive.add(a, p.drive, "m/s", moved), p.friction.friction())
+    a.normal("load", "contact", load.add(a, p.load, moved))
+    if p.dither is not None:
+        dither.add(a, p.dither, "contact", "load", "x")
+    a.outputs |= contact_outputs({"x": 1.0}, a)
+    return a
+
+
+def contact_outputs(along: dict[str, float], a: Assembly) -> dict[str, Output]:
+    """The quantities at the contact; `along` gives the displacement there over the coordinates."""
+    return {
+        "displacement": Output(along, "m"),
+        "velocity": Output({f"{c}'": f for c, f in along.items()}, "m/s"),
+        "acceleration": Output({f"{c}''": f for c, f in along.items()}, "m/s^2"),
+        "friction_force": Output({"T:contact": 1.0}, "N"),
+        "normal_force": Output({"N:load": 1.0}, "N"),
+        "slip_speed": Output({"w:contact": 1.0}, "m/s"),
+        "surface_speed": Output(dict(a.surface("contact")), "m/s"),
+    }

@@ -1,0 +1,68 @@
+"""A pendulum that rubs on a rotating disc: the rig of the papers, in its own coordinate, the angle phi.
+
+    J phi'' + d_phi phi' + c_phi phi = r T,   w = r Omega - r phi'
+
+At the contact, x = r phi, it is the mass on a belt with m = J/r^2, c = c_phi/r^2, d = d_phi/r^2; any radius r gives the
+same motion there. Instruments read angle and contact quantities alike.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 2025, sections 2 and 4.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rig.effects import dither, drive, load
+from rig.effects.dither import Dither
+from rig.effects.drive import DiscDrive
+from rig.effects.friction import Friction
+from rig.effects.load import Load
+from rig.plants.belt import RAMPED, Start, contact_outputs
+from rig.quantities import (
+    KilogramSquareMetre,
+    NewtonMetrePerRadian,
+    NewtonMetreSecondPerRadian,
+    PositiveMetre,
+    Section,
+)
+from rig.solve.assembly import Assembly, Output
+
+
+class Body(Section):
+    """The pendulum: radius of the contact, moment of inertia, rotational spring and damper."""
+
+    radius: PositiveMetre
+    inertia: KilogramSquareMetre
+    stiffness: NewtonMetrePerRadian
+    damping: NewtonMetreSecondPerRadian = 0.0
+
+
+class Parameters(Section):
+    """The tables of a pendulum scene; `start` is given at the contact point."""
+
+    body: Body
+    drive: DiscDrive
+    load: Load
+    friction: Friction
+    dither: Dither | None = None
+    start: Start = Start()
+
+
+def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
+    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    r = p.body.radius
+    a = Assembly(title="pendulum")
+    a.coordinate("angle", p.body.inertia, p.body.damping, p.body.stiffness)
+    a.start |= {"angle": p.start.displacement / r, "angle'": p.start.velocity / r}
+    disc = drive.add(a, p.drive, "rad/s", moved)
+    surface = {name: r * coefficient for name, coefficient in disc.items()}
+    a.patch("contact", {"angle": r}, surface, p.friction.friction())
+    a.normal("load", "contact", load.add(a, p.load, moved))
+    if p.dither is not None:
+        dither.add(a, p.dither, "contact", "load", "angle", arm=r)
+    a.outputs |= contact_outputs({"angle": r}, a)
+    a.outputs |= {
+        "angle": Output({"angle": 1.0}, "rad"),
+        "angular_velocity": Output({"angle'": 1.0}, "rad/s"),
+        "disc_speed": Output(disc, "rad/s"),
+    }
+    return a
