@@ -213,7 +213,7 @@ class Session(ABC):
 
     @abstractmethod
     def subscribe(self, pattern: str, depth: int = 4096, *, polled: bool = False, stamped: bool = False) -> Receiver:
-        """A receiver of all topics that fit `pattern` ("meas/*", "**").
+        """A receiver of all topics that fit `pattern` ("meas/*", "**"), except for what this session itself says.
 
         `polled` suits readers of much that are in no hurry: messages wait outside of Python until they are drained.
         `stamped` notes when each message arrived.

@@ -195,6 +195,7 @@ class ZenohSession(Session):
             congestion_control=zenoh.CongestionControl.DROP,
             priority=getattr(zenoh.Priority, topics.of(topic).priority),
             express=False,
+            allowed_destination=zenoh.Locality.REMOTE,  # nobody hears himself
         )
         self._declared.append(declared)
         return _Publisher(topic, declared)

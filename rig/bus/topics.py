@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import difflib
 import re
+from functools import cache
 from typing import NamedTuple
 
 from rig.errors import BusError
@@ -50,6 +51,7 @@ _ROWS = {row.name.partition("/")[0]: row for row in TABLE}
 _NAME = re.compile(r"[A-Za-z0-9_.-]+")
 
 
+@cache
 def of(topic: str) -> Topic:
     """The row of a concrete topic such as `meas/vibrometer`; raises BusError for one that is not in the table."""
     first, *rest = topic.split("/")

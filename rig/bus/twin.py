@@ -29,10 +29,10 @@ class Twin:
         """A session for the one who plays `role` under `name`."""
         return _TwinSession(self, role, name)
 
-    def receivers_of(self, topic: str) -> list[_Receiver]:
-        """Everyone who wants `topic`."""
+    def receivers_of(self, topic: str, speaker: Session) -> list[_Receiver]:
+        """Everyone who wants `topic`, but for the one who speaks."""
         with self._lock:
-            return [receiver for pattern, receiver in self._receivers if topics.matches(pattern, topic)]
+            return [r for pattern, r in self._receivers if r.owner is not speaker and topics.matches(pattern, topic)]
 
     def listen(self, pattern: str, receiver: _Receiver) -> None:
         """Deliver to `receiver` from now on."""
@@ -73,20 +73,20 @@ class Twin:
 
 
 class _Publisher(Publisher):
-    def __init__(self, topic: str, hub: Twin) -> None:
+    def __init__(self, topic: str, hub: Twin, speaker: Session) -> None:
         super().__init__(topic)
-        self._hub = hub
+        self._hub, self._speaker = hub, speaker
 
     def _send(self, payload: bytes, header: bytes) -> None:
         seq, t_ns = HEADER.unpack(header)
-        for receiver in self._hub.receivers_of(self.topic):
+        for receiver in self._hub.receivers_of(self.topic, self._speaker):
             receiver.queue.put(Message(self.topic, payload, seq, t_ns, time.monotonic_ns() if receiver.stamped else 0))
 
 
 class _Receiver(Receiver):
-    def __init__(self, depth: int, stamped: bool) -> None:
+    def __init__(self, owner: Session, depth: int, stamped: bool) -> None:
         super().__init__(depth)
-        self.stamped = stamped
+        self.owner, self.stamped = owner, stamped
         self.queue: queue.SimpleQueue[Message] = queue.SimpleQueue()
 
     def _waiting(self) -> int:
@@ -141,10 +141,10 @@ class _TwinSession(Session):
         self._announced = False
 
     def _publisher(self, topic: str) -> Publisher:
-        return _Publisher(topic, self._hub)
+        return _Publisher(topic, self._hub, self)
 
     def subscribe(self, pattern: str, depth: int = 4096, *, polled: bool = False, stamped: bool = False) -> Receiver:
-        found = _Receiver(depth, stamped)
+        found = _Receiver(self, depth, stamped)
         self._hub.listen(pattern, found)
         self._receivers.append(found)
         return found

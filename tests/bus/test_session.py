@@ -58,6 +58,17 @@ def test_a_pattern_hears_each_topic_and_counts_it_apart(wire):
     assert {topic: c.received for topic, c in heard.counts.items()} == {"meas/laser": 3, "meas/gauge": 5}
 
 
+def test_nobody_hears_himself(wire):
+    seen = ready(wire)
+    own, one = wire.plant.subscribe("**"), wire.join()
+    heard = one.subscribe("**")
+    one.announce()
+    assert seen()
+    wire.plant.publisher("step").put(b"", 0)
+    assert gather(heard, 1)
+    assert own.get(0.05) is None
+
+
 def test_answers_travel_back_and_are_stamped(wire):
     acts = wire.plant.subscribe("act/*", stamped=True)
     one = wire.join()

@@ -1,0 +1,9 @@
+"""Recordings: MCAP files that carry their schemas, their scene and where they come from.
+
+rig.record.reader.open(path) -> Run          what happened, as arrays; reads truncated files up to the break
+rig.record.save.save(run, path)              a Run of this process as a file
+rig.record.process.record(...)               the recorder process of a live run
+rig.record.recover.recover(path)             a clean file from a truncated one
+rig.record.replay.replay(session, path)      the sensor traffic once more, into a controller
+rig.record.compare.compare(a, b)             where two runs part, to the bit
+"""

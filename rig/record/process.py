@@ -1,0 +1,174 @@
+"""The recorder: a process of its own that listens to everything and can never slow the plant.
+
+Messages wait in a deep ring outside of Python, so that a slow disk costs memory first and counted messages last.
+The file is finished when the plant leaves, or on SIGINT or SIGTERM.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rig import bus
+from rig.bus import messages, setup
+from rig.bus.port import Count, Message, Receiver, Session, Watch
+from rig.errors import BusError
+from rig.record.writer import Writer
+
+_DEPTH = 1 << 17
+_PAUSE_S = 0.005
+_LAST_WORDS_S = 0.3
+_NICE = 5
+
+
+@dataclass
+class Recording:
+    """An account of what was recorded."""
+
+    path: str
+    run: str
+    ended: str
+    """Why the recording ended."""
+    messages: int = 0
+    seconds: float = 0.0
+    """Simulated time of the last message."""
+    received: dict[str, int] = field(default_factory=dict)
+    gaps: dict[str, int] = field(default_factory=dict)
+    """Messages missing between messages received, topic by topic; only topics that miss some."""
+    tail: dict[str, int] = field(default_factory=dict)
+    """Messages missing after the last one received, known from what the senders say that they sent."""
+    late: dict[str, int] = field(default_factory=dict)
+    """Messages sent before the recorder listened."""
+    totals: bool = False
+    """Whether the plant told what it had sent; without it the tail is unknown."""
+
+    @property
+    def lost(self) -> int:
+        """Messages that were sent while the recorder listened and are not in the file."""
+        return sum(self.gaps.values()) + sum(self.tail.values())
+
+
+def default_path(run: str) -> Path:
+    """Where a run is recorded unless the user says otherwise."""
+    return Path("recordings/runs") / f"{run}.mcap"
+
+
+def record(
+    run: str | None = None,
+    path: Path | None = None,
+    tell: Callable[[Recording], None] = lambda recording: None,
+    name: str = "recorder",
+    wait: float = 10.0,
+) -> Recording:
+    """Record a live run, the newest by default, until it ends; `tell` gets the account at the end.
+
+    Waits at most `wait` seconds for the run. A file that cannot be written raises LogError; the run goes on without.
+    """
+    _stand_back()
+    with bus.join(run, role="recorder", name=name, wait=wait) as session, _stopping() as stop:
+        heard = session.subscribe("**", _DEPTH, polled=True)  # before anything is asked: from here on nothing is missed
+        plant = session.watch("plant/*")
+        described = setup.fetch(session, wait)
+        if not plant.wait_for("plant", "plant", wait):
+            raise BusError(f"run {session.run} has no plant; it has ended")
+        writer = Writer(path or default_path(session.run), described, "recorded")
+        try:
+            session.announce()
+            recording = _Recorder(session, heard, plant, writer).run(stop)
+        except BaseException:
+            writer.abandon()
+            raise
+    tell(recording)
+    return recording
+
+
+def _stand_back() -> None:
+    """Never compete with the plant: no real-time class inherited from it, and a lower priority."""
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, _NICE)
+
+
+@contextmanager
+def _stopping() -> Iterator[threading.Event]:
+    """An event that SIGINT and SIGTERM set."""
+    stop = threading.Event()
+    if threading.current_thread() is not threading.main_thread():
+        yield stop
+        return
+    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield stop
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+class _Recorder:
+    def __init__(self, session: Session, heard: Receiver, plant: Watch, writer: Writer) -> None:
+        self._session, self._heard, self._plant, self._writer = session, heard, plant, writer
+        self._sent: dict[str, int] = {}
+        self._totals = False
+        self._summary: dict[str, Any] = {}
+
+    def run(self, stop: threading.Event) -> Recording:
+        while not stop.is_set() and ("plant", "plant") in self._plant.present:
+            self._take()
+            stop.wait(_PAUSE_S)
+            self._plant.poll()
+        quiet = time.monotonic() + _LAST_WORDS_S  # presence is told faster than data: the last words are on their way
+        while not stop.is_set() and time.monotonic() < quiet:
+            self._take()
+            time.sleep(_PAUSE_S)
+        self._take()
+        recording = self._account("the plant left" if not stop.is_set() else "the recorder was told to stop")
+        self._writer.close(asdict(recording), self._summary)
+        return recording
+
+    def _take(self) -> None:
+        for message in self._heard.drain():
+            self._writer.write(message.topic, message.payload, message.t_ns, message.seq, time.time_ns())
+            if message.topic.startswith("total/"):
+                self._compare(message)
+            elif message.topic.startswith("event/"):
+                self._look(message)
+        self._writer.flush_if_due()
+
+    def _compare(self, message: Message) -> None:
+        told = messages.decode(message.topic, message.payload)
+        self._sent |= dict(zip(told.sent_topic, told.sent))
+        if message.topic == "total/plant":  # answer at once: the plant waits for it to pass its verdict
+            self._totals = True
+            own = f"total/{self._session.name}"
+            self._session.publisher(own).put(self._session.totals(), message.t_ns)
+
+    def _look(self, message: Message) -> None:
+        event = messages.decode(message.topic, message.payload)
+        if event.kind == "verdict":
+            with suppress(ValueError):
+                self._summary = {"verdict": event.text, **json.loads(event.data or "{}")}
+
+    def _account(self, ended: str) -> Recording:
+        counts = self._heard.counts
+        tails = {topic: counts.get(topic, Count()).tail(sent) for topic, sent in self._sent.items()}
+        return Recording(
+            path=str(self._writer.path),
+            run=self._session.run,
+            ended=ended,
+            messages=self._writer.messages,
+            seconds=self._writer.last_ns * 1e-9,
+            received={topic: count.received for topic, count in counts.items()},
+            gaps={topic: count.lost for topic, count in counts.items() if count.lost},
+            tail={topic: tail for topic, tail in tails.items() if tail},
+            late={topic: count.first for topic, count in counts.items() if count.first},
+            totals=self._totals,
+        )

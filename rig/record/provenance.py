@@ -1,0 +1,63 @@
+"""Where a run comes from: versions, machine, sources, seed, command. The plant says it; the recording keeps it."""
+
+from __future__ import annotations
+
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+_ROOT = Path(__file__).resolve().parents[2]
+_PACKAGES = ("friction-rig", "numpy", "scipy", "numba", "eclipse-zenoh", "mcap", "protobuf")
+
+
+def provenance(seed: int, command: Sequence[str] = tuple(sys.argv)) -> dict[str, str]:
+    """Everything that another person needs to make the same run again."""
+    from rig.kernel import source_key  # loads numba, which the recorder does without
+
+    return {
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "command": shlex.join(command),
+        "seed": str(seed),
+        "kernel": source_key(),
+        "commit": _commit(),
+        "host": platform.node(),
+        "system": platform.platform(),
+        "processor": _processor(),
+        "cores": str(os.cpu_count()),
+        "python": platform.python_version(),
+        **{package: _version(package) for package in _PACKAGES},
+    }
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:  # run from the sources without installation
+        return "not installed"
+
+
+def _commit() -> str:
+    """Commit of the sources, with "-dirty" when they were edited since; "none" outside of a repository."""
+    if not (_ROOT / ".git").exists():
+        return "none"
+    ask = ["git", "-C", str(_ROOT), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]
+    try:
+        return subprocess.run(ask, capture_output=True, text=True, timeout=5.0, check=True).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return "none"
+
+
+def _processor() -> str:
+    try:
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    except OSError:
+        pass
+    return platform.processor() or platform.machine()

@@ -1,0 +1,58 @@
+"""What one learns from a run, whether it was simulated in this process or read from a recording."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Reals = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+class Samples(NamedTuple):
+    """What one sensor published: times [ns] and values."""
+
+    t_ns: Integers
+    v: Reals
+
+
+class Commands(NamedTuple):
+    """What one controller commanded, in the order in which the plant took it over."""
+
+    tick: Integers
+    """Frame at which it was taken over."""
+    controller: str
+    values: Reals
+    """[commands, drives], as sent."""
+    answered: Integers
+    """Frame whose measurement it answers; -1: the plant's own safe values."""
+    status: Integers
+    """0 in range, 1 clamped by the actuator, 2 safe values."""
+
+
+@dataclass
+class Run:
+    """One run. `signals` are plant truth at `time`; `units` has the names of signals and `meas/<sensor>`."""
+
+    scene: str
+    """The resolved scene as JSON."""
+    step_ns: int
+    frame_ns: int
+    time: Reals
+    """Seconds of simulated time, [n]."""
+    signals: dict[str, Reals]
+    units: dict[str, str]
+    measurements: dict[str, Samples] = field(default_factory=dict)
+    commands: list[Commands] = field(default_factory=list)
+    events: list[dict[str, Any]] = field(default_factory=list)
+    """t_ns, tick, source, kind, text and data (a dict) of each event."""
+    energy: dict[str, float] = field(default_factory=dict)
+    summary: dict[str, Any] = field(default_factory=dict)
+    mode: Integers = field(default_factory=lambda: np.empty(0, np.int64))
+    """Number of the contact mode at `time`, [n]; empty where it was not recorded."""
+    provenance: dict[str, str] = field(default_factory=dict)
+    fault: str = ""
+    """Why a recording could be read only in part; empty for a whole one."""

@@ -1,0 +1,150 @@
+"""Writes one run to an MCAP file, so that a killed writer leaves a file that opens.
+
+Scene and provenance stand at the front; chunks are closed every 250 ms, so that at most that much is lost. Messages
+are kept as they came off the wire. `log_time` is when the recorder had them, `publish_time` is simulated time.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import time
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from mcap.well_known import MessageEncoding, SchemaEncoding
+from mcap.writer import CompressionType
+from mcap.writer import Writer as Mcap
+
+from rig.bus import messages, topics
+from rig.bus.setup import Setup
+from rig.errors import LogError
+
+CHUNK = 256 * 1024
+FLUSH_NS = 250_000_000
+PLOT_NS = 20_000_000
+
+
+class Writer:
+    """An open recording. `made` says how: "recorded" off the bus, or "saved" from a Run."""
+
+    def __init__(self, path: Path, setup: Setup, made: str) -> None:
+        self.path, self.setup = path, setup
+        self.messages = 0
+        self.last_ns = 0
+        """Simulated time of the latest message."""
+        self._channels: dict[str, int] = {}
+        self._schemas: dict[str, int] = {}
+        self._state = messages.state_type(list(setup.outputs))
+        self.plot_names = [*setup.outputs, *(f"measured_{name}" for name in setup.sensors)]
+        self._plot = messages.plot_type(self.plot_names)
+        self._step: bytes | None = None
+        self._plot_due = 0
+        self._log_ns = 0
+        self._flush_due = time.monotonic_ns() + FLUSH_NS
+        self._broken = False
+        with self._guarded():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("wb")
+        try:
+            self._begin(made)
+        except LogError:
+            self.abandon()
+            raise
+
+    def _begin(self, made: str) -> None:
+        setup = self.setup
+        with self._guarded():
+            self._mcap = Mcap(self._file, chunk_size=CHUNK, compression=CompressionType.ZSTD)
+            self._mcap.start(profile="friction-rig", library="friction-rig")
+            self._attach("scene.json", setup.scene)
+            self._attach("setup.json", replace(setup, scene="").to_text())
+            self._mcap.add_metadata("provenance", dict(setup.provenance))
+            self._mcap.add_metadata("log", {"made": made, "run": setup.run})
+            self._file.flush()
+
+    def _attach(self, name: str, text: str) -> None:
+        now = time.time_ns()
+        self._mcap.add_attachment(now, now, name, "application/json", text.encode())
+
+    @contextlib.contextmanager
+    def _guarded(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as fault:
+            self._broken = True
+            kept = f"; recorded up to t = {self.last_ns * 1e-9:.3f} s" if self.last_ns else ""
+            raise LogError(f"{self.path} cannot be written: {fault.strerror}{kept}") from None
+
+    def _channel(self, topic: str) -> int:
+        kind, units = self._kind(topic)
+        schema = kind.DESCRIPTOR.name
+        if schema not in self._schemas:
+            described = messages.file_descriptor_set(kind)
+            self._schemas[schema] = self._mcap.register_schema(f"rig.{schema}", SchemaEncoding.Protobuf, described)
+        return self._mcap.register_channel(topic, MessageEncoding.Protobuf, self._schemas[schema], units)
+
+    def _kind(self, topic: str) -> tuple[Any, dict[str, str]]:
+        setup = self.setup
+        first, _, name = topic.partition("/")
+        if first == "plot":
+            units = [*setup.outputs.values(), *(unit for unit, _ in setup.sensors.values())]
+            return self._plot, {messages.field_name(n): unit for n, unit in zip(self.plot_names, units)}
+        if first == "state":
+            return self._state, {messages.field_name(n): unit for n, unit in setup.outputs.items()}
+        unit = setup.outputs.get(name, "") if first == "truth" else setup.sensors.get(name, ("", 0))[0]
+        return messages.TYPES[topics.of(topic).message], {"v": unit} if unit else {}
+
+    def write(self, topic: str, payload: bytes, t_ns: int, seq: int, log_ns: int) -> None:
+        """Add a message as it is; `seq` its number on the topic, `log_ns` when it was received."""
+        with self._guarded():
+            self._add(topic, payload, t_ns, seq, log_ns)
+            if topic == "step":
+                self._step = payload
+            elif topic == "state" and t_ns >= self._plot_due:
+                self._plot_due = t_ns + PLOT_NS
+                self._derive(payload, t_ns, log_ns)
+
+    def _add(self, topic: str, payload: bytes, t_ns: int, seq: int, log_ns: int) -> None:
+        channel = self._channels.get(topic)
+        if channel is None:
+            channel = self._channels[topic] = self._channel(topic)
+        self._log_ns = max(self._log_ns, log_ns)  # readers want it to grow, clocks are set back at times
+        self._mcap.add_message(channel, self._log_ns, payload, t_ns, seq & 0xFFFFFFFF)
+        self.messages += 1
+        self.last_ns = max(self.last_ns, t_ns)
+
+    def _derive(self, state: bytes, t_ns: int, log_ns: int) -> None:
+        """One point of the channel that plotting programs show: the blocks at full rate mean nothing to them."""
+        found = self._state.FromString(state)
+        values = [getattr(found, messages.field_name(name)) for name in self.setup.outputs]
+        if self._step is not None:
+            values += list(messages.decode("step", self._step).values)
+        self._add("plot", self.point(t_ns, values), t_ns, 0, log_ns)
+
+    def point(self, t_ns: int, values: list[float]) -> bytes:
+        """A message of the derived `plot` channel: outputs, then the latest measurements."""
+        fields = {messages.field_name(name): value for name, value in zip(self.plot_names, values)}
+        return bytes(self._plot(t_ns=t_ns, **fields).SerializeToString())
+
+    def flush_if_due(self) -> None:
+        """Close the chunk and hand it to the system if 250 ms have passed since the last time."""
+        if (now := time.monotonic_ns()) >= self._flush_due:
+            self._flush_due = now + FLUSH_NS
+            with self._guarded():
+                self._mcap.flush()  # type: ignore[no-untyped-call]
+
+    def close(self, recording: Mapping[str, Any], summary: Mapping[str, Any]) -> None:
+        """Finish the file with an account of the recording and the summary of the run."""
+        with self._guarded():
+            for name, found in (("recording", recording), ("summary", summary)):
+                self._mcap.add_metadata(name, {key: json.dumps(value) for key, value in found.items()})
+            self._mcap.finish()  # type: ignore[no-untyped-call]
+            self._file.close()
+
+    def abandon(self) -> None:
+        """Let go of a file that cannot be finished; what was flushed stays readable."""
+        with contextlib.suppress(OSError):
+            self._file.close()

@@ -1,0 +1,82 @@
+"""A private directory of runs, processes that never outlive their test, and a made-up run to record."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.record.run import Commands, Run, Samples
+
+
+@pytest.fixture
+def runs(monkeypatch):
+    """A directory of live runs that belongs to this test alone; short, for socket paths are."""
+    here = tempfile.mkdtemp(prefix="rig-")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", here)
+    yield Path(here)
+    shutil.rmtree(here)
+
+
+@pytest.fixture
+def script(runs):
+    """Starts Python code in a process of its own; every process is gone after the test."""
+    started = []
+
+    def start(code, *args):
+        process = subprocess.Popen(
+            [sys.executable, "-c", code, *map(str, args)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
+        )
+        started.append(process)
+        return process
+
+    yield start
+    for process in started:
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture(scope="session")
+def run():
+    """A run of 0.7 s: truth at 10 kHz, sensors at 10 kHz, 1 kHz and 25 Hz, one controller with two drives."""
+    draw = np.random.default_rng(1)
+    frames, steps = 700, 7001
+    ticks = np.arange(frames, dtype=np.int64)
+
+    def sampled(period_ns, count):
+        values = draw.standard_normal(count)
+        values[1] = np.nan  # a drop-out
+        return Samples(np.arange(count, dtype=np.int64) * period_ns, values)
+
+    return Run(
+        scene='{"plant": "belt"}',
+        step_ns=100_000,
+        frame_ns=1_000_000,
+        time=np.arange(steps) * 100_000 * 1e-9,
+        signals={"displacement": draw.standard_normal(steps), "velocity": draw.standard_normal(steps)},
+        units={"displacement": "m", "velocity": "m/s", "meas/laser": "m/s", "meas/gauge": "N", "meas/slow": "m"},
+        measurements={
+            "laser": sampled(100_000, steps),
+            "gauge": sampled(1_000_000, 701),
+            "slow": sampled(40_000_000, 18),
+        },
+        commands=[
+            Commands(ticks + 1, "feedback", draw.standard_normal((frames, 2)), ticks, (ticks % 3 == 0).astype(np.int64))
+        ],
+        events=[
+            {"t_ns": 5_000_000, "tick": 5, "source": "plant", "kind": "mark", "text": "begin", "data": {"a": [1, 2]}},
+            {"t_ns": 700_000_000, "tick": 700, "source": "plant", "kind": "mark", "text": "end", "data": {}},
+        ],
+        energy={"supplied": 1.5, "error": -1e-12},
+        summary={"verdict": "VALID", "late": 0},
+        mode=draw.integers(-1, 2, steps),
+        provenance={"seed": "1", "commit": "none"},
+    )

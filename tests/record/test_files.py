@@ -1,0 +1,253 @@
+"""Recordings as files: what is written is read, to the bit, and a cut costs no more than what was cut off."""
+
+import contextlib
+import copy
+import dataclasses
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from mcap.reader import make_reader
+from mcap_protobuf.decoder import DecoderFactory
+
+from rig.bus.setup import Setup
+from rig.errors import LogError
+from rig.record import reader, writer
+from rig.record.compare import compare
+from rig.record.recover import recover
+from rig.record.run import Commands, Run, Samples
+from rig.record.save import save
+from rig.record.writer import Writer
+
+
+@pytest.fixture(scope="session")
+def saved(run, tmp_path_factory):
+    """The run as a file of many small chunks."""
+    path = tmp_path_factory.mktemp("log") / "run.mcap"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(writer, "CHUNK", 8192)
+        save(run, path)
+    return path
+
+
+def test_a_saved_run_comes_back_bit_for_bit(run, saved):
+    read = reader.open(saved)
+    found = compare(run, read)
+    assert found.identical
+    assert found.compared > 20_000
+    assert np.array_equal(read.mode, run.mode)
+    for name in ("scene", "step_ns", "frame_ns", "units", "events", "energy", "summary", "provenance"):
+        assert getattr(read, name) == getattr(run, name), name
+    assert read.fault == ""
+    for one, two in zip(run.commands[0], read.commands[0]):
+        assert np.array_equal(one, two)
+
+
+def test_equal_runs_make_equal_messages(run, saved, tmp_path):
+    save(run, tmp_path / "again.mcap")
+    assert list(reader.Scan(tmp_path / "again.mcap")) == list(reader.Scan(saved))
+
+
+@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    st.lists(st.integers(0, 2 * 10**9), unique=True, max_size=60),
+    st.lists(st.integers(0, 2000), unique=True, max_size=20),
+    st.lists(st.floats(), min_size=60, max_size=60),
+)
+def test_any_times_and_values_survive(tmp_path, times, ticks, values):
+    t_ns = np.array(sorted(times), np.int64)
+    ticks = np.array(sorted(ticks), np.int64)
+    v = np.array(values)
+    given = Run(
+        scene="{}",
+        step_ns=1000,
+        frame_ns=1_000_000,
+        time=t_ns * 1e-9,
+        signals={"x": v[: t_ns.size]},
+        units={"x": "m"},
+        measurements={"s": Samples(t_ns, v[: t_ns.size])},
+        commands=[Commands(ticks, "c", v[: ticks.size, None], ticks - 1, ticks * 0)] if ticks.size else [],
+    )
+    path = tmp_path / "any.mcap"
+    save(given, path)
+    found = compare(given, path)
+    assert found.identical
+
+
+def test_other_programs_can_read_and_decode_it(run, saved):
+    with saved.open("rb") as file:
+        log = make_reader(file, decoder_factories=[DecoderFactory()])
+        summary = log.get_summary()
+        units = {channel.topic: channel.metadata for channel in summary.channels.values()}
+        plot = [found for *_, found in log.iter_decoded_messages(topics=["plot"])]
+    assert units["meas/laser"] == {"v": "m/s"}
+    assert units["plot"]["velocity"] == "m/s"
+    assert [point.t_ns for point in plot] == list(range(0, 700_000_001, 20_000_000))
+    assert plot[5].velocity == run.signals["velocity"][1000]
+    assert plot[5].measured_gauge == run.measurements["gauge"].v[100]
+
+
+def test_scene_and_provenance_stand_before_the_first_message(saved):
+    found = reader.head(saved)
+    assert json.loads(found.attachments["scene.json"].data) == {"plant": "belt"}
+    assert found.metadata["provenance"] == {"seed": "1", "commit": "none"}
+    assert found.setup().sensors["laser"] == ("m/s", 100_000)
+
+
+def holds_nothing_wrong(part, run):
+    """Whether every number that was read is the one that was written for that instant."""
+    for name, (t_ns, v) in part.measurements.items():
+        given = run.measurements[name]
+        rows = np.searchsorted(given.t_ns, t_ns)
+        if not np.array_equal(given.t_ns[rows], t_ns) or given.v[rows].tobytes() != v.tobytes():
+            return False
+    rows = np.searchsorted(run.time, part.time - 1e-9)
+    known = {name: ~np.isnan(v) for name, v in part.signals.items()}
+    return all(np.array_equal(run.signals[name][rows][known[name]], v[known[name]]) for name, v in part.signals.items())
+
+
+def test_a_file_cut_anywhere_reads_up_to_the_cut(run, saved, tmp_path):
+    whole, path = saved.read_bytes(), tmp_path / "cut.mcap"
+    front = whole.index(b"provenance") / len(whole) + 0.001
+    for share in np.linspace(front, 0.999, 50):
+        path.write_bytes(whole[: int(share * len(whole))])
+        part = reader.open(path)
+        assert part.fault
+        assert holds_nothing_wrong(part, run)
+        latest = max((t_ns[-1] for t_ns, _ in part.measurements.values() if t_ns.size), default=0)
+        assert latest >= (share - 0.1) * 0.7e9 - 250e6  # blocks of 0.25 s
+    for end in range(0, int(front * len(whole)), 97):  # so little is left that it may be no recording at all
+        path.write_bytes(whole[:end])
+        with contextlib.suppress(LogError):
+            assert reader.open(path).fault
+
+
+def test_a_flipped_bit_never_becomes_a_wrong_number(run, saved, tmp_path):
+    whole, path = saved.read_bytes(), tmp_path / "flipped.mcap"
+    begin = whole.index(b"provenance") + 100
+    noticed = 0
+    for place in range(begin, len(whole), len(whole) // 80):
+        data = bytearray(whole)
+        data[place] ^= 1 << place % 8
+        path.write_bytes(data)
+        part = reader.open(path)
+        noticed += bool(part.fault)
+        assert holds_nothing_wrong(part, run)
+        assert part.fault or compare(part, run).identical
+    assert noticed > 60
+
+
+def test_a_lost_chunk_is_noticed(saved, tmp_path):
+    data = bytearray(saved.read_bytes())
+    with saved.open("rb") as file:
+        chunks = make_reader(file).get_summary().chunk_indexes
+    data[chunks[3].chunk_start_offset] = 0x70  # a kind of record that readers pass over
+    (tmp_path / "hole.mcap").write_bytes(data)
+    assert re.fullmatch(r"\d+ of its \d+ messages are missing", reader.open(tmp_path / "hole.mcap").fault)
+
+
+def test_what_is_no_recording_is_told(tmp_path):
+    for name, data in (("empty", b""), ("text", b"hello, this is not a recording at all")):
+        (tmp_path / name).write_bytes(data)
+        with pytest.raises(LogError, match="is not a recording"):
+            reader.open(tmp_path / name)
+    with pytest.raises(LogError, match="No such file"):
+        reader.open(tmp_path / "none")
+
+
+def test_a_truncated_file_is_recovered_and_whole_again(run, saved, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(saved.read_bytes()[: int(0.8 * saved.stat().st_size)])
+    before = reader.open(cut)
+    done = recover(cut)
+    after = reader.open(done.path)
+    assert done.messages > 500
+    assert before.fault
+    assert not after.fault
+    assert compare(before, after).identical
+    assert after.time.size > 2000
+    assert after.provenance == run.provenance
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["cut.mcap", "cut.recovered.mcap"]
+
+
+def test_a_whole_file_is_not_recovered(saved, tmp_path):
+    with pytest.raises(LogError, match="nothing to recover"):
+        recover(saved, tmp_path / "x.mcap")
+    assert list(tmp_path.iterdir()) == []
+
+
+SETUP = Setup("r", "{}", 1_000_000, 1_000_000, {"x": "m"}, {"s": ("m", 1_000_000)})
+
+
+def test_a_target_that_cannot_be_written_is_told(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(LogError, match=r"file/run\.mcap cannot be written: (Not a directory|File exists)"):
+        Writer(tmp_path / "file" / "run.mcap", SETUP, "saved")
+    with pytest.raises(LogError, match="Is a directory"):
+        Writer(tmp_path, SETUP, "saved")
+
+
+def test_a_full_disk_is_told(run):
+    with pytest.raises(LogError, match="/dev/full cannot be written: No space left on device"):
+        save(run, Path("/dev/full"))
+
+
+def test_a_disk_that_fills_up_is_told_with_what_was_kept(tmp_path):
+    path = tmp_path / "run.mcap"
+    log = Writer(path, SETUP, "saved")
+
+    class Full:
+        def __getattr__(self, name):
+            raise OSError(28, "No space left on device")
+
+    log.write("meas/s", b"", 1_500_000_000, 0, 0)
+    log._mcap._Writer__stream = Full()
+    with pytest.raises(LogError, match=r"No space left on device; recorded up to t = 1.500 s"):
+        log.close({}, {})
+    log.abandon()
+
+
+def test_a_recording_just_begun_knows_its_scene(tmp_path):
+    log = Writer(tmp_path / "run.mcap", SETUP, "recorded")  # and nothing more, as after a kill
+    run = reader.open(tmp_path / "run.mcap")
+    log.abandon()
+    assert (run.scene, run.time.size) == ("{}", 0)
+    assert run.fault
+
+
+def test_the_first_difference_is_found_to_the_bit(run):
+    other = copy.deepcopy(run)
+    other.signals["velocity"][500] = np.nextafter(run.signals["velocity"][500], np.inf)
+    other.signals["displacement"][400] += 1.0
+    other.commands[0].values[300, 1] = 7.0
+    found = compare(run, other)
+    assert not found.identical
+    assert [(d.topic, d.index) for d in found.differences] == [
+        ("displacement", 400),
+        ("velocity", 500),
+        ("applied/feedback[1]", 300),
+    ]
+    assert found.differences[1].time == pytest.approx(0.05)
+    assert "differs at sample 500, t = 0.05 s" in str(found.differences[1])
+
+
+def test_minus_zero_is_another_number_and_equal_nans_are_the_same(run):
+    other = copy.deepcopy(run)
+    run = copy.deepcopy(run)
+    run.signals["velocity"][3], other.signals["velocity"][3] = 0.0, -0.0
+    run.signals["velocity"][2] = other.signals["velocity"][2] = np.nan
+    assert [d.index for d in compare(run, other).differences] == [3]
+
+
+def test_a_run_that_ends_earlier_differs_where_it_ends(run):
+    other = dataclasses.replace(run, measurements={**run.measurements})
+    t_ns, v = run.measurements["gauge"]
+    other.measurements["gauge"] = Samples(t_ns[:100], v[:100])
+    del other.measurements["slow"]
+    found = compare(run, other)
+    assert found.missing == ("meas/slow",)
+    assert [(d.topic, d.index, d.first) for d in found.differences] == [("meas/gauge", 100, v[100])]

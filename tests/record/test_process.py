@@ -1,0 +1,227 @@
+"""The recorder as a process: complete, honest about losses, and no harm when it is killed."""
+
+import json
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from rig import bus
+from rig.bus import encode, messages
+from rig.bus.setup import Setup
+from rig.record import reader
+
+RECORDER = """
+import json, sys
+from dataclasses import asdict
+from pathlib import Path
+from rig.errors import RigError
+from rig.record.process import record
+try:
+    record(None, Path(sys.argv[1]), lambda r: print(json.dumps(asdict(r) | {"lost": r.lost}), flush=True))
+except RigError as fault:
+    print(fault, flush=True)
+    sys.exit(fault.exit_code)
+"""
+
+OUTPUTS = {"displacement": "m", "velocity": "m/s"}
+SENSORS = {"laser": ("m/s", 100_000), "gauge": ("N", 1_000_000), "pickup": ("rad/s", 1_000_000)}
+
+
+class Plant:
+    """Publishes what the plant of a rig does: 1 kHz frames, a laser of 10 kHz in blocks of 10 ms."""
+
+    def __init__(self, session):
+        self.session = session
+        told = Setup(session.run, '{"plant": "belt"}', 1_000_000, 100_000, OUTPUTS, SENSORS)
+        self.scene = session.serve("scene", lambda body: told.to_json())
+        self.watch = session.watch()
+        self.totals = session.subscribe("total/*")
+        session.announce()
+        self.sent = []
+        self.state = encode.StateEncoder(2)
+        self.frame = 0
+
+    def wait_for_recorder(self):
+        deadline = time.monotonic() + 10.0
+        while ("recorder", "recorder") not in self.watch.present and time.monotonic() < deadline:
+            self.scene.poll(0.02)
+            self.watch.poll()
+        assert ("recorder", "recorder") in self.watch.present
+
+    def put(self, topic, payload, t_ns):
+        self.session.publisher(topic).put(payload, t_ns)
+        self.sent.append((topic, payload, t_ns))
+
+    def advance(self, frames, pace=True):
+        begun = time.monotonic() - self.frame * 1e-3
+        for _ in range(frames):
+            k, now = self.frame, self.frame * 1_000_000
+            self.put("step", encode.step(k, now, np.full(3, k + 0.5), np.ones(3, np.int64)), now)
+            self.put("state", self.state(now, k, 0, np.array([k, -k], float)), now)
+            self.put("applied/feedback", encode.applied(k, now, k - 1, 0, [float(k)]), now)
+            for name in ("gauge", "pickup"):
+                self.put(f"meas/{name}", encode.block(k, now, 1_000_000, [k * 0.1]), now)
+            if k % 10 == 0:
+                self.put("meas/laser", encode.block(k, now, 100_000, np.arange(100) + k * 10.0), now)
+            self.frame += 1
+            if pace and (left := begun + self.frame * 1e-3 - time.monotonic()) > 0.0:
+                time.sleep(left)
+
+    def finish(self):
+        data = json.dumps({"late": 3, "energy": {"supplied": 2.0}})
+        now = self.frame * 1_000_000
+        self.put("total/plant", self.session.totals(), now)
+        answer = self.totals.get(3.0)
+        event = messages.TYPES["Event"](t_ns=now, source="plant", kind="verdict", text="VALID", data=data)
+        self.put("event/plant", event.SerializeToString(), now)
+        self.session.close()
+        return messages.decode("total/recorder", answer.payload)
+
+
+@pytest.fixture
+def plant(runs):
+    with bus.host("recorded") as session:
+        yield Plant(session)
+
+
+def test_two_seconds_of_traffic_are_in_the_file_as_they_were_sent(plant, script, tmp_path):
+    path = tmp_path / "new" / "run.mcap"
+    recorder = script(RECORDER, path)
+    plant.wait_for_recorder()
+    plant.advance(2000)
+    told = plant.finish()
+    account = json.loads(recorder.communicate(timeout=10)[0])
+    found = [record for record in reader.Scan(path) if record.topic not in ("plot", "total/recorder")]
+    for topic in {topic for topic, _, _ in plant.sent}:
+        sent = [(payload, t_ns) for name, payload, t_ns in plant.sent if name == topic]
+        assert [(r.payload, r.t_ns) for r in found if r.topic == topic] == sent, topic
+        assert [r.seq for r in found if r.topic == topic] == list(range(len(sent))), topic
+    assert (account["lost"], account["late"], account["totals"]) == (0, {}, True)
+    assert account["ended"] == "the plant left"
+    assert account["received"]["step"] == 2000
+    assert dict(zip(told.heard_topic, told.received))["step"] == 2000
+    run = reader.open(path)
+    assert not run.fault
+    assert run.summary == {"verdict": "VALID", "late": 3}
+    assert run.energy == {"supplied": 2.0}
+    assert np.array_equal(run.signals["velocity"], -np.arange(2000.0))
+    assert np.array_equal(run.measurements["laser"].v, np.arange(20_000.0))
+    assert np.array_equal(run.commands[0].tick, np.arange(2000))
+    assert [e["kind"] for e in run.events] == ["verdict"]
+    logged = [r.log_ns for r in reader.Scan(path)]
+    assert logged == sorted(logged)
+
+
+def test_a_killed_recorder_leaves_all_but_the_last_half_second(plant, script, tmp_path):
+    path = tmp_path / "run.mcap"
+    recorder = script(RECORDER, path)
+    plant.wait_for_recorder()
+    plant.advance(1300)
+    recorder.kill()
+    recorder.wait()
+    longest = 0.0
+    for _ in range(50):  # the plant carries on
+        begun = time.perf_counter()
+        plant.advance(1, pace=False)
+        longest = max(longest, time.perf_counter() - begun)
+    assert longest < 0.1
+    assert [(p.name, p.here) for p in plant.watch.poll(3.0)] == [("recorder", False)]
+    run = reader.open(path)
+    assert run.fault
+    assert run.scene == '{"plant": "belt"}'
+    assert run.time[-1] >= 1.3 - 0.5
+    assert np.array_equal(run.signals["displacement"], np.arange(run.time.size))
+
+
+def test_a_recorder_that_is_told_to_stop_finishes_its_file(plant, script, tmp_path):
+    path = tmp_path / "run.mcap"
+    recorder = script(RECORDER, path)
+    plant.wait_for_recorder()
+    plant.advance(300)
+    recorder.send_signal(signal.SIGINT)
+    account = json.loads(recorder.communicate(timeout=5)[0])
+    assert account["ended"] == "the recorder was told to stop"
+    assert not account["totals"]
+    assert not reader.open(path).fault
+
+
+def test_losses_are_counted_equally_at_both_ends(plant, script, tmp_path):
+    path = tmp_path / "run.mcap"
+    recorder = script(RECORDER, path)
+    plant.wait_for_recorder()
+    plant.advance(50)
+    time.sleep(0.2)
+    recorder.send_signal(signal.SIGSTOP)
+    for _ in range(300):
+        plant.put("event/plant", b"", 0)
+        plant.session.publisher("truth/velocity").put(encode.block(0, 0, 1, np.zeros(6000)), 0)
+    recorder.send_signal(signal.SIGCONT)
+    time.sleep(0.3)
+    plant.advance(50)
+    sent = {topic: publisher.sent for topic, publisher in plant.session._publishers.items()}
+    told = plant.finish()
+    account = json.loads(recorder.communicate(timeout=10)[0])
+    lost = {t: account["gaps"].get(t, 0) + account["tail"].get(t, 0) for t in sent}
+    assert lost["truth/velocity"] > 0
+    for topic, count in account["received"].items():
+        if topic in sent and topic not in ("event/plant", "total/plant"):  # these go on after the totals
+            assert count + lost[topic] == sent[topic], topic
+    assert account["lost"] == sum(lost.values())
+    heard = dict(zip(told.heard_topic, told.received))
+    assert sent["truth/velocity"] - heard["truth/velocity"] == lost["truth/velocity"]
+
+
+def test_a_recorder_that_cannot_write_says_so_and_the_run_goes_on(plant, script, tmp_path):
+    (tmp_path / "file").write_text("")
+    recorder = script(RECORDER, tmp_path / "file" / "run.mcap")
+    deadline = time.monotonic() + 10.0
+    while recorder.poll() is None and time.monotonic() < deadline:
+        plant.scene.poll(0.05)
+    assert recorder.returncode == 1
+    assert "cannot be written: " in recorder.stdout.read()
+    assert plant.watch.present <= {("plant", "plant")}
+    plant.advance(10)
+
+
+def test_a_recorder_without_a_run_says_so(script, tmp_path):
+    recorder = script(
+        "from rig.record.process import record\n"
+        "from rig.errors import BusError\n"
+        "try: record('none', wait=0.2)\n"
+        "except BusError as fault: print(fault)"
+    )
+    assert "no run is called none; no run is going on" in recorder.communicate(timeout=10)[0]
+
+
+def test_a_killed_plant_ends_the_recorder_with_a_whole_file(script, tmp_path):
+    path = tmp_path / "run.mcap"
+    plant = script(PLANT)
+    recorder = script(RECORDER, path)
+    assert plant.stdout.readline() == "half a second\n"
+    plant.kill()
+    begun = time.monotonic()
+    account = json.loads(recorder.communicate(timeout=5)[0])
+    assert time.monotonic() - begun < 3.0
+    run = reader.open(path)
+    assert (run.fault, account["totals"], account["lost"]) == ("", False, 0)
+    assert run.measurements["laser"].v.size >= 500
+
+
+PLANT = """
+import time
+from rig import bus
+from rig.bus import encode
+from rig.bus.setup import Setup
+with bus.host(scene="belt") as me:
+    told = Setup(me.run, "{}", 1_000_000, 1_000_000, {"velocity": "m/s"}, {"laser": ("m/s", 1_000_000)})
+    scene, watch = me.serve("scene", lambda body: told.to_json()), me.watch()
+    me.announce()
+    while ("recorder", "recorder") not in watch.present:
+        scene.poll(0.02); watch.poll()
+    for tick in range(20_000):
+        me.publisher("meas/laser").put(encode.block(tick, tick * 1_000_000, 1_000_000, [1.0]), tick * 1_000_000)
+        time.sleep(0.001)
+        if tick == 500: print("half a second", flush=True)
+"""

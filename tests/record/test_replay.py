@@ -1,0 +1,175 @@
+"""A recording into a controller once more: same bytes in, same answers out, or the first that is not."""
+
+import threading
+
+import numpy as np
+import pytest
+
+from rig import bus
+from rig.bus import encode, messages
+from rig.bus.setup import fetch
+from rig.bus.twin import Twin
+from rig.errors import BusError
+from rig.record import reader
+from rig.record.replay import replay
+from rig.record.run import Commands, Run, Samples
+from rig.record.save import save
+from rig.record.writer import Writer
+
+FRAMES = 400
+
+
+def answer(state, values, gain):
+    """A filter with memory, so that a single wrong or missing step shows in all later answers."""
+    state = 0.9 * state + (0.0 if np.isnan(values[0]) else values[0])
+    return state, (gain * state, values[1])
+
+
+@pytest.fixture(scope="module")
+def logs(tmp_path_factory):
+    """The same closed loop, saved from arrays and recorded message by message."""
+    draw = np.random.default_rng(2)
+    fast, slow = draw.standard_normal(10 * FRAMES + 1), draw.standard_normal(FRAMES + 1)
+    state, given = 0.0, []
+    for k in range(FRAMES):
+        state, values = answer(state, (fast[10 * k], slow[k]), 2.0)
+        given.append(values)
+    ticks = np.arange(FRAMES, dtype=np.int64)
+    run = Run(
+        scene="{}",
+        step_ns=100_000,
+        frame_ns=1_000_000,
+        time=np.arange(FRAMES + 1) * 1e-3,
+        signals={"x": slow},
+        units={"x": "m"},
+        measurements={
+            "fast": Samples(np.arange(fast.size, dtype=np.int64) * 100_000, fast),
+            "slow": Samples(np.arange(slow.size, dtype=np.int64) * 1_000_000, slow),
+        },
+        commands=[Commands(ticks, "feedback", np.array(given), ticks, ticks * 0)],
+    )
+    folder = tmp_path_factory.mktemp("logs")
+    save(run, folder / "saved.mcap")
+    writer = Writer(folder / "recorded.mcap", reader.head(folder / "saved.mcap").setup(), "recorded")
+    for k in range(FRAMES):
+        now, latest = k * 1_000_000, np.array([fast[10 * k], slow[k]])
+        writer.write("meas/slow", encode.block(k, now, 1_000_000, slow[k : k + 1]), now, k, now)
+        writer.write("step", encode.step(k, now, latest, np.array([10, 1])), now, k, now)
+        writer.write("act/feedback", encode.act(k, now, given[k]), now, k, now)
+    writer.close({}, {})
+    return folder
+
+
+def control(me, gain=2.0, dies_at=FRAMES + 1):
+    """A controller's process in small; answers until the replay ends."""
+    steps, plant = me.subscribe("step"), me.watch("plant/*")
+    assert plant.wait_for("plant", "plant", 5.0)
+    assert fetch(me).sensors["slow"][0] == ""
+    me.announce()
+    state = 0.0
+    while ("plant", "plant") in plant.present:
+        said = steps.get(0.05)
+        if said is None:
+            plant.poll()
+            continue
+        step = messages.decode("step", said.payload)
+        if step.tick == dies_at:
+            me.close()
+            return
+        state, values = answer(state, tuple(step.values), gain)
+        me.publisher("act/feedback").put(encode.act(step.tick, step.t_ns, values), step.t_ns)
+
+
+@pytest.fixture(params=["twin", "zenoh"])
+def stage(request, runs):
+    """A hub, and a way to start a controller that joins it."""
+    twin = Twin("replay") if request.param == "twin" else None
+    hub = twin.open("plant", "plant") if twin else bus.host(scene="replay")
+    threads = []
+
+    def start(**how):
+        me = twin.open("controller", "feedback") if twin else bus.join(role="controller", name="feedback")
+        threads.append(threading.Thread(target=lambda: _closing(me, how)))
+        threads[-1].start()
+
+    yield hub, start
+    hub.close()
+    for thread in threads:
+        thread.join(5.0)
+        assert not thread.is_alive()
+
+
+def _closing(me, how):
+    with me:
+        control(me, **how)
+
+
+@pytest.mark.parametrize("log", ["saved.mcap", "recorded.mcap"])
+def test_the_same_controller_gives_the_same_bits(stage, logs, log):
+    hub, start = stage
+    start()
+    found = replay(hub, logs / log, into=["feedback"])
+    assert found.divergence is None
+    assert found.compared == {"feedback": FRAMES}
+    assert (found.unanswered, found.fault) == (0, "")
+    assert found.steps >= FRAMES
+
+
+def test_another_gain_parts_at_its_first_answer(stage, logs):
+    hub, start = stage
+    start(gain=np.nextafter(2.0, 3.0))
+    found = replay(hub, logs / "recorded.mcap", into=["feedback"])
+    where = found.divergence
+    assert (where.topic, where.tick) == ("act/feedback", 0)
+    assert where.recorded[1] == where.answered[1]
+    assert where.recorded[0] != where.answered[0]
+    assert "parts at tick 0, t = 0 s" in str(where)
+
+
+def test_a_paced_replay_keeps_time_and_compares_too(stage, logs):
+    hub, start = stage
+    start()
+    found = replay(hub, logs / "recorded.mcap", into=["feedback"], pace=2.0)
+    assert found.divergence is None
+    assert found.compared["feedback"] + found.unanswered == FRAMES
+    assert found.compared["feedback"] > 0
+
+
+def test_a_controller_that_leaves_ends_the_replay(stage, logs):
+    hub, start = stage
+    start(dies_at=100)
+    with pytest.raises(BusError, match="feedback left at tick 100"):
+        replay(hub, logs / "recorded.mcap", into=["feedback"])
+
+
+def test_a_controller_that_never_comes_is_told(stage, logs):
+    hub, _ = stage
+    with pytest.raises(BusError, match="feedback did not join the replay"):
+        replay(hub, logs / "recorded.mcap", into=["feedback"], wait=0.1)
+
+
+def test_a_controller_the_recording_does_not_know_is_told(stage, logs):
+    hub, _ = stage
+    with pytest.raises(BusError, match="no controller other; it has: feedback"):
+        replay(hub, logs / "recorded.mcap", into=["other"])
+
+
+def test_listeners_get_the_recorded_bytes(logs):
+    twin = Twin("replay")
+    heard = twin.open("viewer", "v").subscribe("**", depth=10_000)
+    found = replay(twin.open("plant", "plant"), logs / "recorded.mcap")
+    sent = [
+        (r.topic, r.payload, r.t_ns) for r in reader.Scan(logs / "recorded.mcap") if r.topic in ("step", "meas/slow")
+    ]
+    got = [(m.topic, m.payload, m.t_ns) for m in heard.drain()]
+    assert got[:-1] == sent
+    assert got[-1][0] == "total/plant"
+    assert found.messages == len(sent)
+
+
+def test_a_cut_recording_is_replayed_up_to_the_cut(logs, tmp_path):
+    data = (logs / "recorded.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(data[: int(0.9 * len(data))])
+    found = replay(Twin("replay").open("plant", "plant"), cut)
+    assert "breaks off" in found.fault
