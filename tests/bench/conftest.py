@@ -17,12 +17,12 @@ class FakeStand:
         self.frame_ns = MS
         self.tick = 0
         self.inputs = {
-            "drive.speed": Input("m/s", -1.0, 1.0, 0.0, state="speed", slope="ramp"),
-            "load.force": Input("N", 0.0, 100.0, 20.0, state="load", slope="press"),
-            "dither.amplitude": Input("m/s", 0.0, 0.5, 0.0, state="amplitude"),
-            "dither.enable": Input("1", 0.0, 1.0, 0.0, state="enable"),
+            "drive.speed": Input("m/s", -1.0, 1.0, 0.06, 0.0, state="speed", slope="ramp"),
+            "load.force": Input("N", 0.0, 100.0, 20.0, 20.0, state="load", slope="press"),
+            "dither.amplitude": Input("m/s", 0.0, 0.5, 0.0, 0.0, state="amplitude"),
+            "dither.enable": Input("1", 0.0, 1.0, 0.0, 0.0, state="enable"),
         }
-        self.value = {"drive.speed": 0.06, "load.force": 20.0, "dither.amplitude": 0.0, "dither.enable": 0.0}
+        self.value = {name: one.value for name, one in self.inputs.items()}
         self.bank = SimpleNamespace(
             names=("vibrometer", "laser"), units=("m/s", "m"), latest=np.zeros(2), fresh=np.ones(2, np.int64)
         )
@@ -66,3 +66,9 @@ class FakeStand:
 @pytest.fixture
 def stand():
     return FakeStand()
+
+
+@pytest.fixture
+def fake():
+    """Makes stands, for tests that need several."""
+    return FakeStand

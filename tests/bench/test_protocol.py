@@ -14,7 +14,7 @@ from rig.solve.assembly import Input
 
 MS = 1_000_000
 STEPS = TypeAdapter(tuple[Step, ...])
-INPUTS = {"drive.speed": Input("m/s", -1.0, 1.0, 0.0), "load.force": Input("N", 0.0, 100.0, 20.0)}
+INPUTS = {"drive.speed": Input("m/s", -1.0, 1.0, 0.0, 0.0), "load.force": Input("N", 0.0, 100.0, 20.0, 20.0)}
 SENSORS = {"vibrometer": "m/s", "laser": "m"}
 
 

@@ -1,0 +1,275 @@
+"""What becomes of commands between a controller and its actuators; everything is counted.
+
+    in time         taken over at the frame boundary after its arrival, not before the loop's stated delay
+    two at once     the later one counts, the other is `overtaken`
+    missing         the last one is held; after `hold` ticks beyond the one it was due at, safe values
+    not finite      that actuator keeps its value
+    out of range    clamped
+    not its own     refused and reported: one actuator, one owner
+
+The protocol asks for values too. A controller that commands an actuator overrules it; what the protocol asked for
+comes back when the controller is disconnected.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from math import isfinite, nan
+from typing import Any, Protocol
+
+from rig.bench.journal import Journal
+from rig.bench.line import AS_SENT, CLAMPED, SAFE, Commands, Line
+from rig.errors import UsageError
+from rig.solve.assembly import Input
+
+
+class Actuators(Protocol):
+    """The stand, as far as commands reach it."""
+
+    @property
+    def tick(self) -> int:
+        """The present tick."""
+
+    @property
+    def inputs(self) -> Mapping[str, Input]:
+        """Actuators with unit, range and safe value."""
+
+    def apply(self, name: str, value: float) -> None:
+        """An actuator takes a value at the present tick."""
+
+    def ramp(self, name: str, to: float, ticks: int) -> None:
+        """An actuator runs linearly to a value within whole ticks."""
+
+
+class Exchange:
+    """All lines of a run. `hold`: ticks that a missing command is held; `keeps`: whether commands are written down."""
+
+    def __init__(self, stand: Actuators, frame_ns: int, hold: int, journal: Journal, keeps: bool = True) -> None:
+        self.lines: dict[str, Line] = {}
+        self.refused: dict[str, int] = {}
+        """Senders without a line, and how often they were refused."""
+        self._stand, self._frame_ns, self._hold = stand, frame_ns, hold
+        self._journal, self._keeps = journal, keeps
+        self._owner: dict[str, str] = {}
+        self._asked = {name: one.value for name, one in stand.inputs.items()}
+        self._moves: dict[str, tuple[float, float, int, int]] = {}
+        self._in_force: dict[str, float] = {}
+        self._order: list[Line] = []
+        self._changed: list[Line] = []
+
+    def admit(self, name: str, drives: Sequence[str], period_ns: int, delay_ns: int = 0) -> Line:
+        """A line for a controller. Raises UsageError if an actuator is not there or belongs to somebody else."""
+        inputs = self._stand.inputs
+        faults = [f"{d}: there is no such actuator; there are {', '.join(inputs)}" for d in drives if d not in inputs]
+        taken = [(d, self._owner[d]) for d in drives if self._owner.get(d, name) != name]
+        faults += [f"{drive}: is driven by {owner} already" for drive, owner in taken]
+        period, rest = divmod(period_ns, self._frame_ns)
+        if rest or not period:
+            faults.append(
+                f"its period of {period_ns / 1e6:g} ms is no whole number of {self._frame_ns / 1e6:g} ms frames"
+            )
+        if faults:
+            raise UsageError("\n".join(f"{name}: {fault}" for fault in faults))
+        line = Line(name, inputs, drives, period, delay_ns // self._frame_ns)
+        self.lines[name] = line
+        self._order = [self.lines[key] for key in sorted(self.lines)]
+        self._owner.update(dict.fromkeys(drives, name))
+        return line
+
+    def dismiss(self, name: str) -> None:
+        """A controller that the scene does not know gives its actuators back."""
+        line = self.lines.pop(name)
+        self._order.remove(line)
+        for drive in line.drives:
+            del self._owner[drive]
+        self._give_back(line)
+
+    def receive(self, sender: str, answered: int, values: Sequence[float]) -> None:
+        """A command has arrived: the answer of `sender` to the measurement of tick `answered`."""
+        line = self.lines.get(sender)
+        if line is None:
+            self.refused[sender] = self.refused.get(sender, 0) + 1
+            self._journal.repeated("refused", f"{sender} drives no actuator of this run; its commands are refused")
+        elif len(values) != len(line.drives):
+            if len(values):  # nothing to say is no fault: there was no sample yet
+                line.counts.refused += 1
+                text = f"a command of {sender} has {len(values)} values for its {len(line.drives)} actuators"
+                self._journal.repeated("refused", text)
+        elif line.connected:
+            tick = self._stand.tick
+            due = answered + line.delay
+            line.queue.append((due if due > tick else tick, answered, values))
+
+    def take_over(self) -> list[Line]:
+        """Put into force what is due at this tick; the lines that changed (the list is used again next time)."""
+        tick, changed = self._stand.tick, self._changed
+        changed.clear()
+        for line in self._order:
+            queue = line.queue
+            if queue and queue[0][0] <= tick:
+                _, answered, values = queue.popleft()
+                while queue and queue[0][0] <= tick:
+                    _, answered, values = queue.popleft()
+                    line.counts.overtaken += 1
+                self._take(line, tick, answered, values)
+                changed.append(line)
+            elif line.values and tick - line.last >= line.period and line.status != SAFE:
+                line.counts.held += 1
+                if tick - line.last >= line.period + self._hold:
+                    self._step_in(line, tick)
+                    changed.append(line)
+        return changed
+
+    def _take(self, line: Line, tick: int, answered: int, values: Sequence[float]) -> None:
+        counts, status = line.counts, AS_SENT
+        given = tuple(values)
+        if not isfinite(sum(given)):
+            given = self._without_gaps(line, given)
+        for value, low, high in zip(given, line.low, line.high):
+            if not low <= value <= high:
+                status = CLAMPED
+        if status:
+            counts.clamped += 1
+            given = tuple([min(max(v, low), high) for v, low, high in zip(given, line.low, line.high)])
+        age = tick - answered
+        if age > counts.oldest:
+            counts.oldest = age
+        if age > line.delay + 1:
+            counts.late += 1
+        counts.taken += 1
+        if line.status == SAFE:
+            self._journal.note("back", f"{line.name} commands again", controller=line.name)
+        self.impose(line, answered, status, given)
+
+    def impose(self, line: Line, answered: int, status: int, values: tuple[float, ...]) -> None:
+        """Put values into force as they are: checked by `take_over`, or read from the recording of a run."""
+        tick = self._stand.tick
+        line.values, line.answered, line.status, line.last = values, answered, status, tick
+        for drive, value in zip(line.drives, values):
+            self._write(drive, value)
+        if self._keeps:
+            line.keep(tick)
+
+    def _without_gaps(self, line: Line, given: tuple[float, ...]) -> tuple[float, ...]:
+        """Values that are no numbers replaced by those in force. Infinite ones too: what they stand for is unknown."""
+        if all(map(isfinite, given)):
+            return given  # the sum alone overflowed
+        line.counts.not_finite += 1
+        self._journal.repeated("not finite", f"a command of {line.name} is not finite; the last one is held")
+        kept = line.values or tuple(self._asked_now(drive) for drive in line.drives)
+        return tuple([value if isfinite(value) else held for value, held in zip(given, kept)])
+
+    def _step_in(self, line: Line, tick: int) -> None:
+        line.counts.safe += 1
+        silent = (tick - line.last) * self._frame_ns / 1e6
+        text = f"{line.name} has been silent for {silent:g} ms: {', '.join(line.drives)} to safe values"
+        self._journal.note("safe", text, controller=line.name)
+        self.impose(line, -1, SAFE, line.safe)
+
+    def ask(self, name: str, value: float) -> None:
+        """The protocol wants an actuator to take a value; clamped like any other."""
+        one = self._stand.inputs[name]
+        value = min(max(value, one.low), one.high)
+        self._asked[name] = value
+        self._moves.pop(name, None)
+        if not self._overruled(name):
+            self._write(name, value)
+
+    def move(self, name: str, to: float, ticks: int) -> None:
+        """The protocol wants an actuator to run linearly to a value within `ticks`."""
+        one = self._stand.inputs[name]
+        to = min(max(to, one.low), one.high)
+        start = self._asked_now(name)
+        self._moves[name] = (start, to, self._stand.tick, ticks)
+        self._asked[name] = to
+        if not self._overruled(name):
+            self._ramp(name, to, ticks)
+
+    def connect(self, name: str, on: bool) -> None:
+        """Let the commands of a controller through from here on, or no longer."""
+        line = self.lines[name]
+        if line.connected and not on:
+            line.connected = False
+            self._give_back(line)
+        line.connected = on
+
+    def give_up(self, ticks: int) -> None:
+        """Everything to its safe value and no more commands: within `ticks` where an actuator can run, else at once."""
+        for line in self._order:
+            line.connected = False
+            line.queue.clear()
+            line.values = ()
+        self._moves.clear()
+        for name, one in self._stand.inputs.items():
+            self._asked[name] = one.safe
+            if one.slope:
+                self._ramp(name, one.safe, ticks)
+            else:
+                self._write(name, one.safe)
+
+    def _give_back(self, line: Line) -> None:
+        line.queue.clear()
+        spoke, line.values, line.status = bool(line.values), (), AS_SENT
+        for drive in line.drives if spoke else ():
+            self._write(drive, self._asked_now(drive))
+            if drive in self._moves:
+                _, to, begin, ticks = self._moves[drive]
+                left = begin + ticks - self._stand.tick
+                if left > 0:
+                    self._ramp(drive, to, left)
+
+    def _asked_now(self, name: str) -> float:
+        """What the protocol asks of an actuator at this tick, on the way if it is moving."""
+        if name in self._moves:
+            start, to, begin, ticks = self._moves[name]
+            share = min((self._stand.tick - begin) / ticks, 1.0)
+            return start + (to - start) * share
+        return self._asked[name]
+
+    def _overruled(self, name: str) -> bool:
+        owner = self._owner.get(name)
+        if owner is None or not self.lines[owner].values:
+            return False
+        self._journal.repeated(
+            "overruled", f"{name} follows {owner}; the protocol's value waits until it is disconnected"
+        )
+        return True
+
+    def _write(self, name: str, value: float) -> None:
+        if self._in_force.get(name) != value:
+            self._in_force[name] = value
+            self._stand.apply(name, value)
+
+    def _ramp(self, name: str, to: float, ticks: int) -> None:
+        self._in_force[name] = nan
+        self._stand.ramp(name, to, ticks)
+
+    def counters(self) -> dict[str, dict[str, Any]]:
+        """What was counted, controller by controller; strangers under "refused"."""
+        found: dict[str, dict[str, Any]] = {name: asdict(line.counts) for name, line in self.lines.items()}
+        return found | ({"refused": dict(self.refused)} if self.refused else {})
+
+
+class Playback(Exchange):
+    """The exchange of a run that is simulated again: commands take effect when, and as, they did the first time."""
+
+    def play(self, recorded: Mapping[str, Commands]) -> None:
+        """Take the commands of each controller from a recording."""
+        self._recorded = {name: deque(zip(*(column.tolist() for column in one))) for name, one in recorded.items()}
+
+    def receive(self, sender: str, answered: int, values: Sequence[float]) -> None:
+        """Nobody is listened to."""
+
+    def take_over(self) -> list[Line]:
+        """Put into force what took effect at this tick."""
+        tick, changed = self._stand.tick, self._changed
+        changed.clear()
+        for line in self._order:
+            recorded = self._recorded.get(line.name)
+            while recorded and recorded[0][0] <= tick:
+                _, answered, status, values = recorded.popleft()
+                self.impose(line, answered, status, tuple(values))
+                changed.append(line)
+        return changed

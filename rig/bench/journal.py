@@ -1,0 +1,43 @@
+"""What happened in a run, line by line; the same lines in every mode. `repeated` keeps a fault from flooding it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+
+class Event(NamedTuple):
+    """One line: when, who, what kind, in words, and as data."""
+
+    t_ns: int
+    tick: int
+    source: str
+    kind: str
+    text: str
+    data: dict[str, Any]
+
+
+class Journal:
+    """The events of a run in order. `now` gives the tick at which things happen."""
+
+    def __init__(self, frame_ns: int, now: Callable[[], int], source: str = "plant") -> None:
+        self.events: list[Event] = []
+        self._frame_ns, self._now, self._source = frame_ns, now, source
+        self._apart = max(1_000_000_000 // frame_ns, 1)
+        self._said: dict[str, tuple[int, int]] = {}
+
+    def note(self, kind: str, text: str, **data: Any) -> None:
+        """Write a line."""
+        tick = self._now()
+        self.events.append(Event(tick * self._frame_ns, tick, self._source, kind, text, data))
+
+    def repeated(self, kind: str, text: str, **data: Any) -> None:
+        """Write a line unless the same was written less than a second of simulated time ago; then count it."""
+        tick = self._now()
+        key = f"{kind} {text}"
+        last, unsaid = self._said.get(key, (tick - self._apart, 0))
+        if tick - last < self._apart:
+            self._said[key] = (last, unsaid + 1)
+            return
+        self._said[key] = (tick, 0)
+        self.note(kind, f"{text} ({unsaid} more since)" if unsaid else text, **data)

@@ -1,0 +1,80 @@
+"""The line from one controller to its actuators: what waits on it, what is in force, what was counted."""
+
+from __future__ import annotations
+
+from array import array
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.solve.assembly import Input
+
+AS_SENT, CLAMPED, SAFE = 0, 1, 2
+"""What `status` says of a command taken over."""
+
+
+@dataclass
+class Counts:
+    """What happened to the commands of one controller."""
+
+    taken: int = 0
+    late: int = 0
+    """Taken over more than one frame after the measurement that they answer (beyond the stated delay)."""
+    oldest: int = 0
+    """Age of the oldest command taken over [frames]."""
+    held: int = 0
+    """Frames in which a command was due and had not come."""
+    overtaken: int = 0
+    clamped: int = 0
+    not_finite: int = 0
+    refused: int = 0
+    safe: int = 0
+    """Times that safe values had to step in."""
+
+
+class Commands(NamedTuple):
+    """What one controller commanded, as it took effect: tick, tick answered, status, values [commands, drives]."""
+
+    tick: NDArray[np.int64]
+    answered: NDArray[np.int64]
+    status: NDArray[np.int64]
+    values: NDArray[np.float64]
+
+
+class Line:
+    """The line from one controller to its actuators. Times in ticks."""
+
+    __slots__ = (
+        "_columns", "answered", "connected", "counts", "delay", "drives", "high", "hold", "last", "low", "name",
+        "period", "queue", "safe", "status", "values",
+    )  # fmt: skip
+
+    def __init__(self, name: str, inputs: Mapping[str, Input], drives: Sequence[str], period: int, delay: int) -> None:
+        self.name, self.drives, self.period, self.delay = name, tuple(drives), period, delay
+        self.low = tuple(inputs[drive].low for drive in drives)
+        self.high = tuple(inputs[drive].high for drive in drives)
+        self.safe = tuple(inputs[drive].safe for drive in drives)
+        self.queue: deque[tuple[int, int, Sequence[float]]] = deque()
+        self.connected = True
+        self.values: tuple[float, ...] = ()
+        """In force; () while the controller has not commanded yet."""
+        self.answered, self.status, self.last = -1, AS_SENT, 0
+        self.counts = Counts()
+        self._columns = (array("q"), array("q"), array("q"), array("d"))
+
+    def keep(self, tick: int) -> None:
+        """Write down what is in force from `tick` on."""
+        ticks, answered, status, values = self._columns
+        ticks.append(tick)
+        answered.append(self.answered)
+        status.append(self.status)
+        values.extend(self.values)
+
+    def commands(self) -> Commands:
+        """What was written down."""
+        ticks, answered, status = (np.array(column, np.int64) for column in self._columns[:3])
+        return Commands(ticks, answered, status, np.array(self._columns[3]).reshape(-1, len(self.drives)))

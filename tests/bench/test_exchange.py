@@ -1,0 +1,245 @@
+"""What becomes of commands: held, clamped, refused, counted, replaced by safe values."""
+
+import time
+from math import inf, isfinite, nan
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from rig.bench.exchange import Exchange, Playback
+from rig.bench.journal import Journal
+from rig.bench.line import CLAMPED, SAFE
+from rig.errors import UsageError
+
+MS = 1_000_000
+
+
+def exchange(stand, hold=50, kind=Exchange, **delay):
+    made = kind(stand, MS, hold, Journal(MS, lambda: stand.tick))
+    made.admit("nf", ["load.force"], MS, **delay)
+    return made
+
+
+def kinds(made):
+    return [event.kind for event in made._journal.events]
+
+
+def test_a_command_is_in_force_at_the_tick_of_its_arrival(stand):
+    made = exchange(stand)
+    stand.tick = 7
+    made.receive("nf", 7, (30.0,))
+    assert [line.name for line in made.take_over()] == ["nf"]
+    assert stand.done == [(7, "load.force", 30.0)]
+
+
+def test_the_later_of_two_commands_counts(stand):
+    made = exchange(stand)
+    stand.tick = 7
+    made.receive("nf", 5, (30.0,))
+    made.receive("nf", 6, (31.0,))
+    made.take_over()
+    assert stand.value["load.force"] == 31.0
+    assert made.lines["nf"].counts.overtaken == 1
+
+
+def test_the_delay_of_a_loop_is_a_queue(stand):
+    made = exchange(stand, delay_ns=3 * MS)
+    for _ in range(10):
+        made.receive("nf", stand.tick, (30.0 + stand.tick,))
+        made.take_over()
+        stand.frame()
+    assert stand.done == [(tick, "load.force", 27.0 + tick) for tick in range(3, 10)]
+    assert made.lines["nf"].counts.late == 0
+    assert made.lines["nf"].counts.oldest == 3
+
+
+def test_a_late_command_waits_no_longer_than_it_must(stand):
+    made = exchange(stand, delay_ns=3 * MS)
+    stand.tick = 8
+    made.receive("nf", 2, (30.0,))
+    made.take_over()
+    assert stand.value["load.force"] == 30.0
+    assert made.lines["nf"].counts.late == 1
+
+
+def test_a_missing_command_is_held_then_replaced_by_the_safe_value(stand):
+    made = exchange(stand, hold=50)
+    made.receive("nf", 0, (90.0,))
+    for tick in range(100):
+        stand.tick = tick
+        made.take_over()
+    assert stand.done == [(0, "load.force", 90.0), (51, "load.force", 20.0)]
+    counts = made.lines["nf"].counts
+    assert (counts.held, counts.safe) == (51, 1)
+    stand.tick = 100
+    made.receive("nf", 100, (80.0,))
+    made.take_over()
+    assert stand.value["load.force"] == 80.0
+    assert kinds(made) == ["safe", "back"]
+
+
+def test_a_slow_controller_is_not_silent_between_its_commands(stand):
+    made = Exchange(stand, MS, 50, Journal(MS, lambda: stand.tick))
+    made.admit("slow", ["load.force"], 100 * MS)
+    for tick in range(1000):
+        stand.tick = tick
+        if tick % 100 == 0:
+            made.receive("slow", tick, (30.0 + tick,))
+        made.take_over()
+    assert (made.lines["slow"].counts.held, made.lines["slow"].counts.safe) == (0, 0)
+
+
+def test_a_controller_that_never_spoke_took_nothing_over(stand):
+    made = exchange(stand)
+    made.receive("nf", 0, ())
+    stand.tick = 1000
+    assert not made.take_over()
+    assert (stand.done, kinds(made)) == ([], [])
+
+
+@pytest.mark.parametrize(("given", "applied"), [(1e9, 100.0), (-5.0, 0.0), (100.0, 100.0)])
+def test_out_of_range_is_clamped_and_counted(stand, given, applied):
+    made = exchange(stand)
+    made.receive("nf", 0, (given,))
+    (line,) = made.take_over()
+    assert stand.value["load.force"] == applied
+    assert (line.counts.clamped, line.status) == ((0, 0) if given == applied else (1, CLAMPED))
+
+
+def test_what_is_not_finite_is_held_and_counted(stand):
+    made = Exchange(stand, MS, 50, Journal(MS, lambda: stand.tick))
+    made.admit("both", ["load.force", "dither.amplitude"], MS)
+    for tick, values in enumerate([(nan, 0.1), (30.0, 0.2), (inf, 0.3), (31.0, -inf)]):
+        stand.tick = tick
+        made.receive("both", tick, values)
+        made.take_over()
+    assert made.lines["both"].commands().values.tolist() == [[20.0, 0.1], [30.0, 0.2], [30.0, 0.3], [31.0, 0.3]]
+    assert made.lines["both"].counts.not_finite == 3
+    assert kinds(made) == ["not finite"]  # the same again within a second is counted, not told
+
+
+def test_one_actuator_has_one_owner(stand):
+    made = exchange(stand)
+    with pytest.raises(UsageError, match="driven by nf already"):
+        made.admit("other", ["load.force"], MS)
+    with pytest.raises(UsageError, match="no such actuator"):
+        made.admit("other", ["load.mass"], MS)
+    with pytest.raises(UsageError, match="no whole number"):
+        made.admit("other", ["drive.speed"], MS + 1)
+    for tick in range(3000):
+        stand.tick = tick
+        made.receive("stranger", tick, (5.0,))
+        made.receive("nf", tick, (5.0, 6.0))
+        made.take_over()
+    assert stand.done == []
+    assert made.counters()["refused"] == {"stranger": 3000}
+    assert made.lines["nf"].counts.refused == 3000
+    assert kinds(made) == ["refused"] * 6  # each once a second
+
+
+def test_a_controller_from_outside_gives_its_actuator_back(stand):
+    made = exchange(stand)
+    made.admit("mine", ["drive.speed"], MS)
+    made.receive("mine", 0, (0.5,))
+    made.take_over()
+    made.dismiss("mine")
+    assert stand.value["drive.speed"] == 0.06
+    made.admit("yours", ["drive.speed"], MS)
+
+
+def test_the_protocol_waits_until_the_controller_is_disconnected(stand):
+    made = exchange(stand)
+    made.ask("load.force", 40.0)
+    assert stand.value["load.force"] == 40.0
+    made.receive("nf", 0, (50.0,))
+    made.take_over()
+    made.ask("load.force", 60.0)
+    assert stand.value["load.force"] == 50.0
+    assert kinds(made) == ["overruled"]
+    made.connect("nf", False)
+    assert stand.value["load.force"] == 60.0
+    made.receive("nf", 0, (70.0,))
+    assert not made.take_over()
+    made.connect("nf", True)
+    made.receive("nf", 0, (70.0,))
+    made.take_over()
+    assert stand.value["load.force"] == 70.0
+
+
+def test_a_ramp_goes_on_where_it_would_be(stand):
+    made = exchange(stand)
+    made.move("load.force", 40.0, 100)
+    stand.tick = 10
+    made.receive("nf", 10, (50.0,))
+    made.take_over()
+    stand.tick = 30
+    made.connect("nf", False)
+    assert stand.done == [
+        (0, "load.force", (40.0, 100)),
+        (10, "load.force", 50.0),
+        (30, "load.force", 26.0),
+        (30, "load.force", (40.0, 70)),
+    ]
+
+
+def test_giving_up_makes_everything_safe(stand):
+    made = exchange(stand)
+    made.receive("nf", 0, (50.0,))
+    made.take_over()
+    made.ask("dither.amplitude", 0.3)
+    made.give_up(500)
+    made.receive("nf", 0, (60.0,))
+    assert not made.take_over()
+    assert stand.value["dither.amplitude"] == 0.0
+    assert (0, "drive.speed", (0.0, 500)) in stand.done
+    assert (0, "load.force", (20.0, 500)) in stand.done
+
+
+REAL = st.floats(allow_nan=True, allow_infinity=True)
+ARRIVALS = st.lists(st.tuples(st.integers(0, 120), st.integers(0, 5), st.tuples(REAL, REAL)), max_size=60)
+
+
+def run(stand, kind, arrivals, switches, recorded=None):
+    made = kind(stand, MS, 20, Journal(MS, lambda: stand.tick))
+    made.admit("both", ["load.force", "dither.amplitude"], MS, 2 * MS)
+    if recorded is not None:
+        made.play({"both": recorded})
+    for tick in range(150):
+        stand.tick = tick
+        if tick in switches:
+            made.connect("both", switches[tick])
+        for at, age, values in arrivals:
+            if at == tick:
+                made.receive("both", max(tick - age, 0), values)
+        made.take_over()
+    return made
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(arrivals=ARRIVALS, switches=st.dictionaries(st.integers(0, 140), st.booleans(), max_size=4))
+def test_what_is_applied_is_finite_and_within_limits_and_can_be_played_again(fake, arrivals, switches):
+    first, second = fake(), fake()
+    made = run(first, Exchange, arrivals, switches)
+    for _, name, value in first.done:
+        assert isfinite(value)
+        assert first.inputs[name].low <= value <= first.inputs[name].high
+    commands = made.lines["both"].commands()
+    assert np.all(np.isfinite(commands.values))
+    assert np.all((commands.answered >= 0) | (commands.status == SAFE))
+    again = run(second, Playback, [], switches, commands)
+    assert second.done == first.done
+    assert all(np.array_equal(a, b) for a, b in zip(again.lines["both"].commands(), commands))
+
+
+def test_a_frame_costs_two_microseconds(stand):
+    made = exchange(stand)
+    stand.apply = lambda name, value: None
+    begin = time.perf_counter_ns()
+    for tick in range(20_000):
+        stand.tick = tick
+        made.receive("nf", tick, (20.0 + tick % 7,))
+        made.take_over()
+    per_frame = (time.perf_counter_ns() - begin) / 20_000
+    assert per_frame < 10_000  # 2 us on an idle machine
