@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, TypeAdapter, model_validator
 from controllers import KINDS as CONTROLLERS
 from rig.plants import PLANTS
 from rig.quantities import Nanoseconds, Section, Unit, si, unit_of
-from rig.scenes.protocol import Known, Step, longest_ns
+from rig.scenes.protocol import Known, Load, Ramp, Set, Step, flat, longest_ns
 from sensors import KINDS as SENSORS
 
 Count = Annotated[int, Gt(0)]
@@ -97,9 +97,19 @@ class Scene:
         """Longest time the protocol takes [ns]; None without a protocol, or with one that never ends."""
         return longest_ns(self.protocol) if self.protocol else None
 
+    @cached_property
+    def moved(self) -> dict[str, str]:
+        """Actuators that the scene moves: "held" commands (steps from tick to tick), or "ramped" as well."""
+        held = {actuator for section in self.controllers.values() for actuator in controller_drives(section)}
+        steps = tuple(flat(self.protocol))
+        held |= {s.target for s in steps if isinstance(s, Load | Ramp | Set)}
+        ramped = {s.target for s in steps if isinstance(s, Load | Ramp) and s.over}
+        inputs = plant_module(self.plant).assemble(self.parameters).inputs
+        return {name: "ramped" if name in ramped else "held" for name in sorted(held) if name in inputs}
+
     def assemble(self) -> Any:
-        """The plant of this scene (`rig.solve.assembly.Assembly`)."""
-        return plant_module(self.plant).assemble(self.parameters)
+        """The plant of this scene (`rig.solve.assembly.Assembly`), with the signals that its actuators need."""
+        return plant_module(self.plant).assemble(self.parameters, self.moved)
 
     def values(self) -> dict[str, tuple[Any, str]]:
         """Every value of the scene: dotted key -> (value in SI, unit), defaults included, tables left out absent."""

@@ -1,0 +1,55 @@
+# Everything that is done with the project as a whole. Needs Python 3.11 or newer, pip and make; the rest goes into .venv.
+#   make demo       a rig that sticks and slips, a controller, a recording and a figure
+#   make test       the tests            make test-slow   those that take longer
+#   make check      formatting, lint, import rules, types
+#   make bench      figures for this machine
+#   make docs       the figures of docs/gallery, made again
+#   make lock       requirements.lock, made again from pyproject.toml (needs uv)
+
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+RUN := $(BIN)/python -m
+PIP := $(RUN) pip install --quiet --disable-pip-version-check
+
+.DEFAULT_GOAL := install
+.PHONY: install demo test test-slow check bench docs lock clean
+
+install: $(VENV)/.installed
+
+$(VENV)/.installed: requirements.lock pyproject.toml
+	@command -v $(PYTHON) >/dev/null || { echo "there is no '$(PYTHON)' here: install Python 3.11 or newer, or name it: make PYTHON=python3.12"; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed; $(PYTHON) is $$($(PYTHON) -V 2>&1). Another one: make PYTHON=python3.12"; exit 1; }
+	@echo "installing into $(VENV) (once; a minute or two)"
+	@$(PYTHON) -m venv $(VENV) || { echo "Python's venv module is missing: install it (often a package named python3-venv)"; exit 1; }
+	@$(PIP) --require-hashes -r requirements.lock
+	@$(PIP) --no-deps --no-build-isolation -e .
+	@touch $@
+
+demo: install
+	@$(BIN)/rig demo
+
+test: install
+	@$(RUN) pytest
+
+test-slow: install
+	@$(RUN) pytest -m slow
+
+check: install
+	@$(RUN) ruff format --check .
+	@$(RUN) ruff check .
+	@$(BIN)/lint-imports
+	@$(RUN) mypy
+
+bench: install
+	@$(RUN) pytest -m bench -s --timeout=0
+
+docs: install
+	@$(RUN) docs.gallery
+
+lock:
+	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \
+	  --fork-strategy fewest --group dev --group build pyproject.toml -o requirements.lock
+
+clean:
+	rm -rf $(VENV) .kernels .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
