@@ -122,17 +122,16 @@ class Exchange:
                     changed.append(line)
         return changed
 
-    def _take(self, line: Line, tick: int, answered: int, values: Sequence[float]) -> None:
+    def _take(self, line: Line, tick: int, answered: int, given: Sequence[float]) -> None:
         counts, status = line.counts, AS_SENT
-        given = tuple(values)
         if not isfinite(sum(given)):
             given = self._without_gaps(line, given)
         for value, low, high in zip(given, line.low, line.high):
             if not low <= value <= high:
                 status = CLAMPED
-        if status:
-            counts.clamped += 1
-            given = tuple([min(max(v, low), high) for v, low, high in zip(given, line.low, line.high)])
+                counts.clamped += 1
+                given = [min(max(v, low), high) for v, low, high in zip(given, line.low, line.high)]
+                break
         age = tick - answered
         if age > counts.oldest:
             counts.oldest = age
@@ -141,18 +140,20 @@ class Exchange:
         counts.taken += 1
         if line.status == SAFE:
             self._journal.note("back", f"{line.name} commands again", controller=line.name)
-        self.impose(line, answered, status, given)
+        self.impose(line, answered, status, tuple(given))
 
     def impose(self, line: Line, answered: int, status: int, values: tuple[float, ...]) -> None:
         """Put values into force as they are: checked by `take_over`, or read from the recording of a run."""
-        tick = self._stand.tick
+        tick, in_force = self._stand.tick, self._in_force
         line.values, line.answered, line.status, line.last = values, answered, status, tick
         for drive, value in zip(line.drives, values):
-            self._write(drive, value)
+            if in_force.get(drive) != value:
+                in_force[drive] = value
+                self._stand.apply(drive, value)
         if self._keeps:
             line.keep(tick)
 
-    def _without_gaps(self, line: Line, given: tuple[float, ...]) -> tuple[float, ...]:
+    def _without_gaps(self, line: Line, given: Sequence[float]) -> Sequence[float]:
         """Values that are no numbers replaced by those in force. Infinite ones too: what they stand for is unknown."""
         if all(map(isfinite, given)):
             return given  # the sum alone overflowed
