@@ -1,0 +1,127 @@
+"""Every scene that ships: it loads, it comes back from JSON, and each of its values says where it comes from."""
+
+import json
+import re
+import tomllib
+
+import pytest
+
+from rig import scenes
+from rig.quantities import ORIGINS
+from rig.scenes.shelf import card
+
+NUMBER = re.compile(r"[+-]?[\d.]")
+EXPERIMENTS = {
+    "belt",
+    "belt_b",
+    "belt_c",
+    "belt_c_damped",
+    "belt_dither",
+    "belt_dither_controlled",
+    "belt_dither_sampled",
+    "belt_hysteresis",
+    "belt_normal_force",
+    "belt_normal_force_acceleration",
+    "belt_normal_force_displacement",
+    "belt_slow_card",
+    "belt_velocity_feedback",
+    "pendulum",
+}
+
+
+def test_the_experiments_of_the_paper_ship():
+    assert set(scenes.names()) >= EXPERIMENTS
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_a_scene_comes_back_from_json_unchanged(name):
+    scene = scenes.load(name)
+    again = scenes.Scene.from_json(scene.to_json())
+    assert again == scene
+    assert again.to_json() == scene.to_json()
+    assert again.digest == scene.digest
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_every_value_bears_an_origin(name):
+    raw = tomllib.loads(scenes.path(name).read_text(encoding="utf-8"))
+    assert list(_bare(raw)) == []
+    assert {origin.origin for origin in scenes.load(name).origins.values()} <= set(ORIGINS)
+
+
+def _bare(raw, key=""):
+    """Keys of values that stand without an origin; names, choices and switches are no values."""
+    if isinstance(raw, dict):
+        for name, value in raw.items():
+            if name not in ("title", "about", "text"):
+                yield from _bare(value, f"{key}.{name}" if key else name)
+    elif isinstance(raw, list) and not (len(raw) in (2, 3) and raw[1] in ORIGINS):
+        for i, value in enumerate(raw, 1):
+            yield from _bare(value, f"{key}[{i}]")
+    elif (isinstance(raw, int | float) and not isinstance(raw, bool)) or (isinstance(raw, str) and NUMBER.match(raw)):
+        yield key
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_a_scene_says_what_one_sees(name):
+    told = card(name)
+    assert told["title"]
+    assert told["about"]
+    assert name.startswith(told["plant"])
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_shipped_units_need_no_unit_library(name):
+    """Start-up counts: 0.3 s of pint for a factor of one would be wasted."""
+    for origin_less in _texts(tomllib.loads(scenes.path(name).read_text(encoding="utf-8"))):
+        assert not re.search(r"\d\s+(ms|us|kHz|mm|um|rpm|mN|deg)\b", origin_less), origin_less
+
+
+def _texts(raw):
+    if isinstance(raw, dict):
+        for key, value in raw.items():
+            if key not in ("title", "about", "text"):
+                yield from _texts(value)
+    elif isinstance(raw, list) and len(raw) in (2, 3) and raw[1] in ORIGINS:
+        yield str(raw[0])
+    elif isinstance(raw, list):
+        for value in raw:
+            yield from _texts(value)
+
+
+def test_pendulum_at_its_contact_is_the_mass_on_the_belt():
+    pendulum, belt = scenes.load("pendulum").parameters, scenes.load("belt").parameters
+    r = pendulum.body.radius
+    assert pendulum.body.inertia / r**2 == pytest.approx(belt.body.mass, rel=1e-12)
+    assert pendulum.body.stiffness / r**2 == pytest.approx(belt.body.stiffness, rel=1e-12)
+    assert pendulum.body.damping / r**2 == pytest.approx(belt.body.damping, rel=1e-12)
+    assert pendulum.drive.speed * r == pytest.approx(belt.drive.speed, rel=1e-12)
+    assert pendulum.friction == belt.friction
+    assert pendulum.load.force == belt.load.force
+
+
+def test_the_pendulum_protocol_accelerates_holds_and_decelerates():
+    scene = scenes.load("pendulum")
+    speeds = [step.to for step in scene.protocol if getattr(step, "target", "") == "drive.speed"]
+    assert speeds == [0.0, 0.3, 0.0]
+    assert scene.duration_ns == 21_000_000_000
+    assert scene.moved == {"drive.speed": "ramped", "load.force": "ramped"}
+
+
+def test_the_reference_scenes_match_the_closed_loop_tables():
+    normal, belt = scenes.load("belt_normal_force"), scenes.load("belt_velocity_feedback")
+    for scene in (normal, belt):
+        assert scene.frame_ns == 1_000_000
+        assert scene.duration_ns == 20_000_000_000
+        assert all(sensor.ideal for sensor in scene.sensors.values())
+        assert scene.parameters.start.displacement == 0.0
+        assert scene.parameters.start.velocity == scene.parameters.drive.speed
+    assert (normal.controllers["nf"].gain, normal.controllers["nf"].enable_at) == (200.0, 4.0)
+    assert (belt.controllers["belt"].gain, belt.parameters.drive.lag) == (2.66, 0.01)
+
+
+def test_json_of_a_scene_is_plain_and_si():
+    raw = json.loads(scenes.load("pendulum", {"drive.speed": "2 rpm"}).to_json())
+    assert raw["parameters"]["drive"]["speed"] == pytest.approx(0.2094395, rel=1e-6)
+    assert raw["clock"]["frame"] == 0.001
+    assert raw["origins"]["drive.speed"] == ["user", ""]
