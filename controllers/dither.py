@@ -21,7 +21,7 @@ from typing import ClassVar, Literal, NamedTuple, Self
 
 from pydantic import model_validator
 
-from controllers.base import ControllerSection, Fraction, Margin, Numbers, OptionalSpeed, Speed, Values
+from controllers.base import ControllerSection, Fraction, Margin, Numbers, OptionalHertz, OptionalSpeed, Speed, Values
 from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveSecond, Second
 
@@ -30,7 +30,7 @@ SPEED_BAND = 0.1  # share of `band` in which a measured belt speed is believed: 
 
 
 class Dither(ControllerSection):
-    """Parameters; amplitudes are velocities at the contact, whatever the generator shakes."""
+    """Parameters; amplitudes are velocities at the contact, whatever the generator shakes, as is the belt `speed`."""
 
     fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"sensor", "speed_sensor"}
 
@@ -38,7 +38,7 @@ class Dither(ControllerSection):
     sensor: str
     speed_sensor: str | None = None
     speed: OptionalSpeed = None
-    frequency: Hertz = 150.0
+    frequency: OptionalHertz = None
     highest: PositiveMetrePerSecond = 0.2
     lowest: Speed = 0.0
     margin: Margin = 1.2
@@ -54,7 +54,7 @@ class Dither(ControllerSection):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         for low, high in (("lowest", "highest"), ("quiet", "alarm"), ("band", "frequency")):
-            if getattr(self, low) >= getattr(self, high):
+            if getattr(self, high) is not None and getattr(self, low) >= getattr(self, high):
                 raise ValueError(f"{high} = {getattr(self, high):g} is not above {low} = {getattr(self, low):g}")
         return self
 
@@ -89,7 +89,12 @@ class DitherSearch:
         self.speed = abs(float(speed or 0.0))
         self.read_scale = float(numbers.get("read_scale", 1.0))
         self.speed_scale = float(numbers.get("speed_scale", 1.0))
-        self.drive_scale = float(numbers.get("drive_scale", 1.0))
+        frequency = section.frequency if section.frequency is not None else numbers.get("frequency")
+        if frequency is None:
+            raise UsageError("frequency: is not stated, and the design step gives no number for it")
+        self.frequency = float(frequency)
+        # a generator on the belt is told a velocity; one on the mass the force that, far above resonance, makes it
+        self.drive_scale = float(numbers["force_per_hertz"]) * self.frequency if "force_per_hertz" in numbers else 1.0
         turn = -2.0 * math.pi * section.band * section.period * 1e-9
         self.smoothing = -math.expm1(turn)
         self.speed_smoothing = -math.expm1(SPEED_BAND * turn)
@@ -113,7 +118,7 @@ class DitherSearch:
             speed = self.speed
         if t_ns < self.enable_ns or self.section.margin * speed > self.section.highest:
             off = Search(margin=state.margin, smooth=smooth, slow=slow, speed=speed)
-            return off, (0.0, self.section.frequency, 0.0)
+            return off, (0.0, self.frequency, 0.0)
         if since < 0:
             amplitude, since = self.section.highest, t_ns
         elif t_ns - since > self.hold_ns:
@@ -126,7 +131,7 @@ class DitherSearch:
                 since = t_ns if changed else t_ns - self.hold_ns
                 top, bottom = -math.inf, math.inf
         amplitude = max(amplitude, self._least(margin, speed))
-        told = (self.drive_scale * amplitude, self.section.frequency, 1.0)
+        told = (self.drive_scale * amplitude, self.frequency, 1.0)
         return Search(amplitude, margin, since, top, bottom, last, smooth, slow, speed), told
 
     def _judge(

@@ -6,15 +6,15 @@
 
 z [n] is [positions, velocities, unknown forces]; F [n, n], C [n], L [n], A [n, n], c_v [n] are numbers from the
 design step, which knows the structure and no friction law: friction is the unknown force, a random walk.
-Three states, one oscillator, are written out; that is four times as fast as a loop over rows.
+Three states (one oscillator) and four (and the zero of an accelerometer) are written out: three times as fast.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from operator import mul
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from controllers.base import Numbers
 from rig.errors import UsageError
@@ -44,7 +44,7 @@ class Observer:
         self._drive = tuple(drive)
         self._free = tuple(transition)
         self.start = self._start
-        self.update = self._update3 if n == 3 else self._update
+        self.update = {3: self._update3, 4: self._update4}.get(n, self._update)
 
     def _start(self, y: float) -> Vector:
         """The state of a rig that rests where the first sample says."""
@@ -72,8 +72,21 @@ class Observer:
         )
         return step, p * x1 + q * x2 + r * x3 + self._feed * y
 
+    def _update4(self, z: Vector, y: float) -> tuple[Vector, float]:
+        x1, x2, x3, x4 = z
+        (a, b, c, d), (e, f, g, h), (i, j, k, l), (m, n, o, p) = self._step
+        u, v, w, x = self._drive
+        q, r, s, t = self._row
+        step = (
+            a * x1 + b * x2 + c * x3 + d * x4 + u * y,
+            e * x1 + f * x2 + g * x3 + h * x4 + v * y,
+            i * x1 + j * x2 + k * x3 + l * x4 + w * y,
+            m * x1 + n * x2 + o * x3 + p * x4 + x * y,
+        )
+        return step, q * x1 + r * x2 + s * x3 + t * x4 + self._feed * y
 
-def propagated(row: Sequence[float], matrix: Sequence[Sequence[float]], time: float) -> Vector:
+
+def propagated(row: ArrayLike, matrix: ArrayLike, time: float) -> Vector:
     """The row `row exp(matrix time)`: Taylor series of a part of the time, squared up to the whole."""
     a = np.asarray(matrix, dtype=float) * time
     doublings = max(0, int(np.ceil(np.log2(max(np.abs(a).sum(axis=1).max(), 1e-300)))) + 1)

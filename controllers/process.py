@@ -68,6 +68,9 @@ class Worker:
                 elif not self._plant_lives(0.0):
                     break
                 self.server.poll()
+        except Exception as error:
+            self.tell("fault", f"{type(error).__name__}: {error}", {"trace": traceback.format_exc()})
+            raise
         finally:
             self.tell("left", f"{self.session.name} has left", self.loop.counters())
             self.session.publisher(f"total/{self.session.name}").put(self.session.totals(), self.t_ns)
@@ -162,7 +165,6 @@ def run(
             except RigError:
                 raise
             except Exception as error:  # of the user's own code
-                worker.tell("fault", f"{type(error).__name__}: {error}", {"trace": traceback.format_exc()})
                 raise UsageError(f"{name} failed at tick {worker.tick}: {traceback.format_exc()}") from error
             finally:
                 gc.enable()

@@ -8,7 +8,7 @@ from rig.errors import UsageError
 SECTIONS = {
     "normal_force": {"sensor": "v", "gain": "0.2 N*s/mm", "nominal": 20.0},
     "belt_velocity": {"sensor": "v", "gain": 2.0, "nominal": "60 mm/s"},
-    "dither": {"sensor": "v", "speed": 0.06},
+    "dither": {"sensor": "v", "speed": 0.06, "frequency": "150 Hz"},
     "dither_sampled": {"amplitude": 0.1, "nominal": 0.06},
 }
 

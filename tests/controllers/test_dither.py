@@ -17,7 +17,7 @@ QUICK = {"hold_off": 0.5, "window": 0.7, "step": 0.2}
 
 
 def search(**given):
-    return controllers.build(Dither(**{"kind": "dither", "sensor": "v"} | given), {})
+    return controllers.build(Dither(**{"kind": "dither", "sensor": "v", "frequency": 150.0} | given), {})
 
 
 def shaken(controller, belt, seconds, speed=lambda t: 0.06):

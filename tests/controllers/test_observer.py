@@ -30,8 +30,8 @@ def numbers(poles=(-300.0, -320.0, -340.0), size=3, period=1e-3):
         "velocity": np.array([0.0, 1.0, 0.0]),
         "rest": np.array([1.0, 0.0, 2500.0]),
     }
-    if size == 4:  # the same with a state that nothing sees
-        given = {k: np.pad(v, [(0, 1)] * v.ndim) for k, v in given.items()}
+    # the same with states that nothing sees
+    given = {k: np.pad(v, [(0, size - 3)] * v.ndim) for k, v in given.items()}
     return {key: value.tolist() for key, value in given.items()}
 
 
@@ -69,12 +69,13 @@ def test_a_rig_at_rest_is_recognised_at_once():
         assert abs(estimate) < 1e-12
 
 
-def test_the_written_out_step_equals_the_general_one():
-    three, four = Observer(numbers(), 0.004), Observer(numbers(size=4), 0.004)
-    a, b = three.start(1e-3), four.start(1e-3)
+@pytest.mark.parametrize("size", [4, 5])
+def test_the_written_out_steps_equal_the_general_one(size):
+    written, other = Observer(numbers(), 0.004), Observer(numbers(size=size), 0.004)
+    a, b = written.start(1e-3), other.start(1e-3)
     for k in range(50):
-        a, va = three.update(a, swing(k * 1e-3)[0])
-        b, vb = four.update(b, swing(k * 1e-3)[0])
+        a, va = written.update(a, swing(k * 1e-3)[0])
+        b, vb = other.update(b, swing(k * 1e-3)[0])
         assert va == pytest.approx(vb, abs=1e-13)
 
 

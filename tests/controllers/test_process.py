@@ -231,13 +231,16 @@ def spawned(what, **given):
         plant = Plant(session)
         setup = described(**given)
         server = session.serve("scene", lambda _: setup.to_json())
+        door = session.serve("cmd/plant", lambda _: {})
         session.announce()
+        name = Path(what).stem
         command = [sys.executable, "-m", "controllers.process", what, "--run", "here"]
         with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as child:
             try:
                 deadline = time.monotonic() + 20.0
-                while ("controller", "feedback") not in plant.watch.present and time.monotonic() < deadline:
-                    server.poll(0.05)
+                while ("controller", name) not in plant.watch.present and time.monotonic() < deadline:
+                    server.poll(0.02)
+                    door.poll()
                     plant.watch.poll()
                     if child.poll() is not None:
                         break
@@ -285,6 +288,21 @@ def test_a_name_that_the_scene_does_not_have_ends_with_a_usage_error(private):
     with spawned("feed") as (_, child, _session):
         assert ended(child, 3.0) == 2
         assert "no controller called feed" in child.stderr.read()
+
+
+def test_a_fault_in_a_file_of_ones_own_is_told_with_its_trace(private, tmp_path):
+    text = (ROOT / "docs" / "example_controller.py").read_text()
+    path = tmp_path / "mine.py"
+    path.write_text(text.replace("(v,) = values", "(v,) = values\n        1.0 / (t_ns - 2_000_000)"))
+    with spawned(str(path)) as (plant, child, _):
+        for tick in range(3):
+            plant.send(tick, 0.05)
+        assert ended(child, 3.0) == 2
+        told = child.stderr.read()
+        assert "mine failed at tick 2" in told
+        assert "ZeroDivisionError" in told
+        assert [plant.answer().tick for _ in range(2)] == [0, 1]
+        assert [plant.event().kind, plant.event().kind] == ["fault", "left"]
 
 
 def test_without_a_run_it_says_so_and_ends(private):
