@@ -15,16 +15,12 @@ from collections.abc import Mapping
 from typing import Annotated, Literal
 
 import numpy as np
-from annotated_types import Ge
 from numpy.typing import NDArray
 from pydantic import Field
 
-from rig.quantities import Hertz, PositiveNewton, Section, quantity
+from rig.quantities import Angle, Hertz, PositiveNewton, Section, SpeedAmplitude
 from rig.solve.assembly import Assembly, Input
 from rig.solve.assembly import add as add_row
-
-SpeedAmplitude = quantity("m/s", Ge(0.0))
-Angle = quantity("rad")
 
 
 class _Dither(Section):

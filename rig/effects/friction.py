@@ -15,15 +15,12 @@ from __future__ import annotations
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from annotated_types import Ge, Gt
+from annotated_types import Ge
 from pydantic import Field, model_validator
 
-from rig.quantities import PositiveMetrePerSecond, Ratio, Section, quantity
+from rig.quantities import PositiveMetrePerSecond, PositiveSecondPerMetre, Ratio, SecondPerMetre, Section
 from rig.solve import laws
 from rig.solve.laws import Law
-
-SecondPerMetre = quantity("s/m", Ge(0.0))
-PositiveSecondPerMetre = quantity("s/m", Gt(0.0))
 
 
 class Stribeck(Section):

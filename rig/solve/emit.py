@@ -43,7 +43,7 @@ def emit_linear(t, slot, x, start, length, seg, derivatives):
                 for j in range(n):
                     s += t.A[slot, i, j] * derivatives[k - 1, j]
                 derivatives[k, i] = f * s
-        for s in range(t.signals.shape[1]):
+        for s in range(seg.coef.shape[1]):
             for k in range(DEGREE + 1):
                 c = 0.0
                 for i in range(n):

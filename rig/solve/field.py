@@ -119,7 +119,7 @@ def book(shape, f, x, scale, energy):
 def read(f, x, values):
     """values[signal] = what the sensors read at x."""
     forces(f, x)
-    for s in range(f.signals.shape[0]):
+    for s in range(values.shape[0]):
         values[s] = dot(f.signals[s], x) + dot(f.signals_t[s], f.T)
 
 

@@ -1,0 +1,164 @@
+"""The rig on its stand: plant and sensors of a scene, carried forward frame by frame.
+
+What happens depends on the ticks at which actuators and parameters are written and on nothing else, so that a run in
+one process, over the bus in lockstep, or played back from a recording gives the same bits.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import ValidationError
+
+from rig.errors import SceneError, UsageError
+from rig.scenes.scene import Scene
+from rig.solve.assembly import Input
+from rig.solve.motion import Motion
+from sensors.bank import Bank
+
+Array = NDArray[np.float64]
+
+
+class Stand:
+    """A scene's plant with its sensors at tick `tick` (frames). Raises rig.errors.NumericsError when it must stop."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.frame_ns, self.step_ns = scene.frame_ns, scene.step_ns
+        self.steps = self.frame_ns // self.step_ns
+        self.tick = 0
+        self._parameters = scene.parameters
+        assembly = scene.assemble()
+        self.inputs: dict[str, Input] = assembly.inputs
+        self.values = {name: one.value for name, one in assembly.inputs.items()}
+        needs = Bank.needs(scene.sensors)
+        self.outputs: tuple[str, ...] = (*needs, *(name for name in assembly.outputs if name not in needs))
+        self.units = {name: assembly.outputs[name].unit for name in self.outputs}
+        system = assembly.system()
+        clock = scene.clock
+        method = clock.method
+        if method == "auto":
+            method = "exact" if all(p.law.constant for p in system.patches) else "dopri5"
+        self.motion = Motion(
+            system,
+            self.step_ns,
+            method,
+            outputs=[assembly.outputs[name].row for name in self.outputs],
+            read=len(needs),
+            tolerance=clock.tolerance,
+            substeps=max(1, self.step_ns // clock.rk4_step),
+            cap=clock.events_per_frame,
+            limit=clock.limit,
+            longest=self.steps,
+        )
+        self._index = {name: i for i, name in enumerate(system.names)}
+        self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed)
+        self.bank.start(self.motion.outputs_now()[: len(needs)])
+
+    @property
+    def t_ns(self) -> int:
+        """Simulated time now [ns]."""
+        return self.tick * self.frame_ns
+
+    def frame(self) -> None:
+        """Carry the plant through one frame; the sensors publish what they sampled in it."""
+        self.motion.advance(self.steps)
+        self.tick += 1
+        self.bank.advance(self.motion.segments)
+
+    def apply(self, name: str, value: float) -> None:
+        """Put an actuator to `value` at this tick; a ramp that was under way ends."""
+        one = self.inputs[name]
+        self.values[name] = value
+        if one.write is not None:
+            one.write(self.motion.x, self.values, self.t_ns * 1e-9)
+        elif one.state:
+            if one.slope:
+                self.motion.write(self._index[one.slope], 0.0)
+            self.motion.write(self._index[one.state], value)
+        else:
+            self.set_parameter(name, value)
+
+    def ramp(self, name: str, to: float, ticks: int) -> None:
+        """Let an actuator run linearly to `to` within `ticks` frames; `apply` at the end stops it exactly there."""
+        one = self.inputs[name]
+        if not one.slope:
+            raise UsageError(f"{name} cannot be ramped in this scene: nothing in its protocol asks for it")
+        start = float(self.motion.x[self._index[one.state]])
+        self.values[name] = to
+        self.motion.write(self._index[one.slope], (to - start) / (ticks * self.frame_ns * 1e-9))
+
+    def set_parameter(self, key: str, value: Any) -> None:
+        """Change a parameter of the rig (`friction.mu_static`) at this tick. Raises SceneError when it cannot be."""
+        changed = with_value(self._parameters, key, value)
+        system = self.scene.assemble(changed).system()
+        if [p.name for p in system.patches] != [p.name for p in self.motion.system.patches]:
+            raise SceneError(key, ["changes the contacts of the rig; start a new run with it"])
+        try:
+            self.motion.replace(system)
+        except ValueError as error:
+            raise SceneError(key, [str(error)]) from None
+        self._parameters = changed
+        self._index = {name: i for i, name in enumerate(system.names)}
+
+    def parameter(self, key: str) -> Any:
+        """The value of a parameter of the rig now. Raises SceneError for an unknown key."""
+        found: Any = self._parameters
+        for part in key.split("."):
+            if part not in type(found).model_fields:
+                raise SceneError(key, ["is no parameter of this rig"])
+            found = getattr(found, part)
+        return found
+
+    def knock(self, impulse: float) -> None:
+        """Strike the body along the sliding direction of the first contact with `impulse` [N s]."""
+        system = self.motion.system
+        jump = np.linalg.solve(system.mass, system.patches[0].direction) * impulse
+        first = len(system.coordinates)
+        for i, step in enumerate(jump):
+            self.motion.write(first + i, float(self.motion.x[first + i] + step))
+
+    def output_values(self) -> Array:
+        """Plant truth [outputs] at this tick."""
+        return self.motion.outputs_now()
+
+    def output(self, name: str) -> float:
+        """Plant truth of one output at this tick."""
+        return float(self.output_values()[self.outputs.index(name)])
+
+    @property
+    def mode(self) -> str:
+        """The contact modes now, in words."""
+        return self.motion.system.describe(self.motion.key)
+
+    def statistics(self) -> dict[str, Any]:
+        """Method, counts, stick share and energy so far."""
+        energy = self.motion.energy()
+        return {
+            "method": self.motion.method,
+            **self.motion.counts(),
+            "stick_share": self.motion.stick_share(),
+            "energy": energy,
+            "energy_error": energy["error"],
+        }
+
+
+def with_value(section: Any, key: str, value: Any) -> Any:
+    """A section with one dotted key changed, checked as a whole. Raises SceneError with every fault."""
+    raw = section.model_dump()
+    at = raw
+    *path, last = key.split(".")
+    for part in path:
+        if not isinstance(at.get(part), dict):
+            raise SceneError(key, ["is no parameter of this rig"])
+        at = at[part]
+    if last not in at:
+        raise SceneError(key, ["is no parameter of this rig"])
+    at[last] = value
+    try:
+        return type(section).model_validate(raw)
+    except ValidationError as error:
+        lines = [f"{'.'.join(map(str, f['loc']))}: {f['msg'].removeprefix('Value error, ')}" for f in error.errors()]
+        raise SceneError(key, lines) from None

@@ -1,0 +1,160 @@
+"""Carrying a state through ticks: the compiled loop that hands it from method to method, and what it works on."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.kernel import inner, kernel
+from rig.solve import dopri5, exact, ledger, rk4
+from rig.solve.emit import emit_linear
+from rig.solve.settle import CHATTER, DONE, LOST, READY, dot, friction, settle
+
+Array = NDArray[np.float64]
+TICK, KEY, PENDING, EVENTS, OPENED, TRIALS, REPEAT, COUNTERS = range(8)  # of State.ic
+PLACE, TRY = range(2)  # of State.fc
+TALLIED = 256
+_FLUSH = 1e-150
+
+
+class Work(NamedTuple):
+    """Scratch of one motion, allocated once."""
+
+    k: Array
+    y: Array
+    y2: Array
+    x0: Array
+    copy: Array
+    size: Array
+    T: Array
+    scratch: Array
+    derivatives: Array
+    spare: Array
+    poly: Array
+    roots: Array
+    g: Array
+    values: Array
+    nodes: Array
+    weights: Array
+    nodes5: Array
+    weights5: Array
+
+
+class Log(NamedTuple):
+    """What one call writes: states and slots at ticks, events."""
+
+    out: Array  # [tick, n]
+    modes: NDArray[np.int64]  # [tick]
+    event: NDArray[np.int64]  # [event, 4] tick, guard kind, owner, key before
+    place: Array  # [event] place in the tick
+
+
+class State(NamedTuple):
+    """What lives between calls."""
+
+    ic: NDArray[np.int64]
+    fc: Array
+    x: Array
+    energy: Array
+    tally: NDArray[np.int64]  # ticks spent in each slot; the last counts all beyond
+
+
+@kernel
+def advance(shape, tables, lent, ticks, method, tolerance, substeps, booking, emitting, limit):
+    """Carry the state through `ticks` ticks; returns a status, to be called again when a mode set is asked for."""
+    w, state, log, seg = lent.content
+    return carry(
+        shape, tables.content, w, state, log, seg, ticks, method, tolerance, substeps, booking, emitting, limit
+    )
+
+
+@inner
+def carry(shape, t, w, state, log, seg, ticks, method, tolerance, substeps, booking, emitting, limit):
+    """`advance` on borrowed arrays."""
+    ic, fc, x, energy = state.ic, state.fc, state.x, state.energy
+    n = len(shape)
+    while True:
+        if ic[PENDING] != READY:
+            status = settle(t, ic, x, w.T, w.scratch, w.copy, ic[REPEAT] > 1)
+            if status != DONE:
+                return status
+        if ic[TICK] >= ticks:
+            break
+        slot = t.slot_of[ic[KEY]]
+        before = ic[KEY]
+        if method == 2:
+            guard = rk4.stretch(
+                shape, t, slot, ic, fc, x, w, ticks, substeps, log.out, log.modes, energy, booking, emitting, seg
+            )
+        elif t.falling[slot]:
+            guard = dopri5.stretch(
+                shape, t, slot, ic, fc, x, w, ticks, log.out, log.modes, energy, booking, emitting, seg, tolerance
+            )
+            fc[PLACE] = min(fc[PLACE], 1.0 - 1.2e-16)
+            if guard == -2:
+                return LOST
+        else:
+            guard = -1
+            if fc[PLACE] == 0.0:
+                first = ic[TICK]
+                for g in range(t.count[slot]):
+                    w.g[g] = dot(t.G[slot, g], x)
+                for i in range(n):
+                    w.x0[i] = x[i]
+                block = 1 if emitting else ticks - first
+                done = exact.quiet(
+                    shape, t.LP[slot, 0], t.G[slot], t.B[slot], t.count[slot], x, w.g, block, log.out[first:]
+                )
+                for tick in range(first, first + done):
+                    log.modes[tick] = slot
+                    start = w.x0 if tick == first else log.out[tick - 1]
+                    if booking:
+                        ledger.book(t.work[slot, 0], start, energy)
+                if emitting and done:
+                    emit_linear(t, slot, w.x0, first * t.step[0], t.step[0], seg, w.derivatives)
+                ic[TICK] += done
+                if done == block:
+                    continue
+            ic[OPENED] += 1
+            guard = exact.opened(t, slot, ic, fc, x, w, energy, emitting, seg, ic[TICK] * t.step[0])
+            if guard < 0:
+                for i in range(n):
+                    log.out[ic[TICK], i] = x[i]
+                log.modes[ic[TICK]] = slot
+                ic[TICK] += 1
+        if guard >= 0:
+            e = ic[EVENTS]
+            if e >= log.event.shape[0]:
+                return CHATTER
+            same = e > 0 and log.event[e - 1, 0] == ic[TICK] and abs(log.place[e - 1] - fc[PLACE]) < 1e-12
+            ic[REPEAT] = ic[REPEAT] + 1 if same else 0
+            log.event[e, 0], log.event[e, 1] = ic[TICK], t.kind[slot, guard]
+            log.event[e, 2], log.event[e, 3] = t.owner[slot, guard], before
+            log.place[e] = fc[PLACE]
+            ic[EVENTS] = e + 1
+    for tick in range(ticks):
+        state.tally[min(log.modes[tick], TALLIED - 1)] += 1
+    for i in range(n):
+        if abs(x[i]) < _FLUSH:
+            x[i] = 0.0
+        if not (abs(x[i]) <= limit):
+            return LOST
+    return DONE
+
+
+@kernel
+def evaluate(tables, lent, states, slots, values):
+    """values[i, output] = every output of the rig at states[i] in slot slots[i]."""
+    judge(tables.content, lent.content[0], states, slots, values)
+
+
+@inner
+def judge(t, w, states, slots, values):
+    """`evaluate` on borrowed arrays."""
+    for i in range(states.shape[0]):
+        s, x = slots[i], states[i]
+        friction(t.sigma[s], t.code, t.numbers, t.slip, t.load[s], t.load_t[s], x, w.T, w.scratch)
+        for k in range(values.shape[1]):
+            values[i, k] = dot(t.signals[s, k], x) + dot(t.signals_t[s, k], w.T)
