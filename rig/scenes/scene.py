@@ -107,9 +107,12 @@ class Scene:
         inputs = plant_module(self.plant).assemble(self.parameters).inputs
         return {name: "ramped" if name in ramped else "held" for name in sorted(held) if name in inputs}
 
-    def assemble(self) -> Any:
-        """The plant of this scene (`rig.solve.assembly.Assembly`), with the signals that its actuators need."""
-        return plant_module(self.plant).assemble(self.parameters, self.moved)
+    def assemble(self, parameters: Section | None = None) -> Any:
+        """The plant of this scene (`rig.solve.assembly.Assembly`), with the signals that its actuators need.
+
+        `parameters`: others than the scene's own, as after a change while the rig runs.
+        """
+        return plant_module(self.plant).assemble(parameters or self.parameters, self.moved)
 
     def values(self) -> dict[str, tuple[Any, str]]:
         """Every value of the scene: dotted key -> (value in SI, unit), defaults included, tables left out absent."""
