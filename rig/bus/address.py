@@ -78,11 +78,19 @@ def _alone() -> Iterator[Path]:
 
 
 class Claim:
-    """The right to run under a name; held until `release` or the end of the process."""
+    """The right to run under a name; held until `release` or the end of the process.
+
+    Others find the run once it is open: not before somebody listens at its address.
+    """
 
     def __init__(self, path: Path, descriptor: int, address: RunAddress) -> None:
         self.address = address
         self._path, self._descriptor = path, descriptor
+
+    def open(self) -> None:
+        """Let others find the run."""
+        with _alone():
+            os.pwrite(self._descriptor, json.dumps(asdict(self.address)).encode(), 0)
 
     def release(self) -> None:
         """Give the name back and clear away what stood for it."""
@@ -120,7 +128,6 @@ def _try(run: str, scene: str, endpoint: str | None) -> Claim | None:
             os.close(descriptor)
             return None
         os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, json.dumps(asdict(address)).encode(), 0)
     return Claim(path, descriptor, address)
 
 
@@ -146,8 +153,8 @@ def list_runs() -> list[RunAddress]:
             descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
             if _lock(descriptor):
                 _clear(path)
-            else:
-                found.append(RunAddress(**json.loads(os.pread(descriptor, 1 << 16, 0))))
+            elif text := os.pread(descriptor, 1 << 16, 0):  # empty: claimed, but not open yet
+                found.append(RunAddress(**json.loads(text)))
             os.close(descriptor)
     return sorted(found, key=lambda run: run.started, reverse=True)
 

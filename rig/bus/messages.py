@@ -8,8 +8,9 @@ frames. Readers need no declaration of ours: a recording carries `file_descripto
 from __future__ import annotations
 
 import hashlib
+import json
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
@@ -102,6 +103,19 @@ def decode(topic: str, payload: bytes) -> Any:
         return TYPES[kind].FromString(payload)
     except (KeyError, DecodeError) as fault:
         raise BusError(f"{len(payload)} bytes on {topic} are not a {kind}: {fault}") from None
+
+
+def decoder(outputs: Sequence[str]) -> Callable[[str, bytes], Any]:
+    """`decode` for all topics of a scene with these outputs, `state` among them."""
+    state = state_type(outputs)
+    return lambda topic, payload: state.FromString(payload) if topic == "state" else decode(topic, payload)
+
+
+def event(t_ns: int, tick: int, source: str, kind: str, text: str, data: dict[str, Any] | None = None) -> bytes:
+    """An Event, packed; `source` is the process that says it on `event/<source>`."""
+    packed = json.dumps(data or {})
+    told = TYPES["Event"](t_ns=t_ns, tick=tick, source=source, kind=kind, text=text, data=packed)
+    return bytes(told.SerializeToString())
 
 
 def file_descriptor_set(kind: type[Message]) -> bytes:

@@ -262,8 +262,11 @@ class ZenohSession(Session):
         self._closed = True
         atexit.unregister(self.close)
         ending = threading.Thread(target=self._end, name="bus-close", daemon=True)  # a hung peer may hold it for long
-        ending.start()
-        ending.join(_CLOSING_S)
+        try:
+            ending.start()
+            ending.join(_CLOSING_S)
+        except RuntimeError:  # the interpreter is ending and starts no threads any more
+            self._end()
         if self._claim is not None:
             self._claim.release()
 
@@ -283,6 +286,7 @@ def open_hub(claim: Claim, role: str, name: str) -> Session:
     except zenoh.ZError as fault:
         claim.release()
         raise BusError(f"run {address.run} cannot listen at {address.endpoint}: {_cause(fault)}") from None
+    claim.open()
     return ZenohSession(address.run, role, name, opened, claim)
 
 

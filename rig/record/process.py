@@ -20,7 +20,7 @@ from typing import Any
 from rig import bus
 from rig.bus import messages, setup
 from rig.bus.port import Count, Message, Receiver, Session, Watch
-from rig.errors import BusError
+from rig.errors import BusError, LogError
 from rig.record.writer import Writer
 
 _DEPTH = 1 << 17
@@ -83,9 +83,12 @@ def record(
         try:
             session.announce()
             recording = _Recorder(session, heard, plant, writer).run(stop)
-        except BaseException:
-            writer.abandon()
+        except LogError as fault:  # let the run's verdict name the reason
+            told = messages.event(writer.last_ns, 0, name, "fault", str(fault))
+            session.publisher(f"event/{name}").put(told, writer.last_ns)
             raise
+        finally:
+            writer.abandon()
     tell(recording)
     return recording
 

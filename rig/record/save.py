@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -12,7 +11,6 @@ import numpy as np
 
 from rig.bus import encode, messages
 from rig.bus.setup import Setup
-from rig.errors import LogError
 from rig.record.run import Integers, Reals, Run
 from rig.record.writer import PLOT_NS, Writer
 
@@ -41,9 +39,8 @@ def save(run: Run, path: Path, name: str = "simulate") -> None:
             seq = sequence[topic] = sequence.get(topic, -1) + 1
             writer.write(topic, payload, t_ns, seq, t_ns)
         writer.close({"messages": writer.messages}, {**run.summary, "energy": run.energy})
-    except LogError:
+    finally:
         writer.abandon()
-        raise
 
 
 def _period(t_ns: Integers) -> int:
@@ -113,5 +110,4 @@ def _points(run: Run, writer: Writer, time_ns: Integers, begin: int, stop: int) 
 
 
 def _event(event: dict[str, Any]) -> Stamped:
-    told = {**event, "data": json.dumps(event.get("data", {}))}
-    return int(event["t_ns"]), f"event/{event['source']}", bytes(messages.TYPES["Event"](**told).SerializeToString())
+    return int(event["t_ns"]), f"event/{event['source']}", messages.event(**event)

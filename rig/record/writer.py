@@ -145,6 +145,6 @@ class Writer:
             self._file.close()
 
     def abandon(self) -> None:
-        """Let go of a file that cannot be finished; what was flushed stays readable."""
+        """Let go of the file, finished or not; what was flushed stays readable."""
         with contextlib.suppress(OSError):
             self._file.close()

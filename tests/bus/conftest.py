@@ -5,6 +5,7 @@ import shutil
 import subprocess
 import sys
 import tempfile
+import threading
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -45,7 +46,7 @@ def wire(request, runs):
 
 @pytest.fixture
 def script(runs):
-    """Starts Python code in a process of its own; every process is gone after the test."""
+    """Starts Python code in a process of its own; each is gone after 25 s, or after the test."""
     started = []
 
     def start(code, *args):
@@ -55,10 +56,12 @@ def script(runs):
             text=True,
             env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
         )
-        started.append(process)
+        started.append((process, threading.Timer(25.0, process.kill)))
+        started[-1][1].start()
         return process
 
     yield start
-    for process in started:
+    for process, deadline in started:
+        deadline.cancel()
         process.kill()
         process.communicate()

@@ -87,6 +87,9 @@ def test_a_run_that_is_not_there_is_told_with_those_that_are(runs):
 
 def test_the_newest_run_is_the_default_and_names_are_unique(runs):
     claims = [address.claim(scene="pendulum") for _ in range(3)]
+    assert address.list_runs() == []  # nobody listens yet
+    for claim in claims:
+        claim.open()
     names = [claim.address.run for claim in claims]
     assert len(set(names)) == 3
     assert address.find().run == names[-1]
