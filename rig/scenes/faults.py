@@ -14,6 +14,7 @@ from difflib import SequenceMatcher
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+from pydantic.fields import FieldInfo
 
 from rig.quantities import Unit
 
@@ -196,12 +197,20 @@ def _walk(model: Any, loc: Loc) -> tuple[Loc, Any, Any, str]:
             annotation = Any
             continue
         owner, info = holder, holder.model_fields[str(part)]
-        annotation, unit = info.annotation, next((str(m) for m in info.metadata if isinstance(m, Unit)), "")
+        annotation, unit = info.annotation, unit_of(info)
         path.append(part)
     return tuple(path), owner, annotation, unit
 
 
+def unit_of(info: FieldInfo) -> str:
+    """SI unit of a field, also of one that may be left out; "" where it has none."""
+    told = next((str(m) for m in info.metadata if isinstance(m, Unit)), "")
+    return told or _unit(info.annotation)
+
+
 def _unit(annotation: Any) -> str:
+    if get_origin(annotation) in (Union, types.UnionType):
+        return next((unit for member in get_args(annotation) if (unit := _unit(member))), "")
     metadata = get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
     return next((str(m) for m in metadata if isinstance(m, Unit)), "")
 

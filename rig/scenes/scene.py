@@ -16,7 +16,8 @@ from pydantic import BaseModel, BeforeValidator, TypeAdapter, model_validator
 
 from controllers import KINDS as CONTROLLERS
 from rig.plants import PLANTS
-from rig.quantities import Nanoseconds, Section, Unit, si, unit_of
+from rig.quantities import Nanoseconds, Section, Unit, si
+from rig.scenes.faults import unit_of
 from rig.scenes.protocol import Known, Load, Ramp, Set, Step, flat, longest_ns
 from sensors import KINDS as SENSORS
 
@@ -38,13 +39,15 @@ class Origin(NamedTuple):
 class Clock(Section):
     """How time passes and how it is integrated.
 
-    frame                loop period: commands in, measurements out
-    method, tolerance, rk4_step   of the integration; `auto` is exact where the law allows, else dopri5
-    overrun              what a paced run does when it is late: catch up, skip frames, go slower or stop
-    late_share_valid, late_share_degraded   share of frames late by more than one frame, for the timing verdict
-    hold_frames          a command that does not come is held so long, then the actuator takes its safe value
-    events_per_frame     more events in one frame stop the run
-    limit                largest norm of the state; beyond, the run has diverged
+    frame     loop period: commands in, measurements out [chosen]
+    method    of integration [chosen]; auto is exact where the friction law allows, else dopri5
+    tolerance   of dopri5, relative [chosen]
+    rk4_step  of rk4 [chosen]
+    overrun   what a paced run does when it is late [chosen]
+    late_share_valid, late_share_degraded   share of frames late by more than one frame, for the timing verdict [chosen]
+    hold_frames   a command that does not come is held so long, then the actuator takes its safe value [chosen]
+    events_per_frame   more events in one frame stop the run [chosen]
+    limit     largest norm of the state; beyond, the run has diverged [chosen]
     """
 
     frame: Nanoseconds = 1_000_000
@@ -184,13 +187,13 @@ def dump(section: Section) -> dict[str, Any]:
 def leaves(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, tuple[Any, str]]]:
     """(dotted key, (value, unit)) of a section and the sections in it."""
     plain = section.model_dump(mode="json", exclude_none=True)
-    for name in type(section).model_fields:
+    for name, info in type(section).model_fields.items():
         value = getattr(section, name)
         key = f"{prefix}.{name}" if prefix else name
         if isinstance(value, BaseModel):
             yield from leaves(value, key)
         elif value is not None:
-            yield key, (plain[name], unit_of(type(section), name))
+            yield key, (plain[name], unit_of(info))
 
 
 def controller_reads(section: Section) -> dict[str, str]:

@@ -1,0 +1,164 @@
+"""What a scene is made of: effects, on or absent, with the states they add; values, with where they come from."""
+
+from __future__ import annotations
+
+import re
+import types
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, Union, get_args, get_origin
+
+from pydantic import BaseModel
+
+from rig.quantities import ORIGINS
+from rig.scenes.scene import Origin, Scene, known, leaves
+
+DEFAULT = Origin("default")
+
+
+@dataclass(frozen=True)
+class Effect:
+    """One physical effect of a rig. An absent one has no states, no rows and no branch in the kernel."""
+
+    name: str
+    on: bool
+    states: tuple[str, ...]
+    about: str
+
+
+@dataclass(frozen=True)
+class Value:
+    """One value of a scene in SI, with its origin."""
+
+    key: str
+    value: Any
+    unit: str
+    origin: Origin
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A scene taken apart."""
+
+    scene: Scene
+    effects: tuple[Effect, ...]
+    values: tuple[Value, ...]
+
+    @property
+    def states(self) -> int:
+        """States of the rig, the constant one not counted."""
+        return sum(len(effect.states) for effect in self.effects)
+
+
+def explain(scene: Scene) -> Explanation:
+    """Take a scene apart."""
+    return Explanation(scene, tuple(_effects(scene)), tuple(_values(scene)))
+
+
+def _effects(scene: Scene) -> Iterator[Effect]:
+    assembly = scene.assemble()
+    names = [name for name in assembly.names if name != "one"]
+    owned: dict[str, list[str]] = {}
+    for name in names:
+        owned.setdefault(assembly.owners.get(name, "structure"), []).append(name)
+    yield Effect("structure", True, tuple(owned.pop("structure", ())), "mass, damping, stiffness")
+    for patch, *_ in assembly.patches:
+        law = getattr(scene.parameters, "friction", None)
+        yield Effect(f"friction at {patch}", True, (), f"law {getattr(law, 'law', '')}; stick and slip")
+    for normal, *_, opens in assembly.normals:
+        if opens:
+            yield Effect(f"lift-off at {normal}", True, (), "the contact opens where the normal force becomes zero")
+    for name, _, low, high, *_ in assembly.limiters:
+        yield Effect(f"{name} limits", True, (), f"clamped to {low:g} .. {high:g} {_unit(assembly, name)}")
+    optional = dict(_optional(scene.parameters))
+    for owner, states in owned.items():
+        yield Effect(owner, True, tuple(states), ABOUT.get(owner.rpartition(" ")[2], ""))
+    for owner, given in optional.items():
+        if owner not in owned and not owner.endswith(BOUNDS):
+            yield Effect(owner, given, (), "" if given else ABOUT.get(owner.rpartition(" ")[2], ""))
+    limited = {name for name, *_ in assembly.limiters}
+    tables = {owner.partition(" ")[0] for owner in optional if owner.endswith(BOUNDS)}
+    for table in sorted(tables - limited):
+        yield Effect(f"{table} limits", False, (), "a clamp inside the plant, behind a lag")
+
+
+BOUNDS = ("_min", "_max")
+ABOUT = {
+    "command": "the value commanded, held from tick to tick",
+    "ramp": "the slope of a value that runs linearly",
+    "lag": "a first-order actuator",
+    "dither": "a fast vibration of belt, mass or load",
+}
+
+
+def _unit(assembly: Any, table: str) -> str:
+    return next((str(i.unit) for name, i in assembly.inputs.items() if name.startswith(f"{table}.")), "")
+
+
+def _optional(section: BaseModel) -> Iterator[tuple[str, bool]]:
+    """Names of effects that a scene may leave out, and whether this one names them: `dither`, `drive lag`."""
+    for name, info in type(section).model_fields.items():
+        value = getattr(section, name)
+        if _may_be_none(info.annotation):
+            yield name, value is not None
+        elif isinstance(value, BaseModel) and name != "friction":
+            for inner, field in type(value).model_fields.items():
+                if _may_be_none(field.annotation):
+                    yield f"{name} {inner}", getattr(value, inner) is not None
+
+
+def _may_be_none(annotation: Any) -> bool:
+    return get_origin(annotation) in (Union, types.UnionType) and type(None) in get_args(annotation)
+
+
+def _values(scene: Scene) -> Iterator[Value]:
+    rooms = {"clock": scene.clock}
+    rooms |= {f"sensors.{name}": section for name, section in scene.sensors.items()}
+    rooms |= {f"controllers.{name}": section for name, section in scene.controllers.items()}
+    for prefix, section in [("", scene.parameters), *rooms.items()]:
+        for key, (value, unit) in leaves(section, prefix):
+            name = key.rpartition(".")[2]
+            if name not in ("law", "kind", "on", "ideal", "enable"):
+                origin = scene.origins.get(key) or (_documented(type(section), name) if prefix else None)
+                if origin is not None or not isinstance(value, str):
+                    yield Value(key, value, unit, origin or DEFAULT)
+    assembly = scene.assemble()
+    told = known(assembly, scene.parameters, scene.sensors, scene.controllers)
+    units = {**told.settable, **told.inputs, **told.sensors}
+    for i, step in enumerate(scene.protocol, 1):
+        named = units.get(getattr(step, "target", getattr(step, "sensor", "")), "")
+        for key, (value, unit) in leaves(step, f"protocol[{i}]"):
+            if key in scene.origins:
+                yield Value(key, value, unit or named, scene.origins[key])
+    for name, limit in scene.limits.items():
+        unit = assembly.outputs[name].unit
+        yield Value(f"limits.{name}", limit, unit, scene.origins.get(f"limits.{name}", DEFAULT))
+    yield Value("seed", scene.seed, "", scene.origins.get("seed", DEFAULT))
+
+
+@cache
+def _documented(section: type[BaseModel], field: str) -> Origin | None:
+    """Origin of a default, from the line of the docstring that describes it: the last tag, e.g. `[public: source]`.
+
+    Where a value rests on a source and on a choice, the choice stands last.
+    """
+    for owner in reversed(section.__mro__):
+        lines = (owner.__doc__ or "").splitlines()
+        for i, line in enumerate(lines):
+            entry = _ENTRY.match(line)
+            if entry is None or field not in entry["names"].replace(",", " ").split():
+                continue
+            text = entry["text"]
+            for more in lines[i + 1 :]:
+                if not more.startswith(" " * 8) or _ENTRY.match(more):
+                    break
+                text += f" {more.strip()}"
+            tags = _TAG.findall(text)
+            if tags:
+                return Origin(tags[-1], " ".join(text.split()))
+    return None
+
+
+_ENTRY = re.compile(r"    (?P<names>[a-z_0-9]+(?:, [a-z_0-9]+)*)  +(?P<text>\S.*)")
+_TAG = re.compile(rf"\[({'|'.join(ORIGINS)})\b")
