@@ -151,9 +151,11 @@ def residual(v, seconds=4.0, dt=1e-3):
 
 
 def decay(v, on, dt=1e-3):
-    """Slope of the logarithm of the positive maxima between 1e-6 and 0.018 m/s after switching on."""
+    """Slope of the logarithm of the positive maxima between 1e-6 and 0.018 m/s, once all are below."""
     k = np.arange(round(on / dt) + 1, len(v) - 1)
-    k = k[(v[k] > v[k - 1]) & (v[k] >= v[k + 1]) & (v[k] > 1e-6) & (v[k] < 0.018)]
+    k = k[(v[k] > v[k - 1]) & (v[k] >= v[k + 1]) & (v[k] > 1e-6)]
+    loud = np.flatnonzero(v[k] >= 0.018)
+    k = k[loud[-1] + 1 :] if len(loud) else k
     return np.polyfit(k * dt, np.log(v[k]), 1)[0]
 
 

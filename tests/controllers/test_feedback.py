@@ -52,9 +52,10 @@ def test_compensation_wins_back_what_a_delay_of_the_loop_has_lost(twin):
     assert twin.residual(ahead) < 1e-3
 
 
-def test_belt_feedback_decays_where_the_table_says(twin):
-    v, u = twin.closed_loop(belt_velocity(gain=2.66, enable_at=4.0), "speed", lag=0.01)
-    assert twin.decay(v, 4.0) == pytest.approx(-7.57, rel=0.02)
+@pytest.mark.parametrize(("delay", "rate"), [(0, -7.57), (5, -7.85), (10, -7.26)])
+def test_belt_feedback_decays_where_the_table_says(twin, delay, rate):
+    v, u = twin.closed_loop(belt_velocity(gain=2.66, enable_at=4.0), "speed", delay=delay, lag=0.01)
+    assert twin.decay(v, 4.0) == pytest.approx(rate, rel=0.02)
     assert u.max() == 0.25  # the belt runs away with the sticking body and is stopped by the limit
     assert u.min() == 0.0
 

@@ -5,13 +5,16 @@ Set PEND of Kroeger et al. (2008): m = 5, c = 2500, d = 2, F0 = 20, v0 = 0.06; t
 
 import json
 import math
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import scipy.linalg
 
+import controllers
 from controllers.belt_velocity import BeltVelocity
+from controllers.dither import Dither
 from controllers.dither_sampled import SampledDither
 from controllers.normal_force import NormalForce
 from controllers.observer import Observer
@@ -20,6 +23,7 @@ from rig.solve.assembly import Assembly, Input, Output
 from rig.solve.laws import stribeck
 from rig.study import design
 from sensors.accelerometer import Accelerometer
+from sensors.disc_speed import DiscSpeed
 from sensors.displacement_laser import DisplacementLaser
 from sensors.laser_vibrometer import LaserVibrometer
 
@@ -152,6 +156,63 @@ def test_all_faults_are_told_at_once_with_their_keys():
     assert "controllers.a.velocity: is 'measured', but laser reads displacement" in str(told.value)
     assert "controllers.b.period: is 0.0015 s; an observer needs a fresh sample each time" in str(told.value)
     assert "controllers.c.drive: drive.speed does not move" in str(told.value)
+
+
+def dithered(on, radius=None):
+    from rig.plants import belt, pendulum
+
+    r = radius or 1.0
+    tables = {
+        "load": {"force": 20.0},
+        "friction": {"law": "stribeck", "mu_static": 0.5, "mu_dynamic": 0.18, "speed_scale": 0.05},
+        "dither": {"on": on, "amplitude": 0.1, "frequency": 200.0, "phase": 1.0},
+        "drive": {"speed": 0.06 / r},
+    }
+    if radius is None:
+        body = {"mass": 5.0, "stiffness": 2500.0, "damping": 2.0}
+        return belt.assemble(belt.Parameters.model_validate(tables | {"body": body}))
+    body = {"radius": r, "inertia": 5.0 * r**2, "stiffness": 2500.0 * r**2, "damping": 2.0 * r**2}
+    return pendulum.assemble(pendulum.Parameters.model_validate(tables | {"body": body}))
+
+
+@pytest.mark.parametrize("radius", [None, RADIUS])
+@pytest.mark.parametrize("on", ["belt", "mass"])
+def test_a_dither_is_told_in_the_unit_of_its_generator(on, radius):
+    found = design.numbers(scene(a=Dither(kind="dither", sensor="vibrometer")), dithered(on, radius))["a"]
+    assert found["nominal"] == 0.06  # without the dither that shakes the surface at the start
+    assert found["frequency"] == 200.0
+    controller = controllers.build(Dither(kind="dither", sensor="vibrometer"), found)
+    _, (amplitude, frequency, enable) = controller.update(controller.start(), 0, (0.0,))
+    assert (frequency, enable) == (200.0, 1.0)
+    expected = 0.2 if on == "belt" else 0.2 * 2.0 * math.pi * 200.0 * 5.0
+    assert amplitude == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(
+    ("radius", "reads"), [(None, "surface_speed"), (RADIUS, "disc_speed"), (RADIUS, "surface_speed")]
+)
+def test_the_belt_speed_may_be_measured_at_the_disc(radius, reads):
+    section = Dither(kind="dither", sensor="vibrometer", speed_sensor="disc")
+    sensors = SENSORS | {"disc": DiscSpeed(reads=reads)}
+    given = SimpleNamespace(name="PEND", controllers={"a": section}, sensors=sensors)
+    found = design.numbers(given, dithered("belt", radius))["a"]
+    assert found["speed_scale"] == pytest.approx(1.0 if reads == "surface_speed" else RADIUS)
+
+
+def test_a_dither_of_the_load_has_no_search():
+    with pytest.raises(SceneError, match="searches a tangential dither"):
+        design.numbers(scene(a=Dither(kind="dither", sensor="vibrometer")), dithered("load"))
+    with pytest.raises(SceneError, match=r"controllers.a.kind: .* no \[dither\]"):
+        design.numbers(scene(a=Dither(kind="dither", sensor="vibrometer")), rig())
+
+
+def test_every_scene_that_ships_gets_its_numbers():
+    from rig import scenes
+
+    for path in sorted(Path(scenes.__file__).parent.glob("*.toml")):
+        given = scenes.load(path.stem)
+        for name, numbers in design.numbers(given).items():
+            controllers.build(given.controllers[name], numbers)
 
 
 def test_python_control_is_loaded_only_for_an_observer():
