@@ -62,19 +62,50 @@ class State(NamedTuple):
 
 
 @kernel
-def advance(shape, tables, lent, ticks, method, tolerance, substeps, booking, emitting, limit):
-    """Carry the state through `ticks` ticks; returns a status, to be called again when a mode set is asked for."""
+def advance(shape, tables, lent, ticks, tolerance, substeps, booking, emitting, limit):
+    """Carry the state through `ticks` ticks; returns a status, to be called again when a mode set is asked for.
+
+    `tolerance` is None for a system without laws over speed, `substeps` is None for other methods than rk4: what is
+    not asked for is not compiled.
+    """
     w, state, log, seg = lent.content
-    return carry(
-        shape, tables.content, w, state, log, seg, ticks, method, tolerance, substeps, booking, emitting, limit
-    )
+    return carry(shape, tables.content, w, state, log, seg, ticks, tolerance, substeps, booking, emitting, limit)
 
 
 @inner
-def carry(shape, t, w, state, log, seg, ticks, method, tolerance, substeps, booking, emitting, limit):
+def propagate(shape, t, slot, ic, fc, x, w, ticks, log, energy, booking, emitting, seg):
+    """Quiet ticks as far as they go, else one opened tick, in a linear mode set. Returns the guard that fell or -1."""
+    if fc[PLACE] == 0.0:
+        first = ic[TICK]
+        for g in range(t.count[slot]):
+            w.g[g] = dot(t.G[slot, g], x)
+        for i in range(len(shape)):
+            w.x0[i] = x[i]
+        block = 1 if emitting else ticks - first
+        done = exact.quiet(shape, t.LP[slot, 0], t.G[slot], t.B[slot], t.count[slot], x, w.g, block, log.out[first:])
+        for tick in range(first, first + done):
+            log.modes[tick] = slot
+            if booking:
+                ledger.book(t.work[slot, 0], w.x0 if tick == first else log.out[tick - 1], energy)
+        if emitting and done:
+            emit_linear(t, slot, w.x0, first * t.step[0], t.step[0], seg, w.derivatives)
+        ic[TICK] += done
+        if done == block:
+            return -1
+    ic[OPENED] += 1
+    guard = exact.opened(t, slot, ic, fc, x, w, energy, emitting, seg, ic[TICK] * t.step[0])
+    if guard < 0:
+        for i in range(len(shape)):
+            log.out[ic[TICK], i] = x[i]
+        log.modes[ic[TICK]] = slot
+        ic[TICK] += 1
+    return guard
+
+
+@inner
+def carry(shape, t, w, state, log, seg, ticks, tolerance, substeps, booking, emitting, limit):
     """`advance` on borrowed arrays."""
     ic, fc, x, energy = state.ic, state.fc, state.x, state.energy
-    n = len(shape)
     while True:
         if ic[PENDING] != READY:
             status = settle(t, ic, x, w.T, w.scratch, w.copy, ic[REPEAT] > 1)
@@ -84,11 +115,12 @@ def carry(shape, t, w, state, log, seg, ticks, method, tolerance, substeps, book
             break
         slot = t.slot_of[ic[KEY]]
         before = ic[KEY]
-        if method == 2:
+        guard = -1
+        if substeps is not None:
             guard = rk4.stretch(
                 shape, t, slot, ic, fc, x, w, ticks, substeps, log.out, log.modes, energy, booking, emitting, seg
             )
-        elif t.falling[slot]:
+        elif tolerance is not None and t.falling[slot]:
             guard = dopri5.stretch(
                 shape, t, slot, ic, fc, x, w, ticks, log.out, log.modes, energy, booking, emitting, seg, tolerance
             )
@@ -96,34 +128,7 @@ def carry(shape, t, w, state, log, seg, ticks, method, tolerance, substeps, book
             if guard == -2:
                 return LOST
         else:
-            guard = -1
-            if fc[PLACE] == 0.0:
-                first = ic[TICK]
-                for g in range(t.count[slot]):
-                    w.g[g] = dot(t.G[slot, g], x)
-                for i in range(n):
-                    w.x0[i] = x[i]
-                block = 1 if emitting else ticks - first
-                done = exact.quiet(
-                    shape, t.LP[slot, 0], t.G[slot], t.B[slot], t.count[slot], x, w.g, block, log.out[first:]
-                )
-                for tick in range(first, first + done):
-                    log.modes[tick] = slot
-                    start = w.x0 if tick == first else log.out[tick - 1]
-                    if booking:
-                        ledger.book(t.work[slot, 0], start, energy)
-                if emitting and done:
-                    emit_linear(t, slot, w.x0, first * t.step[0], t.step[0], seg, w.derivatives)
-                ic[TICK] += done
-                if done == block:
-                    continue
-            ic[OPENED] += 1
-            guard = exact.opened(t, slot, ic, fc, x, w, energy, emitting, seg, ic[TICK] * t.step[0])
-            if guard < 0:
-                for i in range(n):
-                    log.out[ic[TICK], i] = x[i]
-                log.modes[ic[TICK]] = slot
-                ic[TICK] += 1
+            guard = propagate(shape, t, slot, ic, fc, x, w, ticks, log, energy, booking, emitting, seg)
         if guard >= 0:
             e = ic[EVENTS]
             if e >= log.event.shape[0]:
@@ -136,7 +141,7 @@ def carry(shape, t, w, state, log, seg, ticks, method, tolerance, substeps, book
             ic[EVENTS] = e + 1
     for tick in range(ticks):
         state.tally[min(log.modes[tick], TALLIED - 1)] += 1
-    for i in range(n):
+    for i in range(len(shape)):
         if abs(x[i]) < _FLUSH:
             x[i] = 0.0
         if not (abs(x[i]) <= limit):

@@ -10,12 +10,24 @@ Differential Equations I, section II.6.
 
 from __future__ import annotations
 
+import numpy as np
+
 from rig.kernel import inner
 from rig.solve.emit import emit_quartic, quartic
-from rig.solve.field import book, forces, guard_needs_force, lend, rate, read
+from rig.solve.field import book, forces, guard_needs_force, lend, rate, read, slope
 from rig.solve.roots import NONE, first_fall
 from rig.solve.settle import LAND, dot, rounding, transition
 
+_STAGES = np.array(
+    [
+        [1.0 / 5.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        [3.0 / 40.0, 9.0 / 40.0, 0.0, 0.0, 0.0, 0.0],
+        [44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0, 0.0, 0.0, 0.0],
+        [19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0, 0.0, 0.0],
+        [9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0, 0.0],
+        [35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0],
+    ]
+)
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 _SHARE = 0.5  # of the tolerance for the local error, so that event times keep within it
 
@@ -24,41 +36,15 @@ _SHARE = 0.5  # of the tolerance for the local error, so that event times keep w
 def trial(shape, f, k, x, h, y, z):
     """Stages k[1..6] and the end y of a step h from x, whose k[0] is known; z is scratch."""
     n = len(shape)
-    for i in range(n):
-        z[i] = x[i] + h * (k[0, i] * (1.0 / 5.0))
-    rate(shape, f, True, z, k[1])
-    for i in range(n):
-        z[i] = x[i] + h * (k[0, i] * (3.0 / 40.0) + k[1, i] * (9.0 / 40.0))
-    rate(shape, f, True, z, k[2])
-    for i in range(n):
-        z[i] = x[i] + h * (k[0, i] * (44.0 / 45.0) - k[1, i] * (56.0 / 15.0) + k[2, i] * (32.0 / 9.0))
-    rate(shape, f, True, z, k[3])
-    for i in range(n):
-        z[i] = x[i] + h * (
-            k[0, i] * (19372.0 / 6561.0)
-            - k[1, i] * (25360.0 / 2187.0)
-            + k[2, i] * (64448.0 / 6561.0)
-            - k[3, i] * (212.0 / 729.0)
-        )
-    rate(shape, f, True, z, k[4])
-    for i in range(n):
-        z[i] = x[i] + h * (
-            k[0, i] * (9017.0 / 3168.0)
-            - k[1, i] * (355.0 / 33.0)
-            + k[2, i] * (46732.0 / 5247.0)
-            + k[3, i] * (49.0 / 176.0)
-            - k[4, i] * (5103.0 / 18656.0)
-        )
-    rate(shape, f, True, z, k[5])
-    for i in range(n):
-        y[i] = x[i] + h * (
-            k[0, i] * (35.0 / 384.0)
-            + k[2, i] * (500.0 / 1113.0)
-            + k[3, i] * (125.0 / 192.0)
-            - k[4, i] * (2187.0 / 6784.0)
-            + k[5, i] * (11.0 / 84.0)
-        )
-    rate(shape, f, True, y, k[6])
+    for stage in range(6):
+        for i in range(n):
+            s = 0.0
+            for j in range(stage + 1):
+                s += _STAGES[stage, j] * k[j, i]
+            z[i] = x[i] + h * s
+        rate(shape, f, True, z, k[stage + 1])
+    for i in range(n):  # the last stage is the end of the step
+        y[i] = z[i]
 
 
 @inner
@@ -159,7 +145,7 @@ def stretch(shape, t, slot, ic, fc, x, w, ticks, out, modes, energy, booking, em
     tick_length = t.step[0]
     f = lend(t, slot, w)
     k, y, z, d, size = w.k, w.y, w.y2, w.derivatives, w.size
-    rate(shape, f, True, x, k[0])
+    slope(shape, f, True, x, k[0])
     for i in range(n):
         size[i] = max(size[i], abs(x[i]))
     while ic[0] < ticks:

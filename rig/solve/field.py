@@ -68,7 +68,7 @@ def lend(t, slot, w):
     )
 
 
-@inlined
+@inner
 def forces(f, x):
     """f.T = friction forces at x."""
     friction(f.sigma, f.code, f.numbers, f.slip, f.load, f.load_t, x, f.T, f.scratch)
@@ -78,7 +78,7 @@ def forces(f, x):
 def rate(shape, f, falling, x, k):
     """K = A x + b T(x); `falling`: some patch slips under a law over speed."""
     if falling:
-        forces(f, x)
+        friction(f.sigma, f.code, f.numbers, f.slip, f.load, f.load_t, x, f.T, f.scratch)
         for i in range(len(shape)):
             s = 0.0
             for j in range(len(shape)):
@@ -92,6 +92,12 @@ def rate(shape, f, falling, x, k):
             for j in range(len(shape)):
                 s += f.A[i, j] * x[j]
             k[i] = s
+
+
+@inner
+def slope(shape, f, falling, x, k):
+    """`rate`, where it runs once in a step."""
+    rate(shape, f, falling, x, k)
 
 
 @inner
@@ -132,7 +138,7 @@ def guard_needs_force(f, g):
     return False
 
 
-@inlined
+@inner
 def guard(f, g, x):
     """Guard g at x."""
     value = dot(f.G[g], x)

@@ -205,16 +205,15 @@ class Motion:
         self._past += int(ic[EVENTS])
 
     def _run(self, ticks: int) -> None:
-        method = METHODS.index(self.method)
+        falling = any(not p.law.constant for p in self.system.patches)
         while True:
             status = advance(
                 self._shape,
                 self.slots.handle,
                 self._lent,
                 ticks,
-                method,
-                self.tolerance,
-                self.substeps,
+                self.tolerance if falling and self.method == "dopri5" else None,
+                self.substeps if self.method == "rk4" else None,
                 self.booking,
                 self._read > 0,
                 self.limit,

@@ -6,25 +6,21 @@ the reason it is not the default. It serves comparison, and it serves every mode
 
 from __future__ import annotations
 
-from rig.kernel import inlined, inner
+from rig.kernel import inner
 from rig.solve.emit import emit_quartic
-from rig.solve.field import book, guard, lend, rate, read
+from rig.solve.field import book, guard, lend, rate, read, slope
 from rig.solve.settle import LAND, dot, rounding, transition
 
 
-@inlined
+@inner
 def move(shape, f, falling, k, x, h, y, z):
-    """Y = one step of length h from x, whose derivative k[0] is known; z is scratch."""
+    """One step of length h from x, whose derivative k[0] is known: its end y; z is scratch."""
     n = len(shape)
-    for i in range(n):
-        z[i] = x[i] + 0.5 * h * k[0, i]
-    rate(shape, f, falling, z, k[1])
-    for i in range(n):
-        z[i] = x[i] + 0.5 * h * k[1, i]
-    rate(shape, f, falling, z, k[2])
-    for i in range(n):
-        z[i] = x[i] + h * k[2, i]
-    rate(shape, f, falling, z, k[3])
+    for stage in range(3):
+        reach = h if stage == 2 else 0.5 * h
+        for i in range(n):
+            z[i] = x[i] + reach * k[stage, i]
+        rate(shape, f, falling, z, k[stage + 1])
     for i in range(n):
         y[i] = x[i] + (h / 6.0) * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
 
@@ -92,7 +88,7 @@ def stretch(shape, t, slot, ic, fc, x, w, ticks, substeps, out, modes, energy, b
         position = fc[0] * substeps
         whole = int(position + 1e-12) + 1
         h = full if position - (whole - 1) <= 1e-12 else (whole - position) * full
-        rate(shape, f, falling, x, k[0])
+        slope(shape, f, falling, x, k[0])
         move(shape, f, falling, k, x, h, y, z)
         fallen = fell(f, x, y)
         length = h
@@ -100,7 +96,7 @@ def stretch(shape, t, slot, ic, fc, x, w, ticks, substeps, out, modes, energy, b
             length = bisect(shape, f, falling, k, x, h, y, z)
             fallen = max(fell(f, x, y), 0)
         if booking or emitting:
-            rate(shape, f, falling, y, k[1])
+            slope(shape, f, falling, y, k[1])
             start = (ic[0] + fc[0]) * t.step[0]
             observe(shape, f, k, x, y, length, z, start, booking, energy, emitting, w.values, seg)
         for i in range(n):

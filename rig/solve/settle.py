@@ -214,7 +214,11 @@ def settle(t, ic, x, T, scratch, copy, repeat):
         if pending == LAND:
             land(t, slot, x, copy)
             pending = SETTLE
-        friction(t.sigma[slot], t.code, t.numbers, t.slip, t.load[slot], t.load_t[slot], x, T, scratch)
+        if t.falling[slot]:
+            friction(t.sigma[slot], t.code, t.numbers, t.slip, t.load[slot], t.load_t[slot], x, T, scratch)
+        else:
+            for p in range(T.shape[0]):
+                T[p] = 0.0
         new = disagreement(t, slot, key, x, T, slack)
         if new < 0:
             ic[1], ic[2] = key, READY
