@@ -35,13 +35,13 @@ from rig.bus.port import Session
 
 def host(run: str | None = None, scene: str = "run", endpoint: str | None = None, name: str = "plant") -> Session:
     """The hub of a new run, named after the scene and the time unless `run` is given; in role "plant"."""
-    from rig.bus.session import open_hub  # Zenoh is loaded by those who talk between processes
+    from rig.bus.link import open_hub  # Zenoh is loaded by those who talk between processes
 
     return open_hub(address.claim(run, scene, endpoint), "plant", name)
 
 
 def join(run: str | None = None, *, role: str, name: str, wait: float = 0.0) -> Session:
     """A session in a live run, the newest by default; waits at most `wait` seconds for it to appear."""
-    from rig.bus.session import open_leaf
+    from rig.bus.link import open_leaf
 
     return open_leaf(address.find(run, wait), role, name)

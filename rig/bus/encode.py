@@ -62,7 +62,7 @@ def act(tick: int, t_ns: int, values: np.ndarray | Sequence[float]) -> bytes:
 
 
 def applied(tick: int, t_ns: int, answered: int, status: int, values: np.ndarray | Sequence[float]) -> bytes:
-    """An Applied: commands taken over at `tick`."""
+    """An Applied: commands in force from `tick` on."""
     raw = _raw(values)
     return _FOUR.pack(9, tick, 17, t_ns, 25, answered, 33, status, 42) + _length(len(raw)) + raw
 

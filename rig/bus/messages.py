@@ -26,8 +26,8 @@ DECLARED = {
     "Step": "tick:int t_ns:int values:real* fresh:int*",
     # answers the step of `tick`; values in the order of the controller's drives
     "Act": "tick:int t_ns:int values:real*",
-    # taken over at `tick`, an answer to the step of `answered`; values as they were sent; status: 0 in range, 1 clamped
-    # by the actuator, 2 the actuator's safe values instead of an answer (answered = -1)
+    # in force from `tick` on: values as they took effect, an answer to the step of `answered`; status: 0 as sent,
+    # 1 clamped or completed, 2 safe values because no answer came
     "Applied": "tick:int t_ns:int answered:int status:int values:real*",
     # v[i] was published at t0_ns + i dt_ns; tick: the frame in which the block was completed
     "Block": "tick:int t0_ns:int dt_ns:int v:real*",

@@ -34,7 +34,9 @@ class Topic(NamedTuple):
 TABLE = (
     Topic("step", "Step", "plant", "REAL_TIME", True, "one frame: latest sample of every sensor, for the controllers"),
     Topic("act/<controller>", "Act", "controller", "REAL_TIME", True, "commands that answer the step of a tick"),
-    Topic("applied/<controller>", "Applied", "plant", "DATA", True, "commands as taken over, with the tick of arrival"),
+    Topic(
+        "applied/<controller>", "Applied", "plant", "DATA", True, "commands as they took effect, and the tick at which"
+    ),
     Topic("meas/<sensor>", "Block", "plant", "DATA", True, "samples of one sensor: singly to 1 kHz, in blocks above"),
     Topic("truth/<output>", "Block", "plant", "DATA_LOW", True, "a plant output at the rate of the integrator's steps"),
     Topic("state", "State", "plant", "DATA_LOW", True, "every plant output at one instant, a named field for each"),

@@ -75,10 +75,10 @@ def _series(run: Run) -> Iterator[tuple[str, Series]]:
         yield name, Series(time_ns, v)
     for name, (t_ns, v) in run.measurements.items():
         yield f"meas/{name}", Series(t_ns, v)
-    for commands in run.commands:
+    for name, commands in run.commands.items():
         for drive in range(commands.values.shape[1]):
             yield (
-                f"applied/{commands.controller}[{drive}]",
+                f"applied/{name}[{drive}]",
                 Series(commands.tick * run.frame_ns, np.ascontiguousarray(commands.values[:, drive])),
             )
 

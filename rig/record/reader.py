@@ -149,7 +149,7 @@ def open(path: Path | str) -> Run:
         signals=signals,
         units={**setup.outputs, **{f"meas/{name}": unit for name, (unit, _) in setup.sensors.items()}},
         measurements={name: _samples(gathered.get(f"meas/{name}", [])) for name in setup.sensors},
-        commands=[_commands(topic[8:], gathered[topic]) for topic in gathered if topic.startswith("applied/")],
+        commands={topic[8:]: _commands(gathered[topic]) for topic in gathered if topic.startswith("applied/")},
         events=events,
         energy=summary.pop("energy", {}),
         summary=summary,
@@ -193,13 +193,13 @@ def _truth(gathered: dict[str, list[bytes]], setup: Setup) -> tuple[Integers, di
     return time_ns, {name: np.ascontiguousarray(table[:, i]) for i, name in enumerate(setup.outputs)}, mode
 
 
-def _commands(controller: str, payloads: list[bytes]) -> Commands:
+def _commands(payloads: list[bytes]) -> Commands:
     read = messages.TYPES["Applied"].FromString
     found: list[Any] = [read(payload) for payload in payloads]
     tick, answered, status = (
         np.array([getattr(a, n) for a in found], np.int64) for n in ("tick", "answered", "status")
     )
-    return Commands(tick, controller, np.array([list(a.values) for a in found], float), answered, status)
+    return Commands(tick, answered, status, np.array([list(a.values) for a in found], float))
 
 
 def _events(payloads: list[bytes]) -> Iterator[dict[str, Any]]:

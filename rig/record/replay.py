@@ -7,10 +7,12 @@ bus, has no steps; they are made again from its measurements.
 
 from __future__ import annotations
 
+import json
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +22,7 @@ from rig.bus.setup import Setup
 from rig.errors import BusError
 from rig.record.reader import Record, Scan, head
 from rig.record.reader import open as read
-from rig.record.run import Run
+from rig.record.run import Commands, Run
 
 _PATIENCE_S = 5.0
 
@@ -70,36 +72,47 @@ def replay(
 ) -> Replayed:
     """Replay `path` as the hub `session` (`bus.host(scene="replay")`).
 
-    Waits until the controllers `into` have joined. `pace` is simulated seconds for each second of the clock; None goes
-    as fast as the controllers answer.
+    Waits until the controllers `into` have joined, those of the recording or others that want to hear it. `pace` is
+    simulated seconds for each second of the clock; None goes as fast as the controllers answer. What was tuned during
+    the run is tuned again at the same tick.
     """
     start = head(path)
     described = replace(start.setup(), run=session.run)
-    unknown = [name for name in into if name not in described.controllers]
-    if unknown:
-        known = ", ".join(described.controllers) or "none"
-        raise BusError(f"the recording has no controller {', '.join(unknown)}; it has: {known}")
     traffic: Scan | _Remade = (
         _Remade(read(path)) if start.metadata.get("log", {}).get("made") == "saved" else Scan(path)
     )
-    result = _Replay(session, described, _answers(traffic, into), pace, progress).run(traffic, wait)
+    controllers = {name: _Consumer() for name in into}
+    for record in traffic:
+        first, _, name = record.topic.partition("/")
+        if name in controllers and first in ("act", "event"):
+            controllers[name].note(messages.decode(record.topic, record.payload))
+    result = _Replay(session, described, controllers, pace, progress).run(traffic, wait)
     result.fault = traffic.fault if isinstance(traffic, Scan) else ""
     return result
 
 
-Answers = dict[str, dict[int, tuple[float, ...]]]
-"""Controller -> tick -> what it commanded."""
+@dataclass
+class _Consumer:
+    """What the recording holds of one controller."""
 
+    answers: dict[int, tuple[float, ...]] = field(default_factory=dict)
+    """Tick -> command; () where it is not known."""
+    tuned: dict[int, dict[str, Any]] = field(default_factory=dict)
+    """Tick after which parameters were changed -> changes."""
+    period_ns: int = 0
+    """Of one that the recording does not know, once it asked to be admitted."""
 
-def _answers(traffic: Iterable[Record], into: Sequence[str]) -> Answers:
-    """The recorded answers of the controllers `into`."""
-    found: Answers = {name: {} for name in into}
-    for record in traffic:
-        first, _, name = record.topic.partition("/")
-        if first == "act" and name in found:
-            said = messages.decode(record.topic, record.payload)
-            found[name][said.tick] = tuple(said.values)
-    return found
+    def note(self, said: Any) -> None:
+        """An Act or an Event of this controller."""
+        if said.DESCRIPTOR.name == "Act":
+            self.answers[said.tick] = tuple(said.values)
+        elif said.kind == "parameter":
+            told = json.loads(said.data)
+            self.tuned.setdefault(int(told["after_tick"]), {}).update(told["set"])
+
+    def answers_to(self, tick: int, t_ns: int) -> bool:
+        """Whether an answer to this step is to be expected."""
+        return t_ns % self.period_ns == 0 if self.period_ns else tick in self.answers
 
 
 class _Replay:
@@ -107,18 +120,26 @@ class _Replay:
         self,
         session: Session,
         described: Setup,
-        recorded: Answers,
+        controllers: dict[str, _Consumer],
         pace: float | None,
         progress: Callable[[float], None],
     ) -> None:
-        self._session, self._recorded, self._pace, self._progress = session, recorded, pace, progress
+        self._session, self._controllers, self._pace, self._progress = session, controllers, pace, progress
         self._frame_ns = described.frame_ns
         self._scene = session.serve("scene", lambda body: described.to_json())
+        self._door = session.serve("cmd/plant", self._admit)
         self._watch = session.watch("controller/*")
         self._acts: Receiver = session.subscribe("act/*")
-        self._result = Replayed(compared=dict.fromkeys(recorded, 0))
+        self._result = Replayed(compared=dict.fromkeys(controllers, 0))
         self._open: set[tuple[str, int]] = set()
         """Answers that are due: (controller, tick)."""
+
+    def _admit(self, body: dict[str, Any]) -> dict[str, Any]:
+        name = body.get("controller")
+        if body.get("do") != "admit" or name not in self._controllers:
+            raise BusError(f"a replay does not {body.get('do')} {name or ''}".strip())
+        self._controllers[name].period_ns = int(body["period_ns"])
+        return {}
 
     def run(self, traffic: Iterable[Record], wait: float) -> Replayed:
         self._session.announce()
@@ -131,7 +152,8 @@ class _Replay:
                 self._sleep_until(begun + record.t_ns * 1e-9 / self._pace)
             if record.topic == "step":
                 tick = messages.decode("step", record.payload).tick
-                self._open |= {(name, tick) for name, answers in self._recorded.items() if tick in answers}
+                due = [name for name, one in self._controllers.items() if one.answers_to(tick, record.t_ns)]
+                self._open |= {(name, tick) for name in due}
             self._session.publisher(record.topic).put(record.payload, record.t_ns)
             result.messages += 1
             result.seconds = max(result.seconds, record.t_ns * 1e-9)
@@ -149,11 +171,12 @@ class _Replay:
 
     def _gather(self, wait: float) -> None:
         deadline = time.monotonic() + wait
-        while missing := [name for name in self._recorded if ("controller", name) not in self._watch.present]:
+        while missing := [name for name in self._controllers if ("controller", name) not in self._watch.present]:
             if time.monotonic() > deadline:
                 raise BusError(f"{', '.join(missing)} did not join the replay {self._session.run} within {wait:g} s")
             self._watch.poll(0.02)
             self._scene.poll()
+            self._door.poll()
 
     def _follow(self, tick: int) -> None:
         """After a step: take the answers; without a pace wait until none is due."""
@@ -167,6 +190,9 @@ class _Replay:
             gone = [name for name in late if ("controller", name) not in self._watch.present]
             if gone or time.monotonic() > deadline:
                 raise BusError(f"{', '.join(gone or late)} {'left' if gone else 'did not answer'} at tick {tick}")
+        for name, one in self._controllers.items():
+            if tick in one.tuned:
+                self._session.ask(f"param/{name}", {"set": one.tuned[tick]}, _PATIENCE_S)
 
     def _sleep_until(self, instant: float) -> None:
         while (left := instant - time.monotonic()) > 0.0:
@@ -182,8 +208,10 @@ class _Replay:
                 self._compare(name, said.tick, tuple(said.values))
 
     def _compare(self, name: str, tick: int, answered: tuple[float, ...]) -> None:
+        recorded, before = self._controllers[name].answers.get(tick, ()), self._result.divergence
+        if not recorded:
+            return
         self._result.compared[name] += 1
-        recorded, before = self._recorded[name][tick], self._result.divergence
         if np.array(recorded).tobytes() != np.array(answered).tobytes() and (before is None or tick < before.tick):
             self._result.divergence = Divergence(f"act/{name}", tick, tick * self._frame_ns * 1e-9, recorded, answered)
 
@@ -199,7 +227,9 @@ class _Remade:
         last = max((int(t_ns[-1]) for _, (t_ns, _) in series if t_ns.size), default=-1) // frame
         edges = np.arange(-1, last + 1) * frame  # frame k holds the samples published in (t_{k-1}, t_k]
         cuts = [np.searchsorted(t_ns, edges, "right") for _, (t_ns, _) in series]
-        answers = {c.controller: dict(zip(c.answered.tolist(), c.values)) for c in self.run.commands}
+        answers = {name: self._answers(commands) for name, commands in self.run.commands.items()}
+        for event in self.run.events:
+            yield Record(f"event/{event['source']}", messages.event(**event), event["t_ns"], 0, event["t_ns"])
         for tick in range(last + 1):
             now = tick * frame
             latest, fresh = np.full(len(series), np.nan), np.zeros(len(series), np.int64)
@@ -215,3 +245,9 @@ class _Remade:
             for name, known in answers.items():
                 if tick in known:
                     yield Record(f"act/{name}", encode.act(tick, now, known[tick]), now, 0, now)
+
+    @staticmethod
+    def _answers(commands: Commands) -> dict[int, tuple[float, ...]]:
+        """What was sent, where it is known: a clamped command is not what its controller said."""
+        columns = zip(commands.answered.tolist(), commands.status.tolist(), commands.values.tolist())
+        return {tick: tuple(values) if status == 0 else () for tick, status, values in columns if status != 2}

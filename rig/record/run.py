@@ -20,17 +20,16 @@ class Samples(NamedTuple):
 
 
 class Commands(NamedTuple):
-    """What one controller commanded, in the order in which the plant took it over."""
+    """What one controller commanded, as it took effect."""
 
     tick: Integers
     """Frame at which it was taken over."""
-    controller: str
-    values: Reals
-    """[commands, drives], as sent."""
     answered: Integers
-    """Frame whose measurement it answers; -1: the plant's own safe values."""
+    """Frame whose measurement it answers."""
     status: Integers
-    """0 in range, 1 clamped by the actuator, 2 safe values."""
+    """0 as sent, 1 clamped or completed, 2 safe values because no answer came."""
+    values: Reals
+    """[commands, drives]"""
 
 
 @dataclass
@@ -46,7 +45,8 @@ class Run:
     signals: dict[str, Reals]
     units: dict[str, str]
     measurements: dict[str, Samples] = field(default_factory=dict)
-    commands: list[Commands] = field(default_factory=list)
+    commands: dict[str, Commands] = field(default_factory=dict)
+    """By controller."""
     events: list[dict[str, Any]] = field(default_factory=list)
     """t_ns, tick, source, kind, text and data (a dict) of each event."""
     energy: dict[str, float] = field(default_factory=dict)

@@ -29,7 +29,7 @@ def save(run: Run, path: Path, name: str = "simulate") -> None:
         step_ns=run.step_ns,
         outputs={signal: run.units.get(signal, "") for signal in run.signals},
         sensors={s: (run.units.get(f"meas/{s}", ""), _period(t_ns)) for s, (t_ns, _) in run.measurements.items()},
-        controllers={commands.controller: {} for commands in run.commands},
+        controllers={name: {} for name in run.commands},
         provenance=run.provenance,
     )
     writer = Writer(path, setup, "saved")
@@ -54,7 +54,7 @@ def _messages(run: Run, writer: Writer) -> Iterator[Stamped]:
     if run.mode.size:
         series["truth/mode"] = (time_ns, run.mode.astype(np.float64))
     series |= {f"meas/{name}": (t_ns, v) for name, (t_ns, v) in run.measurements.items()}
-    ticks = [commands.tick for commands in run.commands]
+    ticks = [commands.tick for commands in run.commands.values()]
     ends = [t_ns[-1] for t_ns, _ in series.values() if t_ns.size] + [
         tick[-1] * run.frame_ns for tick in ticks if tick.size
     ]
@@ -66,14 +66,14 @@ def _messages(run: Run, writer: Writer) -> Iterator[Stamped]:
         found: list[Stamped] = []
         for topic, (t_ns, v) in series.items():
             found += _blocks(topic, t_ns, v, run.frame_ns, begin, stop)
-        for commands in run.commands:
+        for name, commands in run.commands.items():
             first, last = np.searchsorted(commands.tick * run.frame_ns, (begin, stop))
             for i in range(first, last):
                 tick = int(commands.tick[i])
                 packed = encode.applied(
                     tick, tick * run.frame_ns, int(commands.answered[i]), int(commands.status[i]), commands.values[i]
                 )
-                found.append((tick * run.frame_ns, f"applied/{commands.controller}", packed))
+                found.append((tick * run.frame_ns, f"applied/{name}", packed))
         found += _points(run, writer, time_ns, begin, stop)
         while done < len(events) and (events[done]["t_ns"] < stop or stop > end):
             found.append(_event(events[done]))

@@ -83,6 +83,14 @@ def test_names_that_collide_in_a_message_are_refused():
         messages.state_type(["tick"])
 
 
+def test_a_decoder_of_a_scene_knows_its_state():
+    decode = messages.decoder(["x", "drive.speed"])
+    state = decode("state", encode.StateEncoder(2)(1, 2, -1, np.array([3.0, 4.0])))
+    assert (state.mode, state.x, state.drive_speed) == (-1, 3.0, 4.0)
+    event = decode("event/plant", messages.event(5, 6, "plant", "mark", "here", {"a": 1}))
+    assert (event.t_ns, event.tick, event.source, event.data) == (5, 6, "plant", '{"a": 1}')
+
+
 def test_schema_of_a_type_names_its_fields():
     found = descriptor_pb2.FileDescriptorSet.FromString(messages.file_descriptor_set(messages.TYPES["Block"]))
     block = next(kind for kind in found.file[0].message_type if kind.name == "Block")

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import socket
 import stat
 import time
 
@@ -9,6 +10,7 @@ import pytest
 
 from rig import bus
 from rig.bus import address, messages
+from rig.bus.link import open_leaf
 from rig.errors import BusError
 
 LISTENER = """
@@ -62,17 +64,25 @@ def _is_link(fd):
     return os.path.islink(f"/proc/self/fd/{fd}")
 
 
+def loopback():
+    """A port of the loopback device that nobody listens on just now."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        return f"tcp/127.0.0.1:{free.getsockname()[1]}"
+
+
 def test_loopback_works_and_open_addresses_are_refused(runs):
-    with bus.host("local", endpoint="tcp/127.0.0.1:47391"), bus.join("local", role="viewer", name="v") as one:
+    with bus.host("local", endpoint=loopback()), bus.join("local", role="viewer", name="v") as one:
         one.announce()
     with pytest.raises(BusError, match="open to others"):
         bus.host("wide", endpoint="tcp/0.0.0.0:7447")
 
 
 def test_an_address_in_use_is_named(runs):
-    with bus.host("first", endpoint="tcp/127.0.0.1:47392"):
+    endpoint = loopback()
+    with bus.host("first", endpoint=endpoint):
         with pytest.raises(BusError, match="somebody already listens"):
-            bus.host("second", endpoint="tcp/127.0.0.1:47392")
+            bus.host("second", endpoint=endpoint)
         with pytest.raises(BusError, match="going on already"):
             bus.host("first")
         assert [run.run for run in address.list_runs()] == ["first"]
@@ -174,8 +184,6 @@ def test_a_socket_without_a_plant_is_told_at_once(runs, script):
     there = address.find("killed")
     plant.kill()
     plant.wait()
-    from rig.bus.session import open_leaf
-
     begun = time.monotonic()
     with pytest.raises(BusError, match="has died"):
         open_leaf(there, "viewer", "v")

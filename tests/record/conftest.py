@@ -71,9 +71,9 @@ def run():
             "gauge": sampled(1_000_000, 701),
             "slow": sampled(40_000_000, 18),
         },
-        commands=[
-            Commands(ticks + 1, "feedback", draw.standard_normal((frames, 2)), ticks, (ticks % 3 == 0).astype(np.int64))
-        ],
+        commands={
+            "feedback": Commands(ticks + 1, ticks, (ticks % 3 == 0).astype(np.int64), draw.standard_normal((frames, 2)))
+        },
         events=[
             {"t_ns": 5_000_000, "tick": 5, "source": "plant", "kind": "mark", "text": "begin", "data": {"a": [1, 2]}},
             {"t_ns": 700_000_000, "tick": 700, "source": "plant", "kind": "mark", "text": "end", "data": {}},

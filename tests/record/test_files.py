@@ -43,7 +43,7 @@ def test_a_saved_run_comes_back_bit_for_bit(run, saved):
     for name in ("scene", "step_ns", "frame_ns", "units", "events", "energy", "summary", "provenance"):
         assert getattr(read, name) == getattr(run, name), name
     assert read.fault == ""
-    for one, two in zip(run.commands[0], read.commands[0]):
+    for one, two in zip(run.commands["feedback"], read.commands["feedback"]):
         assert np.array_equal(one, two)
 
 
@@ -70,7 +70,7 @@ def test_any_times_and_values_survive(tmp_path, times, ticks, values):
         signals={"x": v[: t_ns.size]},
         units={"x": "m"},
         measurements={"s": Samples(t_ns, v[: t_ns.size])},
-        commands=[Commands(ticks, "c", v[: ticks.size, None], ticks - 1, ticks * 0)] if ticks.size else [],
+        commands={"c": Commands(ticks, ticks - 1, ticks * 0, v[: ticks.size, None])} if ticks.size else {},
     )
     path = tmp_path / "any.mcap"
     save(given, path)
@@ -223,7 +223,7 @@ def test_the_first_difference_is_found_to_the_bit(run):
     other = copy.deepcopy(run)
     other.signals["velocity"][500] = np.nextafter(run.signals["velocity"][500], np.inf)
     other.signals["displacement"][400] += 1.0
-    other.commands[0].values[300, 1] = 7.0
+    other.commands["feedback"].values[300, 1] = 7.0
     found = compare(run, other)
     assert not found.identical
     assert [(d.topic, d.index) for d in found.differences] == [

@@ -108,7 +108,7 @@ def test_two_seconds_of_traffic_are_in_the_file_as_they_were_sent(plant, script,
     assert run.energy == {"supplied": 2.0}
     assert np.array_equal(run.signals["velocity"], -np.arange(2000.0))
     assert np.array_equal(run.measurements["laser"].v, np.arange(20_000.0))
-    assert np.array_equal(run.commands[0].tick, np.arange(2000))
+    assert np.array_equal(run.commands["feedback"].tick, np.arange(2000))
     assert [e["kind"] for e in run.events] == ["verdict"]
     logged = [r.log_ns for r in reader.Scan(path)]
     assert logged == sorted(logged)

@@ -1,0 +1,86 @@
+"""How a process gets onto the bus: Zenoh as a star around the plant.
+
+The plant is the hub, a `peer` with one listener on a private unix socket (or on the loopback device); everyone else is
+a `client` of it. Nothing listens anywhere else and nothing is discovered: leaves that are peers would not see each
+other, and the default configuration would listen on all interfaces.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+from pathlib import Path
+from typing import Any
+
+import zenoh
+
+from rig.bus.address import Claim, RunAddress
+from rig.bus.port import Session
+from rig.bus.session import ZenohSession
+from rig.errors import BusError
+
+_PRIORITIES = ("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low")
+_LEASE_MS = 2000
+
+
+def _configuration(mode: str, listen: str | None, connect: str | None) -> zenoh.Config:
+    queues = "transport/link/tx/queue"
+    settings: dict[str, Any] = {
+        "mode": mode,
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "listen/endpoints": [listen] if listen else [],
+        "connect/endpoints": [connect] if connect else [],
+        "connect/timeout_ms": 3000,
+        "connect/exit_on_failure": True,
+        "transport/shared_memory/enabled": False,
+        "transport/link/tx/lease": _LEASE_MS,
+        # a full queue costs the sender no time: what does not fit is dropped at once
+        f"{queues}/congestion_control/drop/wait_before_drop": 0,
+        f"{queues}/congestion_control/block/wait_before_close": 100_000,
+        **{f"{queues}/size/{priority}": 16 for priority in (*_PRIORITIES, "background")},
+    }
+    config = zenoh.Config()
+    for key, value in settings.items():
+        config.insert_json5(key, json.dumps(value))
+    return config
+
+
+def open_hub(claim: Claim, role: str, name: str) -> Session:
+    """The plant's end of the bus; raises BusError if somebody else listens at its address."""
+    address = claim.address
+    try:
+        opened = zenoh.open(_configuration("peer", address.endpoint, None))
+    except zenoh.ZError as fault:
+        claim.release()
+        raise BusError(f"run {address.run} cannot listen at {address.endpoint}: {_cause(fault)}") from None
+    claim.open()
+    return ZenohSession(address.run, role, name, opened, claim)
+
+
+def open_leaf(address: RunAddress, role: str, name: str) -> Session:
+    """Everyone else's end; raises BusError if nobody listens there."""
+    kind, _, path = address.endpoint.partition("/")
+    if kind == "unixsock-stream":
+        _probe(Path(path), address.run)
+    try:
+        opened = zenoh.open(_configuration("client", None, address.endpoint))
+    except zenoh.ZError as fault:
+        raise BusError(f"run {address.run} does not answer at {address.endpoint}: {_cause(fault)}") from None
+    return ZenohSession(address.run, role, name, opened, None)
+
+
+def _probe(path: Path, run: str) -> None:
+    """Tell at once what Zenoh would find out only after its timeout."""
+    if not path.exists():
+        raise BusError(f"run {run} has no socket {path}; it has ended, or has not begun")
+    with socket.socket(socket.AF_UNIX) as probe:
+        try:
+            probe.connect(str(path))
+        except OSError as fault:
+            raise BusError(f"nobody listens at {path}: the plant of run {run} has died ({fault.strerror})") from None
+
+
+def _cause(fault: zenoh.ZError) -> str:
+    text = str(fault).partition(" at /")[0]
+    return "somebody already listens there" if "lock" in text or "in use" in text else text
