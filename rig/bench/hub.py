@@ -1,0 +1,212 @@
+"""The plant's end of the bus: what it publishes of a stand, and what it takes from controllers and operators.
+
+Samples of sensors up to 1 kHz go out one by one, faster ones in blocks of 20 ms; the state at most 200 times per second
+of simulated time. What is published is encoded at its tick and sent after the step, so that no controller waits for it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.bench.line import Line
+from rig.bench.operation import Operation
+from rig.bench.timing import Spread
+from rig.bus import encode, messages
+from rig.bus.port import Message, Publisher, Session
+from rig.bus.setup import Setup
+
+BLOCK_NS = 20_000_000
+STATE_NS = 5_000_000
+SINGLE_NS = 1_000_000
+"""Samples at least this far apart travel alone."""
+_REMEMBERED = 1 << 10
+
+
+class Samples:
+    """The samples of one sensor on their way out: collected until a block is full."""
+
+    def __init__(self, publisher: Publisher, period_ns: int) -> None:
+        self._put = publisher.put
+        self._period_ns = period_ns
+        self._size = 1 if period_ns >= SINGLE_NS else max(BLOCK_NS // period_ns, 1)
+        self._kept: list[NDArray[np.float64]] = []
+        self._count, self._first_ns = 0, 0
+
+    def add(self, tick: int, t_ns: int, first_ns: int, samples: NDArray[np.float64]) -> bytes | None:
+        """Add what was published at `first_ns` and after; a block if it is full."""
+        if not self._count:
+            self._first_ns = first_ns
+        self._kept.append(samples.copy())
+        self._count += len(samples)
+        return self.block(tick) if self._count >= self._size else None
+
+    def block(self, tick: int) -> bytes | None:
+        """What has been collected, as a Block; None if nothing."""
+        if not self._count:
+            return None
+        gathered = self._kept[0] if len(self._kept) == 1 else np.concatenate(self._kept)
+        self._kept, self._count = [], 0
+        return encode.block(tick, self._first_ns, self._period_ns, gathered)
+
+
+class Hub:
+    """Publishes what happens on the stand of `operation`, and feeds its exchange."""
+
+    def __init__(self, session: Session, operation: Operation, setup: Setup) -> None:
+        self.session, self.operation = session, operation
+        self.stand = operation.stand
+        stand, bank = self.stand, self.stand.bank
+        self._step = session.publisher("step")
+        self._state = session.publisher("state")
+        self._encode_state = encode.StateEncoder(len(stand.outputs))
+        self._state_ticks = max(-(-STATE_NS // stand.frame_ns), 1)
+        self._events = session.publisher("event/plant")
+        self._health = session.publisher("health")
+        self._meas = [session.publisher(f"meas/{name}") for name in bank.names]
+        self._samples = [Samples(*pair) for pair in zip(self._meas, bank.periods_ns)]
+        self._applied: dict[str, Publisher] = {}
+        self._waiting: list[tuple[Publisher, bytes]] = []
+        self._told = 0
+        self.acts = session.subscribe("act/*", stamped=True)
+        self.totals = session.subscribe("total/*")
+        self.watch = session.watch("*/*")
+        text = setup.to_text().encode()
+        self._scene = session.serve("scene", lambda _: text)
+        self._param = session.serve("param/plant", self._parameters)
+        self.commands: dict[str, Callable[[dict[str, Any]], dict[str, Any]]] = {}
+        """What `cmd/plant` understands, by name."""
+        self._cmd = session.serve("cmd/plant", self._commanded)
+        self.round_trip = Spread()
+        """From the put of a step to the arrival of an answer to it."""
+        self._trips: list[int] = []
+        self._put_at = [(-1, 0)] * _REMEMBERED
+
+    def receive(self) -> None:
+        """Hand on the commands that have arrived."""
+        get = self.acts.get
+        while (message := get()) is not None:
+            name, act = self.read(message)
+            self.operation.exchange.receive(name, act.tick, tuple(act.values))
+
+    def read(self, message: Message) -> tuple[str, Any]:
+        """Sender and content of a command; its round trip is noted."""
+        act = messages.decode(message.topic, message.payload)
+        tick, put_at = self._put_at[act.tick % _REMEMBERED]
+        if tick == act.tick:
+            self._trips.append(message.arrived_ns - put_at)
+        return message.topic[4:], act
+
+    def put_step(self) -> None:
+        """Tell the controllers what the sensors say at this tick; again if nobody answered the first time."""
+        stand = self.stand
+        tick, t_ns, bank = stand.tick, stand.t_ns, stand.bank
+        if self._put_at[tick % _REMEMBERED][0] != tick:
+            self._put_at[tick % _REMEMBERED] = (tick, time.monotonic_ns())
+        self._step.put(encode.step(tick, t_ns, bank.latest, bank.fresh), t_ns)
+
+    def gather(self) -> None:
+        """Encode what there is to publish of this tick, before anything is changed at it."""
+        stand = self.stand
+        tick, bank, waiting = stand.tick, stand.bank, self._waiting
+        for i in bank.fresh.nonzero()[0].tolist():
+            block = self._samples[i].add(tick, stand.t_ns, bank.first_ns(i), bank.samples(i))
+            if block is not None:
+                waiting.append((self._meas[i], block))
+        if tick % self._state_ticks == 0:
+            values = stand.output_values()
+            waiting.append((self._state, self._encode_state(stand.t_ns, tick, stand.motion.key, values)))
+
+    def put_gathered(self) -> None:
+        """Send what was gathered."""
+        t_ns = self.stand.t_ns
+        for publisher, payload in self._waiting:
+            publisher.put(payload, t_ns)
+        self._waiting.clear()
+
+    def put_rest(self) -> None:
+        """Send the blocks that are not full: nothing comes after them."""
+        tick = self.stand.tick
+        for publisher, samples in zip(self._meas, self._samples):
+            block = samples.block(tick)
+            if block is not None:
+                publisher.put(block, self.stand.t_ns)
+
+    def applied(self, lines: Iterable[Line]) -> None:
+        """Gather commands that took effect at this tick."""
+        tick, t_ns = self.stand.tick, self.stand.t_ns
+        for line in lines:
+            publisher = self._applied.get(line.name)
+            if publisher is None:
+                publisher = self._applied[line.name] = self.session.publisher(f"applied/{line.name}")
+            payload = encode.applied(tick, t_ns, line.answered, line.status, line.values)
+            self._waiting.append((publisher, payload))
+
+    def put_events(self) -> None:
+        """Send what has been written into the journal since."""
+        events = self.operation.journal.events
+        while self._told < len(events):
+            event = events[self._told]
+            self._told += 1
+            self._events.put(messages.event(*event), event.t_ns)
+
+    def put_health(self, **told: Any) -> None:
+        """Send the state of affairs."""
+        stand = self.stand
+        health = messages.TYPES["Health"](t_ns=stand.t_ns, tick=stand.tick, **told)
+        self._health.put(health.SerializeToString(), stand.t_ns)
+
+    def put_totals(self) -> None:
+        """Tell how much was sent on every topic."""
+        self.session.publisher("total/plant").put(self.session.totals(), self.stand.t_ns)
+
+    def serve(self) -> None:
+        """Answer operators; what they change is in force at this tick."""
+        self._param.poll()
+        self._cmd.poll()
+
+    def serve_scene(self) -> None:
+        """Answer those who want to know what runs here."""
+        self._scene.poll()
+
+    def fold(self) -> None:
+        """Count the round trips noted so far."""
+        trips, self._trips = self._trips, []
+        self.round_trip.add(np.array(trips, np.int64))
+
+    def lost(self) -> dict[str, int]:
+        """Commands that were sent and did not arrive, by topic."""
+        return {topic: count.lost for topic, count in self.acts.counts.items() if count.lost}
+
+    def _parameters(self, body: dict[str, Any]) -> dict[str, Any]:
+        values: dict[str, Any] = {}
+        if (changes := body.get("set")) is not None:
+            values |= self.operation.change(changes)
+        for key in body.get("get", ()):
+            values[key] = self.stand.values[key] if key in self.stand.inputs else self.stand.parameter(key)
+        return {"tick": self.stand.tick, "t_ns": self.stand.t_ns, "values": values}
+
+    def _commanded(self, body: dict[str, Any]) -> dict[str, Any]:
+        what = body.get("do")
+        if what not in self.commands:
+            raise ValueError(f"cannot do {what!r}; known: {', '.join(self.commands)}")
+        done = self.commands[what](body)
+        return {"tick": self.stand.tick, "t_ns": self.stand.t_ns, **done}
+
+
+def missing(sent: Mapping[str, int], heard: Any, whole: bool) -> dict[str, int]:
+    """Messages that another process did not get, by topic, from its Totals and from what was sent.
+
+    `whole`: it listened from the first message on, so that every message counts; else only gaps are known.
+    """
+    received = dict(zip(heard.heard_topic, zip(heard.received, heard.lost)))
+    found = {}
+    for topic, count in sent.items():
+        got, gaps = received.get(topic, (0, 0))
+        if lost := count - got if whole else gaps:
+            found[topic] = lost
+    return found

@@ -1,0 +1,203 @@
+"""One experiment on a stand: what happens at a tick between measurement and integration, in every mode alike.
+
+    operation.begin()                      protocol, limits: what is due at this tick
+    exchange.receive(...)                  answers of the controllers to the measurements of this tick, or older ones
+    operation.take_over()                  commands in force
+    stand.frame()                          integrate to the next tick
+
+What comes from outside (an operator's change of a parameter, a knock, a stop) is put in between `begin` and
+`take_over`, and written down with its tick, so that the run can be simulated again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import isfinite
+from typing import Any
+
+from rig.bench.exchange import Exchange
+from rig.bench.journal import Journal
+from rig.bench.line import Line
+from rig.bench.protocol import Apply, Change, Finish, Move, Note, Progress, Protocol, Strike, Switch
+from rig.bench.stand import Stand
+from rig.errors import RigError, UsageError
+from rig.quantities import si
+from rig.scenes.protocol import Connect, flat
+from rig.scenes.scene import Scene, controller_drives
+
+RUN_DOWN_NS = 500_000_000
+"""Time that the drive gets to stop when a limit has ended the experiment. # chosen"""
+OPERATOR = "operator"
+
+Retune = Callable[[str, dict[str, Any]], None]
+
+
+class Operation:
+    """The experiment of `scene` on `stand`. It ends after `duration_ns`, or when its protocol is done.
+
+    `retune(controller, changes)` changes parameters of a controller, wherever it works.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        stand: Stand,
+        duration_ns: int | None,
+        retune: Retune,
+        keeps: bool = True,
+        exchange: type[Exchange] = Exchange,
+    ) -> None:
+        self.scene, self.stand = scene, stand
+        self.journal = Journal(stand.frame_ns, lambda: stand.tick)
+        self.exchange = exchange(stand, stand.frame_ns, scene.clock.hold_frames, self.journal, keeps)
+        for name, section in scene.controllers.items():
+            self.exchange.admit(name, controller_drives(section), section.period, section.delay)
+        for step in flat(scene.protocol):
+            if type(step) is Connect:
+                self.exchange.connect(step.controller, False)
+        units = dict(zip(stand.bank.names, stand.bank.units))
+        self.protocol = Protocol(scene.protocol, stand.frame_ns, units, stand.inputs)
+        self.over = ""
+        """Why the experiment has ended; empty while it goes on."""
+        self.aborted = ""
+        """The limit that was passed; empty otherwise."""
+        self._retune = retune
+        self._end = None if duration_ns is None else -(-duration_ns // stand.frame_ns)
+        self._limits = [(stand.outputs.index(name), name, limit) for name, limit in scene.limits.items()]
+        self._connected = {name: line.connected for name, line in self.exchange.lines.items()}
+
+    def begin(self) -> bool:
+        """Carry out what is due at this tick; whether the experiment goes on."""
+        stand = self.stand
+        tick = stand.tick
+        if self._limits and not self.aborted:
+            self._watch()
+        if not self.aborted:
+            for action in self.protocol.due(tick, stand.bank.latest):
+                self._carry_out(action)
+        if self._end is not None:
+            if tick >= self._end and not self.over:
+                self.over = self.aborted or "done"
+        elif self.protocol.done and self.scene.protocol and not self.over:
+            self.over = "done"
+        return not self.over
+
+    def take_over(self) -> list[Line]:
+        """Put the commands of this tick into force; the lines that changed."""
+        return self.exchange.take_over()
+
+    def _watch(self) -> None:
+        values = self.stand.output_values()
+        for column, name, limit in self._limits:
+            value = float(values[column])
+            if not -limit <= value <= limit:
+                unit = self.stand.units[name]
+                self.abort(f"{name} = {value:.4g} {unit} is beyond its limit of {limit:g} {unit}")
+                return
+
+    def abort(self, why: str) -> None:
+        """Go to the safe state: actuators to safe values, no more commands, then the end."""
+        self.aborted = why
+        self.journal.note("limit", f"{why}: to the safe state")
+        ticks = max(RUN_DOWN_NS // self.stand.frame_ns, 1)
+        self.exchange.give_up(ticks)
+        self._end = self.stand.tick + ticks
+
+    def stop(self, why: str = "stopped") -> None:
+        """End the experiment at this tick."""
+        if not self.over:
+            self.over = why
+            self.journal.note("stop", why)
+
+    def change(self, changes: Mapping[str, Any], by: str = OPERATOR) -> dict[str, Any]:
+        """Change actuators and parameters of the rig at this tick: all, or with a RigError none. The new values."""
+        inputs = self.stand.inputs
+        actuators: dict[str, float] = {}
+        parameters: dict[str, Any] = {}
+        faults = []
+        for key, value in changes.items():
+            if key not in inputs:
+                parameters[key] = value
+                continue
+            one = inputs[key]
+            try:
+                actuators[key] = si(value, one.unit)
+            except ValueError as fault:
+                faults.append(f"{key} {fault}")
+                continue
+            if not one.low <= actuators[key] <= one.high:
+                faults.append(f"{key} = {value}: must be {one.low:g} to {one.high:g} {one.unit}")
+        if faults:
+            raise UsageError("\n".join(faults))
+        self._set(parameters)
+        for key, value in actuators.items():
+            self.exchange.ask(key, value)
+        new = {**{key: self.stand.parameter(key) for key in parameters}, **actuators}
+        self.journal.note("parameter", ", ".join(f"{k} = {v}" for k, v in new.items()), by=by, set=new)
+        return new
+
+    def _set(self, parameters: Mapping[str, Any]) -> None:
+        before: dict[str, Any] = {}
+        try:
+            for key, value in parameters.items():
+                old = self.stand.parameter(key)
+                self.stand.set_parameter(key, value)
+                before[key] = old
+        except RigError:
+            for key, old in before.items():
+                self.stand.set_parameter(key, old)
+            raise
+
+    def knock(self, impulse: float, by: str = OPERATOR) -> None:
+        """Strike the body at this tick [N s]."""
+        if not isfinite(impulse):
+            raise UsageError(f"an impulse of {impulse} N s cannot be struck")
+        self.stand.knock(impulse)
+        self.journal.note("knock", f"knock with {impulse:g} N s", by=by, impulse=impulse)
+
+    def switch(self, controller: str, on: bool, by: str = OPERATOR) -> None:
+        """Connect or disconnect a controller at this tick."""
+        if controller not in self.exchange.lines:
+            known = ", ".join(self.exchange.lines) or "none"
+            raise UsageError(f"no controller is called {controller}; there are: {known}")
+        self.exchange.connect(controller, on)
+        word = "connected" if on else "disconnected"
+        self.journal.note(word, f"{controller} is {word}", by=by, controller=controller)
+
+    def _carry_out(self, action: Any) -> None:
+        if isinstance(action, Note):
+            self.journal.note(action.kind, action.text)
+        elif isinstance(action, Apply):
+            self.exchange.ask(action.name, action.value)
+        elif isinstance(action, Move):
+            self.exchange.move(action.name, action.to, action.ticks)
+        elif isinstance(action, Strike):
+            self.knock(action.impulse, "protocol")
+        elif isinstance(action, Switch):
+            self.switch(action.controller, action.on, "protocol")
+        elif isinstance(action, Finish):
+            self.stop(action.reason)
+        elif isinstance(action, Change):
+            self._change(action)
+
+    def _change(self, action: Change) -> None:
+        first, _, rest = action.key.partition(".")
+        try:
+            if first == "controllers":
+                controller, _, key = rest.partition(".")
+                self._retune(controller, {key: action.value})
+                self.journal.note("parameter", f"{action.key} = {action.value:g}", by="protocol")
+            else:
+                self.change({action.key: action.value}, "protocol")
+        except RigError as fault:  # the experiment goes on, and its record says that this did not happen
+            self.journal.note("refused", f"{action.key} = {action.value:g}: {fault}", by="protocol")
+
+    def progress(self) -> Progress:
+        """Where the experiment stands."""
+        told = self.protocol.progress(self.stand.tick)
+        if self._end is None:
+            return told
+        left = max(self._end - self.stand.tick, 0)
+        phase = "safe state" if self.aborted else told.phase
+        fraction = min(self.stand.tick / self._end, 1.0) if self._end else 1.0
+        return told._replace(phase=phase, fraction=fraction, left_ns=left * self.stand.frame_ns)
