@@ -141,6 +141,7 @@ def open(path: Path | str) -> Run:
     summary = {key: json.loads(text) for key, text in scan.metadata.get("summary", {}).items()}
     if not summary:  # the recorder was killed, or the run had none: the plant's last word may still be there
         summary = next((dict(event["data"]) for event in reversed(events) if event["kind"] == "verdict"), {})
+    stopped = summary.pop("fault", "")
     return Run(
         scene=setup.scene,
         step_ns=setup.step_ns,
@@ -155,7 +156,7 @@ def open(path: Path | str) -> Run:
         summary=summary,
         mode=mode,
         provenance=setup.provenance,
-        fault=scan.fault,
+        fault=stopped or scan.fault,
     )
 
 

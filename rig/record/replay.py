@@ -108,7 +108,8 @@ class _Consumer:
             self.answers[said.tick] = tuple(said.values)
         elif said.kind == "parameter":
             told = json.loads(said.data)
-            self.tuned.setdefault(int(told["after_tick"]), {}).update(told["set"])
+            if "after_tick" in told:  # else it does not say when, and cannot be done again
+                self.tuned.setdefault(int(told["after_tick"]), {}).update(told["set"])
 
     def answers_to(self, tick: int, t_ns: int) -> bool:
         """Whether an answer to this step is to be expected."""

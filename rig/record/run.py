@@ -55,4 +55,4 @@ class Run:
     """Number of the contact mode at `time`, [n]; empty where it was not recorded."""
     provenance: dict[str, str] = field(default_factory=dict)
     fault: str = ""
-    """Why a recording could be read only in part; empty for a whole one."""
+    """Why it is not whole: stopped by the numerics, or a recording that breaks off. Empty for a whole one."""

@@ -38,7 +38,7 @@ def save(run: Run, path: Path, name: str = "simulate") -> None:
         for t_ns, topic, payload in _messages(run, writer):
             seq = sequence[topic] = sequence.get(topic, -1) + 1
             writer.write(topic, payload, t_ns, seq, t_ns)
-        writer.close({"messages": writer.messages}, {**run.summary, "energy": run.energy})
+        writer.close({"messages": writer.messages}, {**run.summary, "energy": run.energy, "fault": run.fault})
     finally:
         writer.abandon()
 

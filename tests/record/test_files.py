@@ -47,6 +47,11 @@ def test_a_saved_run_comes_back_bit_for_bit(run, saved):
         assert np.array_equal(one, two)
 
 
+def test_a_run_that_was_stopped_says_so_in_its_recording(run, tmp_path):
+    save(dataclasses.replace(run, fault="diverged at t = 0.7 s"), tmp_path / "run.mcap")
+    assert reader.open(tmp_path / "run.mcap").fault == "diverged at t = 0.7 s"
+
+
 def test_equal_runs_make_equal_messages(run, saved, tmp_path):
     save(run, tmp_path / "again.mcap")
     assert list(reader.Scan(tmp_path / "again.mcap")) == list(reader.Scan(saved))
