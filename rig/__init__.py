@@ -1,5 +1,9 @@
 """friction-rig: a laboratory in software for friction-induced vibration.
 
+    import rig
+    run = rig.simulate(rig.load("belt", {"friction.mu_static": "0.45"}), duration=10.0)
+    run.time, run.signals["velocity"], run.units["velocity"]
+
 solve     time integration: modes, guards, event location
 effects   one file, one physical effect
 plants    what stands on the bench
@@ -10,3 +14,47 @@ record    MCAP: write, read, recover, replay, compare
 view      rerun, live; figures
 study     what one learns from a rig
 """
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from rig.record.run import Run
+    from rig.scenes.scene import Scene
+
+__all__ = ["load", "open", "simulate"]
+
+
+def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
+    """A shipped scene by name, or a scene file; `overrides` takes dotted keys, values with units.
+
+    Raises rig.errors.SceneError with every fault of the scene.
+    """
+    from rig import scenes
+
+    return scenes.load(str(scene), overrides or {})
+
+
+def simulate(scene: Scene | str, duration: float | None = None) -> Run:
+    """Run a scene in this process, with its own controllers, for `duration` seconds or as long as its protocol takes.
+
+    Raises rig.errors.SceneError for controllers that cannot be designed, UsageError for a scene without an end.
+    """
+    import controllers
+    from rig.bench.simulate import simulate as run
+    from rig.study.design import numbers
+
+    loaded = load(scene) if isinstance(scene, str) else scene
+    designed = numbers(loaded)
+    built = {name: controllers.build(section, designed[name]) for name, section in loaded.controllers.items()}
+    return run(loaded, built, None if duration is None else round(duration * 1e9))
+
+
+def open(path: str | Path) -> Run:
+    """A recording as a Run. Raises rig.errors.LogError for a file that cannot be read; a broken one is read in part."""
+    from rig.record import reader
+
+    return reader.open(Path(path))

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from rig.bench.truth import Truth
 from rig.errors import SceneError, UsageError
 from rig.scenes.scene import Scene
 from rig.solve.assembly import Input
@@ -55,7 +56,8 @@ class Stand:
         )
         self._index = {name: i for i, name in enumerate(system.names)}
         self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed)
-        self.bank.start(self.motion.outputs_now()[: len(needs)])
+        self.bank.start(self.motion.outputs_now()[: len(needs)].copy())
+        self.truth: Truth | None = None
 
     @property
     def t_ns(self) -> int:
@@ -66,6 +68,8 @@ class Stand:
         """Carry the plant through one frame; the sensors publish what they sampled in it."""
         self.motion.advance(self.steps)
         self.tick += 1
+        if self.truth is not None:
+            self.truth.add(self.motion)
         self.bank.advance(self.motion.segments)
 
     def apply(self, name: str, value: float) -> None:
@@ -96,6 +100,8 @@ class Stand:
         system = self.scene.assemble(changed).system()
         if [p.name for p in system.patches] != [p.name for p in self.motion.system.patches]:
             raise SceneError(key, ["changes the contacts of the rig; start a new run with it"])
+        if self.truth is not None:
+            self.truth.work_out(self.motion)
         try:
             self.motion.replace(system)
         except ValueError as error:
@@ -121,7 +127,7 @@ class Stand:
             self.motion.write(first + i, float(self.motion.x[first + i] + step))
 
     def output_values(self) -> Array:
-        """Plant truth [outputs] at this tick."""
+        """Plant truth [outputs] at this tick (a view, overwritten by the next call)."""
         return self.motion.outputs_now()
 
     def output(self, name: str) -> float:

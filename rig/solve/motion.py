@@ -108,6 +108,7 @@ class Motion:
         self.system = system
         self.slots = Slots(system, self.step_ns * 1e-9, self._outputs)
         self._shape = (0.0,) * system.n
+        self._now = (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((1, len(self._outputs))))
 
     def _room(self, ticks: int) -> None:
         events = self._cap * max(1, ticks // 10)
@@ -255,7 +256,7 @@ class Motion:
 
     def events(self) -> list[Event]:
         """Events of the last call of `advance`."""
-        count = int(self.state.ic[EVENTS])
+        count = self.event_count
         first = self.tick - int(self.state.ic[TICK])
         return [
             Event(first + tick, place, self.what(kind, owner), before)
@@ -271,8 +272,17 @@ class Motion:
         return values
 
     def outputs_now(self) -> Array:
-        """Every output [output] at this instant."""
-        return self.outputs_at(self.state.x[None], np.array([self.slot]))[0]  # type: ignore[no-any-return]
+        """Every output [output] at this instant (a view, overwritten by the next call)."""
+        states, slots, values = self._now
+        states[0] = self.state.x
+        slots[0] = self.slots.tables.slot_of[self.state.ic[KEY]]
+        evaluate(self.slots.handle, self._lent, states, slots, values)
+        return values[0]  # type: ignore[no-any-return]
+
+    @property
+    def event_count(self) -> int:
+        """Events in the last call of `advance`."""
+        return int(self.state.ic[EVENTS])
 
     def energy(self) -> dict[str, float]:
         """The ledger so far [J], and `error`: what does not close, relative to the largest term."""

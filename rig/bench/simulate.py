@@ -1,0 +1,136 @@
+"""A run in this process: the same stand, exchange and controller objects, no bus, as fast as it goes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from controllers.base import Controller
+from controllers.loop import Loop
+from rig.bench.exchange import Exchange, Playback
+from rig.bench.operation import Operation
+from rig.bench.stand import Stand
+from rig.bench.truth import Truth
+from rig.errors import NumericsError, UsageError
+from rig.record.run import Commands, Run, Samples
+from rig.scenes.scene import Scene
+
+Report = Callable[[Operation], None]
+
+
+def simulate(
+    scene: Scene,
+    controllers: Mapping[str, Controller],
+    duration_ns: int | None = None,
+    commands: Mapping[str, Commands] | None = None,
+    report: Report | None = None,
+) -> Run:
+    """Run `scene` with `controllers` (by name; those of the scene) for `duration_ns`, or as long as its protocol takes.
+
+    `commands`: of a recorded run; they take effect when and as they did then, and no controller is asked. `report` is
+    called ten times a simulated second. A run that the numerics had to stop is returned as far as it came, with
+    `fault`; what happened stands in its events.
+    """
+    if duration_ns is None and scene.duration_ns is None:
+        raise UsageError(f"{scene.name} has no protocol that ends; say how long: --duration 10")
+    duration_ns = scene.duration_ns if duration_ns is None else duration_ns
+    loops = {name: Loop(controller) for name, controller in controllers.items()}
+    stand = Stand(scene)
+    stand.truth = truth = Truth(stand.motion, stand.step_ns)
+    operation = Operation(
+        scene,
+        stand,
+        duration_ns,
+        lambda name, changes: loops[name].retune(changes),
+        exchange=Exchange if commands is None else Playback,
+    )
+    if isinstance(operation.exchange, Playback):
+        assert commands is not None
+        operation.exchange.play(commands)
+    columns = {name: i for i, name in enumerate(stand.bank.names)}
+    asked = sorted(loops.items()) if commands is None else []
+    wired = [(name, loop, [columns[r] for r in loop.controller.reads]) for name, loop in asked]
+    kept = Measurements(stand)
+    latest, every = stand.bank.latest, max(100_000_000 // scene.frame_ns, 1)
+    fault = ""
+    try:
+        while operation.begin():
+            t_ns, tick = stand.t_ns, stand.tick
+            for name, loop, reads in wired:
+                if t_ns % loop.controller.period_ns == 0:
+                    answer = loop.answer(t_ns, tuple([float(latest[i]) for i in reads]))
+                    operation.exchange.receive(name, tick, answer)
+            operation.take_over()
+            stand.frame()
+            kept.add()
+            if report is not None and tick % every == 0:
+                report(operation)
+    except NumericsError as error:
+        fault = str(error)
+        operation.journal.note("diverged", fault)
+    return _run(scene, stand, operation, truth, kept, loops, fault)
+
+
+class Measurements:
+    """Every published sample of every sensor."""
+
+    def __init__(self, stand: Stand) -> None:
+        self._bank = stand.bank
+        self._values: list[list[float]] = [[] for _ in stand.bank.names]
+        self.add()
+
+    def add(self) -> None:
+        """Keep the samples of the last frame."""
+        bank = self._bank
+        fresh = bank.fresh.tolist()
+        latest = bank.latest.tolist()
+        for i, count in enumerate(fresh):
+            if count == 1:
+                self._values[i].append(latest[i])
+            elif count:
+                self._values[i].extend(bank.samples(i).tolist())
+
+    def samples(self) -> dict[str, Samples]:
+        """What each sensor published: times [ns], values."""
+        out = {}
+        for name, period, values in zip(self._bank.names, self._bank.periods_ns, self._values):
+            out[name] = Samples(np.arange(len(values), dtype=np.int64) * period, np.array(values))
+        return out
+
+
+def _run(
+    scene: Scene,
+    stand: Stand,
+    operation: Operation,
+    truth: Truth,
+    kept: Measurements,
+    loops: Mapping[str, Loop],
+    fault: str,
+) -> Run:
+    outputs, modes = truth.outputs(stand.motion)
+    units = dict(stand.units)
+    units |= {f"meas/{name}": unit for name, unit in zip(stand.bank.names, stand.bank.units)}
+    events = [event._asdict() for event in operation.journal.events] + truth.events
+    statistics = stand.statistics()
+    return Run(
+        scene=scene.to_json(),
+        step_ns=stand.step_ns,
+        frame_ns=stand.frame_ns,
+        time=np.arange(len(outputs), dtype=np.float64) * (stand.step_ns * 1e-9),
+        signals={name: np.ascontiguousarray(outputs[:, i]) for i, name in enumerate(stand.outputs)},
+        units=units,
+        measurements=kept.samples(),
+        commands={name: line.commands() for name, line in operation.exchange.lines.items()},
+        events=sorted(events, key=lambda event: event["t_ns"]),
+        energy=statistics.pop("energy"),
+        summary={
+            "ended": operation.over or "stopped by the numerics",
+            "plant": statistics,
+            "exchange": operation.exchange.counters(),
+            "controllers": {name: loop.counters() for name, loop in loops.items()},
+            "sensors": stand.bank.counters(),
+        },
+        mode=modes,
+        fault=fault,
+    )
