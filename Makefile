@@ -11,6 +11,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
+GALLERY := $(basename $(notdir $(wildcard rig/scenes/*.toml)))
 
 .DEFAULT_GOAL := install
 .PHONY: install demo test test-slow check bench docs lock clean
@@ -45,7 +46,8 @@ bench: install
 	@$(RUN) pytest -m bench -s --timeout=0
 
 docs: install
-	@$(RUN) docs.gallery
+	@mkdir -p docs/gallery
+	@for scene in $(GALLERY); do echo $$scene; $(BIN)/rig simulate $$scene --figure docs/gallery/$$scene.png >/dev/null || exit 1; done
 
 lock:
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \

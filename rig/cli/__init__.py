@@ -1,0 +1,24 @@
+"""The commands, thin: each reads its arguments, calls one function of a room, prints what it returns.
+
+app         the program: commands, errors, exit codes
+options     what several commands take
+tell        tables, JSON, the line that is written again and again
+scenes      list, explain, modes, cycle
+runs        demo, run, simulate
+processes   plant, control, record, view: the same processes one by one
+live        tune, topic
+logs        replay, verify, diff, recover
+host        doctor, warmup
+
+Exit codes: 0 ok, 1 a check failed, 2 usage, 3 timing invalid, 4 diverged.
+Nothing heavy is imported before it is needed.
+"""
+
+from __future__ import annotations
+
+
+def main() -> None:
+    """Entry point of the command `rig`."""
+    from rig.cli.app import run
+
+    run()

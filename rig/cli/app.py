@@ -1,0 +1,44 @@
+"""The program `rig`: its commands, and what a user sees when something goes wrong."""
+
+from __future__ import annotations
+
+import sys
+
+import typer
+
+from rig.cli import host, live, logs, processes, runs, scenes
+from rig.errors import RigError
+
+INTERRUPTED = 130
+
+app = typer.Typer(
+    name="rig",
+    help="friction-rig: a laboratory in software for friction-induced vibration.",
+    epilog="First steps:  rig demo  |  rig list  |  rig explain pendulum  |  rig run pendulum --view",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for panel, room in {
+    "Run a scene": runs,
+    "Look at scenes": scenes,
+    "Recordings": logs,
+    "A run that is going on": live,
+    "Processes one by one": processes,
+    "This machine": host,
+}.items():
+    for name, (function, example) in room.COMMANDS.items():
+        app.command(name, epilog=f"Example:  {example}", rich_help_panel=panel)(function)
+app.add_typer(live.topic, name="topic", rich_help_panel="A run that is going on")
+
+
+def run(arguments: list[str] | None = None) -> None:
+    """Run a command and leave with its exit code; what a user did wrong is told in words, never by a traceback."""
+    try:
+        app(arguments)
+    except RigError as error:
+        sys.stderr.write(f"{error}\n")
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(INTERRUPTED)

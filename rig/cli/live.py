@@ -1,0 +1,119 @@
+"""Commands for a run that is going on."""
+
+from __future__ import annotations
+
+import time
+from typing import Annotated, Any
+
+import typer
+
+from rig.cli import tell
+from rig.cli.options import Json, RunName
+from rig.errors import UsageError
+
+topic = typer.Typer(no_args_is_help=True, help="See what is said on the bus of a run.")
+Pattern = Annotated[str, typer.Argument(help='Topics: "*" stands for one part, "**" for all that follow.')]
+For = Annotated[float, typer.Option("--for", metavar="SECONDS", help="How long to listen.")]
+
+
+def tune(
+    key: Annotated[str, typer.Argument(metavar="KEY", help="An actuator or a parameter: friction.mu_static")],
+    value: Annotated[str, typer.Argument(metavar="VALUE", help='A number, or a text with a unit: "15 N"')],
+    run: RunName = None,
+    as_json: Json = False,
+) -> None:
+    """Change a value of a live run: checked as a whole, in force from the next step on, and recorded.
+
+    A parameter of a controller is named controllers.NAME.KEY.
+    """
+    from rig import bus
+
+    process, inner = "plant", key
+    if key.startswith("controllers."):
+        _, process, inner = [*key.split(".", 2), ""][:3]
+        if not inner:
+            raise UsageError(f"{key}: name the parameter too, e.g. {key}.gain")
+    with bus.join(run, role="operator", name="tune") as session:
+        found = session.ask(f"param/{process}", {"set": {inner: _plain(value)}}, timeout=3.0)
+    if as_json:
+        tell.report(found["values"])
+        return
+    for name, new in found["values"].items():
+        if name == inner:
+            tell.line(f"{key} = {tell.number(new)}")
+
+
+def _plain(value: str) -> Any:
+    try:
+        return float(value)
+    except ValueError:
+        return value
+
+
+@topic.command("ls", epilog="Example:  rig topic ls")
+def topic_ls(run: RunName = None, listen: For = 1.0, as_json: Json = False) -> None:
+    """List the topics that are spoken on, with their senders and what they carry."""
+    from rig.bus import topics
+
+    rows = []
+    for name, (count, _) in sorted(_heard("**", run, listen).items()):
+        row = topics.of(name)
+        rows.append({"topic": name, "message": row.message, "from": row.sender, "heard": count, "about": row.about})
+    if as_json:
+        tell.report(rows)
+    else:
+        columns = ("topic", "message", "from", "heard", "about")
+        tell.table("", columns, [[row[c] for c in columns] for row in rows])
+
+
+@topic.command("hz", epilog='Example:  rig topic hz "meas/*" --for 5')
+def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = 2.0, as_json: Json = False) -> None:
+    """Messages per second of each topic, and how many were lost on the way here."""
+    heard = sorted(_heard(pattern, run, listen).items())
+    rows = [{"topic": name, "hz": count / listen, "lost": lost} for name, (count, lost) in heard]
+    if as_json:
+        tell.report(rows)
+    else:
+        tell.table("", ("topic", "1/s", "lost"), [(r["topic"], r["hz"], r["lost"]) for r in rows])
+
+
+@topic.command("echo", epilog="Example:  rig topic echo meas/vibrometer --count 3")
+def topic_echo(
+    pattern: Pattern,
+    run: RunName = None,
+    count: Annotated[int, typer.Option(help="Messages to show; 0 for all until the run ends or Ctrl-C.")] = 0,
+) -> None:
+    """Print messages as they come, one JSON object to a line."""
+    import json
+
+    from google.protobuf.json_format import MessageToDict
+
+    from rig import bus
+    from rig.bus import messages, setup
+
+    with bus.join(run, role="operator", name="echo") as session:
+        receiver, plant = session.subscribe(pattern), session.watch("plant/*")
+        decode = messages.decoder(list(setup.fetch(session).outputs))
+        shown = 0
+        while plant.wait_for("plant", "plant", 0.0) and (not count or shown < count):
+            message = receiver.get(timeout=0.1)
+            if message is not None:
+                said = MessageToDict(decode(message.topic, message.payload), preserving_proto_field_name=True)
+                tell.line(json.dumps({"topic": message.topic, "seq": message.seq, "t_ns": message.t_ns, **said}))
+                shown += 1
+
+
+def _heard(pattern: str, run: str | None, listen: float) -> dict[str, tuple[int, int]]:
+    """Topic -> messages received and lost within `listen` seconds."""
+    from rig import bus
+
+    with bus.join(run, role="operator", name="topic") as session:
+        receiver = session.subscribe(pattern, 1 << 16, polled=True)
+        until = time.monotonic() + listen
+        while time.monotonic() < until:
+            time.sleep(0.02)
+            receiver.drain()
+        return {name: (count.received, count.lost) for name, count in receiver.counts.items()}
+
+
+COMMANDS = {"tune": (tune, 'rig tune load.force "15 N"')}

@@ -1,0 +1,103 @@
+"""Commands for recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.cli import tell
+from rig.cli.options import Json, Pace, pace
+
+Log = Annotated[Path, typer.Argument(metavar="LOG", help="A recording (MCAP).")]
+
+
+def replay(
+    log: Log,
+    speed: Pace = "1.0",
+    into: Annotated[
+        list[str] | None,
+        typer.Option("--into", metavar="CONTROLLER", help="Start this controller too, and compare its answers."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Put the measurements of a recording on the bus again, for viewers and controllers.
+
+    With --pace max it goes as fast as the controllers answer.
+    """
+    from rig.bench.replay import replay as play
+
+    status = tell.Status()
+    found = play(log, into=into or (), pace=pace(speed), tell=status.show)
+    status.done()
+    if as_json:
+        tell.report(vars(found))
+    else:
+        tell.line(f"{found.messages} messages, {found.steps} steps, {found.seconds:.3f} s of simulated time")
+        for name, count in found.compared.items():
+            tell.line(f"{name}: {count} answers compared")
+        tell.line(str(found.divergence) if found.divergence else "no answer differs" if found.compared else "")
+    if found.divergence or found.unanswered or found.fault:
+        tell.note(found.fault or f"{found.unanswered} answers did not come again")
+        raise typer.Exit(1)
+
+
+def verify(log: Log, as_json: Json = False) -> None:
+    """Check a recording: whole, nothing missing, and the same bits when it is simulated again."""
+    from rig.bench.verify import verify as check
+
+    found = check(log)
+    if as_json:
+        tell.report(found.to_json())
+    else:
+        tell.line(found.text())
+    if not found.passed:
+        raise typer.Exit(1)
+
+
+def diff(
+    first: Annotated[Path, typer.Argument(metavar="A", help="A recording.")],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Another one.")],
+    as_json: Json = False,
+) -> None:
+    """Show where two recordings part, to the bit."""
+    from rig.record.compare import compare
+
+    found = compare(first, second)
+    if as_json:
+        differences = [vars(difference) for difference in found.differences]
+        tell.report({"identical": found.identical, "compared": found.compared, "differences": differences,
+                     "missing": found.missing})  # fmt: skip
+    elif found.identical:
+        tell.line(f"identical: {found.compared} numbers, bit by bit")
+    else:
+        for difference in found.differences:
+            tell.line(str(difference))
+        for name in found.missing:
+            tell.line(f"{name} is in one of the two only")
+    if not found.identical:
+        raise typer.Exit(1)
+
+
+def recover(
+    log: Log,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Where to put the clean file.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Make a clean file from a recording that was cut off."""
+    from rig.record.recover import recover as save
+
+    found = save(log, out)
+    if as_json:
+        tell.report(vars(found))
+    else:
+        tell.line(f"{found.path}: {found.messages} messages, {found.seconds:.3f} s; the original: {found.fault}")
+
+
+COMMANDS = {
+    "replay": (replay, "rig replay recordings/golden/pendulum.mcap --into nf --pace max"),
+    "verify": (verify, "rig verify recordings/golden/pendulum.mcap"),
+    "diff": (diff, "rig diff first.mcap second.mcap"),
+    "recover": (recover, "rig recover recordings/runs/pendulum-20260101-120000.mcap"),
+}

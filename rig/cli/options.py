@@ -1,0 +1,70 @@
+"""What several commands take."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.errors import UsageError
+
+SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="Name of a shipped scene (rig list) or a TOML file.")]
+Changes = Annotated[
+    list[str] | None,
+    typer.Option(
+        "-p", metavar="KEY=VALUE", help='Change a value: -p drive.speed="2 rpm". May be repeated; "none" takes it away.'
+    ),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print the report as JSON.")]
+Duration = Annotated[
+    str | None, typer.Option(metavar="TIME", help='Simulated time, in seconds or with a unit ("500 ms").')
+]
+Out = Annotated[Path | None, typer.Option(metavar="FILE", help="Recording to write (MCAP).")]
+RunName = Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name of the run; the newest by default.")]
+Pace = Annotated[
+    str, typer.Option("--pace", metavar="FACTOR", help='Simulated seconds in a second of the clock, or "max".')
+]
+Lockstep = Annotated[bool, typer.Option("--lockstep", help="Wait for every controller at every step.")]
+
+
+def changes(given: list[str] | None) -> dict[str, str]:
+    """Dotted key -> value as text, of all `-p`."""
+    found: dict[str, str] = {}
+    for one in given or []:
+        key, equals, value = one.partition("=")
+        if not equals or not key.strip():
+            raise UsageError(f'-p {one}: expected KEY=VALUE, e.g. -p drive.speed="2 rpm"')
+        found[key.strip()] = value.strip()
+    return found
+
+
+def seconds(given: str | None) -> float | None:
+    """A duration in seconds; a plain number is seconds."""
+    if given is None:
+        return None
+    from rig.quantities import si
+
+    try:
+        found = float(given)
+    except ValueError:
+        try:
+            found = si(given, "s")
+        except ValueError as error:
+            raise UsageError(f"--duration {error}") from None
+    if not 0.0 < found < 1e9:
+        raise UsageError(f"--duration {given}: must be greater than 0 s")
+    return found
+
+
+def pace(given: str) -> float | None:
+    """Simulated seconds for each second of the clock; None for as fast as it goes."""
+    if given == "max":
+        return None
+    try:
+        found = float(given)
+    except ValueError:
+        found = 0.0
+    if not 0.0 < found < 1e6:
+        raise UsageError(f'--pace {given}: expected a factor greater than 0, or "max"')
+    return found

@@ -1,0 +1,79 @@
+"""The processes of a run one by one, each in a terminal of its own."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from rig.cli import tell
+from rig.cli.options import Changes, Duration, Lockstep, Out, Pace, RunName, SceneName, changes, pace, seconds
+
+
+def plant(
+    scene: SceneName,
+    p: Changes = None,
+    speed: Pace = "1.0",
+    lockstep: Lockstep = False,
+    duration: Duration = None,
+    name: Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name for the run.")] = None,
+) -> None:
+    """Run the plant with its sensors; controllers, recorder and viewer join as they come."""
+    from rig.bench.plant_process import run
+    from rig.scenes import load
+
+    outcome = run(
+        load(scene, changes(p)),
+        pace=pace(speed),
+        lockstep=lockstep,
+        duration=seconds(duration),
+        name=name,
+        say=tell.note,
+    )
+    raise typer.Exit(outcome.exit_code)
+
+
+def control(
+    name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A controller of the scene, or a Python file.")],
+    run: RunName = None,
+    p: Changes = None,
+    wait: Annotated[float, typer.Option(metavar="SECONDS", help="Longest wait for the run.")] = 10.0,
+) -> None:
+    """Run one controller as a process of its own: one of the scene, or one of yours from a file."""
+    from controllers.process import run as serve
+
+    serve(name, run, changes=changes(p), wait=wait, say=tell.note)
+
+
+def record(
+    run: RunName = None,
+    out: Out = None,
+    wait: Annotated[float, typer.Option(metavar="SECONDS", help="Longest wait for the run.")] = 10.0,
+) -> None:
+    """Record a live run until it ends."""
+    from rig.record.process import record as write
+
+    found = write(run, out, wait=wait)
+    lost = f"{found.lost} lost" if found.lost else "none lost"
+    tell.line(f"{found.path}: {found.messages} messages, {lost}, {found.seconds:.3f} s ({found.ended})")
+    if found.lost:
+        raise typer.Exit(1)
+
+
+def view(
+    run: RunName = None,
+    web: Annotated[bool, typer.Option("--web", help="Show it in a browser page.")] = False,
+    wait: Annotated[float, typer.Option(metavar="SECONDS", help="Longest wait for the run.")] = 10.0,
+) -> None:
+    """Show a live run in rerun."""
+    from rig.view.process import view as show
+
+    show(run, web=web, wait=wait, say=tell.note)
+
+
+COMMANDS = {
+    "plant": (plant, "rig plant pendulum --run mine"),
+    "control": (control, "rig control nf --run mine"),
+    "record": (record, "rig record --run mine --out mine.mcap"),
+    "view": (view, "rig view --run mine"),
+}

@@ -1,0 +1,101 @@
+"""Commands that run a scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from rig.cli import tell
+from rig.cli.options import Changes, Duration, Json, Lockstep, Out, Pace, SceneName, changes, pace, seconds
+from rig.errors import NumericsError
+
+View = Annotated[bool, typer.Option("--view", help="Show it live in rerun.")]
+Web = Annotated[bool, typer.Option("--web", help="Show it live in a browser page.")]
+Figure = Annotated[Path | None, typer.Option(metavar="FILE", help="Figure of the run to draw (PNG).")]
+
+
+def demo(view: View = False, web: Web = False) -> None:
+    """Run the pendulum with its controller: recording, figure and summary within a minute."""
+    from rig.bench.supervise import run as supervise
+    from rig.scenes import load
+
+    outcome = supervise(load("pendulum"), view=view, web=web, figure=True, say=tell.note)
+    tell.line(outcome.text())
+    raise typer.Exit(outcome.exit_code)
+
+
+def run(
+    scene: SceneName,
+    p: Changes = None,
+    speed: Pace = "1.0",
+    lockstep: Lockstep = False,
+    duration: Duration = None,
+    view: View = False,
+    web: Web = False,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Run a scene in real time: plant, controllers and recorder as processes."""
+    factor, length, overrides = pace(speed), seconds(duration), changes(p)
+    from rig.bench.supervise import run as supervise
+    from rig.scenes import load
+
+    outcome = supervise(
+        load(scene, overrides),
+        pace=factor,
+        lockstep=lockstep,
+        duration=length,
+        view=view,
+        web=web,
+        out=out,
+        say=tell.note,
+    )
+    if as_json:
+        tell.report(outcome.to_json())
+    else:
+        tell.line(outcome.text())
+    raise typer.Exit(outcome.exit_code)
+
+
+def simulate(
+    scene: SceneName,
+    p: Changes = None,
+    duration: Duration = None,
+    method: Annotated[str | None, typer.Option(metavar="METHOD", help="auto, exact, dopri5 or rk4.")] = None,
+    out: Out = None,
+    figure: Figure = None,
+    as_json: Json = False,
+) -> None:
+    """Simulate a scene in this process, controllers and all, as fast as it goes."""
+    length, overrides = seconds(duration), changes(p)
+    if method is not None:
+        overrides["clock.method"] = method
+    import rig
+
+    found = rig.simulate(rig.load(scene, overrides), length)
+    if out is not None:
+        from rig.record.save import save
+
+        save(found, out)
+    if figure is not None:
+        from rig.view.figure import draw
+
+        draw(found, figure)
+    if as_json:
+        tell.report({**found.summary, "energy": found.energy, "events": found.events, "fault": found.fault})
+    else:
+        from rig.bench.status import summary
+
+        tell.line(summary(found))
+    if found.fault:
+        tell.note(found.fault)
+        raise typer.Exit(NumericsError.exit_code)
+
+
+COMMANDS = {
+    "demo": (demo, "rig demo --view"),
+    "run": (run, 'rig run pendulum --view -p drive.speed="2 rpm"'),
+    "simulate": (simulate, "rig simulate pendulum --duration 10 --out pendulum.mcap --figure pendulum.png"),
+}

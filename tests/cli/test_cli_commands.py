@@ -1,0 +1,250 @@
+"""The commands as a user meets them: help with an example, exit codes, faults in words, reports as JSON."""
+
+import json
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig import scenes
+from rig.cli import app, host, live, logs, options, processes, runs
+from rig.cli import scenes as scene_commands
+from rig.errors import Diverged, UsageError
+
+ROOMS = (runs, scene_commands, logs, live, processes, host)
+COMMANDS = sorted(name for room in ROOMS for name in room.COMMANDS)
+PROMISED = (
+    "demo list run plant control record view simulate replay verify tune warmup explain modes cycle doctor diff recover"
+)
+
+
+@pytest.fixture
+def rig(capsys):
+    """Runs a command in this process: exit code, standard output, standard error."""
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as left:
+            app.run([str(a) for a in arguments])
+        said = capsys.readouterr()
+        return left.value.code or 0, said.out, said.err
+
+    return call
+
+
+def test_the_commands_that_are_promised_are_there(rig):
+    assert COMMANDS == sorted(PROMISED.split())
+    code, out, _ = rig("--help")
+    assert code == 0
+    assert all(f" {name} " in out for name in [*COMMANDS, "topic"])
+
+
+@pytest.mark.parametrize("name", [*COMMANDS, "topic ls", "topic hz", "topic echo"])
+def test_help_shows_an_example(rig, name):
+    code, out, _ = rig(*name.split(), "--help")
+    assert code == 0
+    assert f"Example:  rig {name}" in out
+
+
+def test_help_starts_without_anything_heavy():
+    code = "import sys; from rig.cli import app; print(*sorted(sys.modules))"
+    out = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, env=_environment())
+    heavy = {"numpy", "numba", "pydantic", "pint", "zenoh", "rerun", "matplotlib", "control", "scipy", "mcap"}
+    assert not heavy & set(out.stdout.split())
+
+
+@pytest.mark.bench
+def test_help_is_there_at_once():
+    import time
+
+    best = 9.0
+    for _ in range(5):
+        begin = time.perf_counter()
+        subprocess.run([sys.executable, "-m", "rig", "--help"], capture_output=True, check=True, env=_environment())
+        best = min(best, time.perf_counter() - begin)
+    assert best < 0.6
+
+
+def _environment():
+    return {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+
+
+def test_list_names_every_scene(rig):
+    code, out, _ = rig("list")
+    assert code == 0
+    assert all(name in out for name in scenes.names())
+    code, out, _ = rig("list", "--json")
+    assert [card["name"] for card in json.loads(out)] == list(scenes.names())
+
+
+def test_explain_shows_effects_and_origins(rig):
+    code, out, _ = rig("explain", "belt_dither", "-p", "load.force=25 N")
+    assert code == 0
+    assert "dither.sin, dither.cos" in out
+    assert "absent" in out
+    assert any("load.force" in line and "25" in line and "user" in line for line in out.splitlines())
+    code, out, _ = rig("explain", "pendulum", "--json")
+    told = json.loads(out)
+    assert told["duration_s"] == 21.0
+    assert {value["key"]: value["origin"] for value in told["values"]}["load.force"] == "paper"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("explain", "pendulm"), "no scene has this name; did you mean pendulum?"),
+        (("explain", "belt", "-p", "drive.sped=3", "-p", "load.force=-3 N"), "did you mean drive.speed?"),
+        (("explain", "belt", "-p", "drive.speed"), "expected KEY=VALUE"),
+        (("simulate", "belt", "--duration", "5 kg"), "expected a unit of s"),
+        (("simulate", "belt", "--duration", "-1"), "must be greater than 0 s"),
+        (("run", "belt", "--pace", "fast"), 'expected a factor greater than 0, or "max"'),
+        (("explain",), "Missing argument"),
+        (("no-such-command",), "No such command"),
+    ],
+)
+def test_a_mistake_ends_with_words_and_code_2(rig, arguments, told):
+    code, out, err = rig(*arguments)
+    assert code == 2
+    assert told in err
+    assert "Traceback" not in err + out
+
+
+def test_all_faults_of_a_scene_are_told_at_once(rig):
+    _, _, err = rig("explain", "belt", "-p", "drive.sped=3", "-p", "load.force=-3 N")
+    assert err.splitlines() == [
+        "belt:",
+        "  drive.sped: unknown key; did you mean drive.speed?",
+        '  load.force = "-3 N": must be at least 0 N',
+    ]
+
+
+def test_a_run_that_diverges_ends_with_code_4(rig, monkeypatch):
+    def diverge(*_):
+        raise Diverged("the state left its limit", 1.5, "slip+", {"x": 1e9})
+
+    monkeypatch.setattr(scenes, "load", diverge)
+    code, _, err = rig("explain", "belt")
+    assert code == 4
+    assert "at t = 1.5 s, in mode slip+" in err
+
+
+def test_options_are_read_with_units():
+    assert options.seconds("500 ms") == pytest.approx(0.5)
+    assert options.seconds("10") == 10.0
+    assert options.seconds(None) is None
+    assert options.pace("max") is None
+    assert options.pace("2.5") == 2.5
+    assert options.changes(["a.b=2 rpm", "c = x=y"]) == {"a.b": "2 rpm", "c": "x=y"}
+    with pytest.raises(UsageError):
+        options.pace("0")
+
+
+def test_reports_are_json_even_where_a_number_is_none(rig, capsys):
+    from rig.cli import tell
+
+    tell.report({"a": float("nan"), "b": np.float64(2.0), "c": np.array([1.0, np.inf]), "d": (True, None)})
+    assert json.loads(capsys.readouterr().out) == {"a": None, "b": 2.0, "c": [1.0, None], "d": [True, None]}
+
+
+def test_diff_tells_where_two_recordings_part(rig, tmp_path):
+    from rig.record.run import Run, Samples
+    from rig.record.save import save
+
+    def recording(name, v):
+        t_ns = np.arange(v.size, dtype=np.int64) * 1_000_000
+        run = Run("{}", 1_000_000, 1_000_000, t_ns * 1e-9, {"velocity": v}, {"velocity": "m/s"})
+        run.measurements["laser"] = Samples(t_ns, v)
+        save(run, tmp_path / name)
+        return tmp_path / name
+
+    v = np.sin(np.arange(50) * 0.1)
+    w = v.copy()
+    w[20] = np.nextafter(w[20], 2.0)
+    one, same, other = recording("a.mcap", v), recording("b.mcap", v), recording("c.mcap", w)
+    code, out, _ = rig("diff", one, same)
+    assert code == 0
+    assert out.startswith("identical")
+    code, out, _ = rig("diff", one, other)
+    assert code == 1
+    assert "differs at sample 20, t = 0.02 s" in out
+    code, out, _ = rig("diff", one, other, "--json")
+    assert code == 1
+    assert json.loads(out)["identical"] is False
+
+
+def test_a_recording_that_is_not_there_is_a_failed_check(rig, tmp_path):
+    code, _, err = rig("diff", tmp_path / "none.mcap", tmp_path / "none.mcap")
+    assert code == 1
+    assert "cannot be read" in err
+
+
+@pytest.fixture
+def plant(tmp_path, monkeypatch):
+    """A run with one topic and one parameter, in this process."""
+    from rig import bus
+    from rig.bus import encode
+    from rig.bus.setup import Setup
+
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    tuned = {}
+
+    def serve(body):
+        tuned.update(body.get("set", {}))
+        return {"values": {"load.force": 15.0, "drive.speed": 0.06}}
+
+    with bus.host("tried", scene="belt") as session:
+        described = Setup("tried", "{}", 1_000_000, 1_000_000, {"velocity": "m/s"}, {"laser": ("m/s", 1_000_000)})
+        servers = [session.serve("param/plant", serve), session.serve("scene", lambda _: described.to_json())]
+        publisher = session.publisher("meas/laser")
+        session.announce()
+        stop = threading.Event()
+
+        def live():
+            tick = 0
+            while not stop.wait(0.005):
+                for server in servers:
+                    server.poll()
+                publisher.put(encode.block(tick, tick * 1_000_000, 1_000_000, np.array([0.5])), tick * 1_000_000)
+                tick += 1
+
+        thread = threading.Thread(target=live)
+        thread.start()
+        yield tuned
+        stop.set()
+        thread.join(5.0)
+
+
+def test_tune_asks_the_process_that_owns_the_parameter(rig, plant):
+    code, out, err = rig("tune", "load.force", "15 N")
+    assert (code, out) == (0, "load.force = 15\n"), err
+    assert plant == {"load.force": "15 N"}
+    code, _, err = rig("tune", "controllers.nf", "1")
+    assert code == 2
+    assert "name the parameter too" in err
+
+
+def test_topics_of_a_live_run_are_heard(rig, plant):
+    code, out, err = rig("topic", "hz", "meas/*", "--for", "0.3", "--json")
+    assert code == 0, err
+    (row,) = json.loads(out)
+    assert row["topic"] == "meas/laser"
+    assert row["hz"] > 20.0
+    assert row["lost"] == 0
+    code, out, err = rig("topic", "echo", "meas/laser", "--count", "2")
+    assert code == 0, err
+    first, second = map(json.loads, out.splitlines())
+    assert first["v"] == [0.5]
+    assert second["seq"] == first["seq"] + 1
+    code, out, err = rig("topic", "ls", "--for", "0.2")
+    assert code == 0, err
+    assert "meas/laser" in out
+
+
+def test_without_a_run_the_live_commands_say_so(rig, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    code, _, err = rig("tune", "load.force", "15 N")
+    assert code == 2
+    assert "no run is going on" in err

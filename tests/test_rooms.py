@@ -1,0 +1,63 @@
+"""The house stands: rooms import only what they may, and the packages are ours."""
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import controllers
+import rig
+import sensors
+
+ROOT = Path(__file__).parents[1]
+
+
+def test_the_packages_are_ours():
+    assert {Path(package.__file__).parents[1] for package in (rig, controllers, sensors)} == {ROOT}
+
+
+def test_no_room_imports_what_it_must_not():
+    code = "import sys; from importlinter.cli import lint_imports; sys.exit(lint_imports(no_cache=True))"
+    found = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, env=_environment())
+    assert found.returncode == 0, found.stdout[-4000:]
+
+
+@pytest.mark.parametrize("library", ["control", "rerun", "matplotlib", "pint", "zenoh", "mcap"])
+def test_loading_a_scene_imports_no_library_it_does_not_need(library):
+    assert library not in _loaded()
+
+
+_seen = []
+
+
+def _loaded():
+    if not _seen:
+        code = "import sys, rig.scenes; rig.scenes.load('pendulum'); print(*sys.modules)"
+        found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=_environment())
+        assert found.returncode == 0, found.stderr
+        _seen.append(set(found.stdout.split()))
+    return _seen[0]
+
+
+def _environment():
+    return {**os.environ, "PYTHONPATH": str(ROOT)}
+
+
+def test_no_file_names_a_host_of_packages():
+    lock = (ROOT / "requirements.lock").read_text()
+    assert "://" not in lock
+    assert "--index" not in lock
+    assert "--find-links" not in lock
+
+
+def test_the_lock_pins_what_the_project_asks_for():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())
+    groups = [project["project"]["dependencies"], *project["dependency-groups"].values()]
+    wanted = [one for group in groups for one in group]
+    names = {re.match(r"[A-Za-z0-9_.-]+", one)[0].lower() for one in wanted}
+    pinned = {line.partition("==")[0] for line in (ROOT / "requirements.lock").read_text().splitlines() if "==" in line}
+    assert names <= pinned
