@@ -20,8 +20,9 @@ from math import isfinite, nan
 from typing import Any, Protocol
 
 from rig.bench.journal import Journal
-from rig.bench.line import AS_SENT, CLAMPED, SAFE, Commands, Line
+from rig.bench.line import AS_SENT, CLAMPED, SAFE, Line
 from rig.errors import UsageError
+from rig.record.run import Commands
 from rig.solve.assembly import Input
 
 

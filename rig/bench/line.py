@@ -6,11 +6,10 @@ from array import array
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rig.record.run import Commands
 from rig.solve.assembly import Input
 
 AS_SENT, CLAMPED, SAFE = 0, 1, 2
@@ -34,15 +33,6 @@ class Counts:
     refused: int = 0
     safe: int = 0
     """Times that safe values had to step in."""
-
-
-class Commands(NamedTuple):
-    """What one controller commanded, as it took effect: tick, tick answered, status, values [commands, drives]."""
-
-    tick: NDArray[np.int64]
-    answered: NDArray[np.int64]
-    status: NDArray[np.int64]
-    values: NDArray[np.float64]
 
 
 class Line:

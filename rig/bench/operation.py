@@ -5,13 +5,14 @@
     operation.take_over()                  commands in force
     stand.frame()                          integrate to the next tick
 
-What comes from outside (an operator's change of a parameter, a knock, a stop) is put in between `begin` and
-`take_over`, and written down with its tick, so that the run can be simulated again.
+What comes from outside (an operator's change of a parameter, a knock, a controller of somebody's own) is put in
+between `begin` and `take_over`, and written down with its tick, so that the run can be simulated again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import isfinite
 from typing import Any
 
@@ -35,7 +36,8 @@ Retune = Callable[[str, dict[str, Any]], None]
 class Operation:
     """The experiment of `scene` on `stand`. It ends after `duration_ns`, or when its protocol is done.
 
-    `retune(controller, changes)` changes parameters of a controller, wherever it works.
+    `retune(controller, changes)` changes parameters of a controller, wherever it works. `events` are those of a
+    recorded run: what came from outside then comes again, at the same ticks.
     """
 
     def __init__(
@@ -46,6 +48,7 @@ class Operation:
         retune: Retune,
         keeps: bool = True,
         exchange: type[Exchange] = Exchange,
+        events: Iterable[Mapping[str, Any]] = (),
     ) -> None:
         self.scene, self.stand = scene, stand
         self.journal = Journal(stand.frame_ns, lambda: stand.tick)
@@ -64,7 +67,7 @@ class Operation:
         self._retune = retune
         self._end = None if duration_ns is None else -(-duration_ns // stand.frame_ns)
         self._limits = [(stand.outputs.index(name), name, limit) for name, limit in scene.limits.items()]
-        self._connected = {name: line.connected for name, line in self.exchange.lines.items()}
+        self._outside = deque(event for event in events if event["data"].get("by") == OPERATOR)
 
     def begin(self) -> bool:
         """Carry out what is due at this tick; whether the experiment goes on."""
@@ -75,6 +78,8 @@ class Operation:
         if not self.aborted:
             for action in self.protocol.due(tick, stand.bank.latest):
                 self._carry_out(action)
+        while self._outside and self._outside[0]["tick"] <= tick:
+            self._repeat(self._outside.popleft())
         if self._end is not None:
             if tick >= self._end and not self.over:
                 self.over = self.aborted or "done"
@@ -163,6 +168,35 @@ class Operation:
         self.exchange.connect(controller, on)
         word = "connected" if on else "disconnected"
         self.journal.note(word, f"{controller} is {word}", by=by, controller=controller)
+
+    def admit(self, controller: str, drives: Sequence[str], period_ns: int) -> None:
+        """Let a controller that the scene does not know drive actuators that nobody drives."""
+        if controller in self.scene.controllers:
+            raise UsageError(f"{controller} is a controller of the scene already; give yours another name")
+        if controller in self.exchange.lines:
+            self.exchange.dismiss(controller)
+        self.exchange.admit(controller, drives, period_ns)
+        text = f"{controller} is admitted and drives {', '.join(drives)}"
+        told = {"controller": controller, "drives": list(drives), "period_ns": period_ns}
+        self.journal.note("admitted", text, by=OPERATOR, **told)
+
+    def dismiss(self, controller: str) -> None:
+        """A controller that was admitted has gone: its actuators go back to what the protocol asks for."""
+        self.exchange.dismiss(controller)
+        self.journal.note("dismissed", f"{controller} is dismissed", by=OPERATOR, controller=controller)
+
+    def _repeat(self, event: Mapping[str, Any]) -> None:
+        data = event["data"]
+        if event["kind"] == "parameter":
+            self.change(data["set"])
+        elif event["kind"] == "knock":
+            self.knock(data["impulse"])
+        elif event["kind"] in ("connected", "disconnected"):
+            self.switch(data["controller"], event["kind"] == "connected")
+        elif event["kind"] == "admitted":
+            self.admit(data["controller"], data["drives"], data["period_ns"])
+        elif event["kind"] == "dismissed":
+            self.dismiss(data["controller"])
 
     def _carry_out(self, action: Any) -> None:
         if isinstance(action, Note):
