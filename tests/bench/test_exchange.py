@@ -1,6 +1,5 @@
 """What becomes of commands: held, clamped, refused, counted, replaced by safe values."""
 
-import time
 from math import inf, isfinite, nan
 
 import numpy as np
@@ -233,13 +232,14 @@ def test_what_is_applied_is_finite_and_within_limits_and_can_be_played_again(fak
     assert all(np.array_equal(a, b) for a, b in zip(again.lines["both"].commands(), commands))
 
 
-def test_a_frame_costs_two_microseconds(stand):
+def test_a_frame_costs_two_microseconds(stand, best):
     made = exchange(stand)
     stand.apply = lambda name, value: None
-    begin = time.perf_counter_ns()
-    for tick in range(20_000):
-        stand.tick = tick
-        made.receive("nf", tick, (20.0 + tick % 7,))
-        made.take_over()
-    per_frame = (time.perf_counter_ns() - begin) / 20_000
-    assert per_frame < 10_000  # 2 us on an idle machine
+
+    def run():
+        for tick in range(5_000):
+            stand.tick = tick
+            made.receive("nf", tick, (20.0 + tick % 7,))
+            made.take_over()
+
+    assert best(run) / 5_000 < 10_000  # 2 us on an idle machine

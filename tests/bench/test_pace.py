@@ -1,7 +1,6 @@
 """Pacing, on a clock that obeys the test."""
 
 import gc
-import time
 
 import numpy as np
 import pytest
@@ -167,9 +166,11 @@ def test_no_garbage_is_collected_during_a_run():
     assert not found
 
 
-def test_a_frame_costs_the_pacer_little():
+def test_a_frame_costs_the_pacer_little(best):
     _, pacer = paced()
-    begin = time.perf_counter_ns()
-    for _ in range(20_000):
-        pacer.wait()
-    assert (time.perf_counter_ns() - begin) / 20_000 < 5_000
+
+    def run():
+        for _ in range(5_000):
+            pacer.wait()
+
+    assert best(run) / 5_000 < 5_000  # 1 us on an idle machine, most of it the fake clock

@@ -1,7 +1,5 @@
 """The steps of an experiment on ticks."""
 
-import time
-
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -209,11 +207,13 @@ def test_ticks_may_be_left_out_without_losing_a_step():
     assert [a for t in (0, 12, 40) for a in made.due(t, np.zeros(2)) if a == HERE] == [HERE, HERE]
 
 
-def test_nothing_due_costs_nothing():
+def test_nothing_due_costs_nothing(best):
     made = protocol(hold(1_000_000))
     latest = np.zeros(2)
     made.due(0, latest)
-    begin = time.perf_counter_ns()
-    for tick in range(20_000):
-        made.due(tick, latest)
-    assert (time.perf_counter_ns() - begin) / 20_000 < 2_000
+
+    def run():
+        for tick in range(5_000):
+            made.due(tick, latest)
+
+    assert best(run) / 5_000 < 2_000  # 0.1 us on an idle machine

@@ -142,11 +142,13 @@ def test_interruptions_are_seen():
     assert not found.seen
 
 
-def test_a_frame_costs_a_microsecond():
+def test_a_frame_costs_two_microseconds(best):
     timing = Timing(MS)
     append, cpu = timing.rows.append, time.thread_time_ns
-    begin = time.perf_counter_ns()
-    for i in range(20_000):
-        append((i, 40_000, True, 1, 2, 3, 4, cpu()))
-    timing.fold()
-    assert (time.perf_counter_ns() - begin) / 20_000 < 5_000  # 1 us on an idle machine
+
+    def run():
+        for i in range(5_000):
+            append((i, 40_000, True, 1, 2, 3, 4, cpu()))
+        timing.rows.clear()
+
+    assert best(run) / 5_000 < 2_000  # 0.5 us on an idle machine; folding is done outside the frame
