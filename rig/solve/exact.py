@@ -1,9 +1,9 @@
 """Exact propagation within a mode set: quiet ticks, and the ticks that must be opened.
 
-A quiet tick is one product y = Phi x with a proof that no guard fell in it. A tick without that proof is opened: cells
-of step / 2^j from the ladder, left to right, as coarse as alignment and certificate allow; in a finest cell every guard
-is a Taylor polynomial whose first fall is found. After an event the state goes by Taylor to the next grid point and
-the ladder climbs again. Event times are exact to rounding at every step size.
+A quiet tick is one product y = x + E x with a proof that no guard fell in it. A tick without that proof is opened:
+cells of step / 2^j from the ladder, left to right, as coarse as alignment and certificate allow; in a finest cell every
+guard is a Taylor polynomial whose first fall is found. After an event the state goes by Taylor to the next grid point
+and the ladder climbs again. Event times are exact to rounding at every step size.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from rig.solve.settle import LAND, dot, rounding, transition
 
 
 @inner
-def quiet(shape, Phi, G, B, count, x, g, ticks, out):
+def quiet(shape, E, G, B, count, x, g, ticks, out):
     """Up to `ticks` certified ticks from x in place; out[i] receives the state after tick i. Returns their number.
 
     `shape`: a tuple of n zeros, so that n is a constant of the compiled code. `g`: guards at x, updated in place.
@@ -27,8 +27,8 @@ def quiet(shape, Phi, G, B, count, x, g, ticks, out):
         for i in range(n):
             s = 0.0
             for j in range(n):
-                s += Phi[i, j] * x[j]
-            y[i] = s
+                s += E[i, j] * x[j]
+            y[i] = x[i] + s
         for k in range(count):
             after, bound = 0.0, 0.0
             for j in range(n):
@@ -100,7 +100,7 @@ def earliest(t, slot, x, derivatives, poly, work):
 
 
 @inner
-def opened(t, slot, ic, fc, x, w, energy, emit, seg, origin):
+def opened(t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
     """Carry x through (the rest of) one tick, up to its end or the first event.
 
     fc[0] = u, where in the tick; advanced. Returns the guard that fell, or -1 at the end of the tick. `w`: Workspace.
@@ -122,7 +122,7 @@ def opened(t, slot, ic, fc, x, w, energy, emit, seg, origin):
             found = False
             while True:
                 for i in range(x.shape[0]):
-                    w.y[i] = dot(t.LP[slot, level, i], x)
+                    w.y[i] = x[i] + dot(t.E[slot, level, i], x)
                 if certified(t, slot, x, w.y, 1.0 / 4.0**level):
                     found = True
                     break
@@ -133,7 +133,8 @@ def opened(t, slot, ic, fc, x, w, energy, emit, seg, origin):
                 width = 1.0 / 2.0**level
                 if emit:
                     emit_linear(t, slot, x, origin + u * h, width * h, seg, w.derivatives)
-                book(t.work[slot, level], x, energy)
+                if booking:
+                    book(t.work[slot, level], t.active[slot], x, energy)
                 for i in range(x.shape[0]):
                     x[i] = w.y[i]
                 u += width
@@ -145,13 +146,14 @@ def opened(t, slot, ic, fc, x, w, energy, emit, seg, origin):
         if reach > 0.0:
             if emit:
                 emit_linear(t, slot, x, origin + u * h, reach * length * h, seg, w.spare)
-            book_series(t, slot, w, reach, length * h, energy)
+            if booking:
+                book_series(t, slot, w, reach, length * h, energy)
             along(w.derivatives, DEGREE, reach, x)
         u = u + reach * length if guard >= 0 else (int(position) + 1) / cells
         if guard >= 0:
             fc[0] = u
             ic[2] = LAND
-            ic[1] = transition(t, slot, ic[1], guard)
+            ic[1] = transition(t.kind[slot, guard], t.owner[slot, guard], t.slip.shape[0], t.of_patch.shape[0], ic[1])
             return guard
     fc[0] = 0.0
     return -1
@@ -164,7 +166,8 @@ def book_series(t, slot, w, reach, length, energy):
         along(w.derivatives, DEGREE, w.nodes[q] * reach, w.y)
         scale = w.weights[q] * reach * length
         for term in range(energy.shape[0]):
-            s = 0.0
-            for i in range(w.y.shape[0]):
-                s += w.y[i] * dot(t.powers[slot, term, i], w.y)
-            energy[term] += scale * s
+            if t.active[slot, term]:
+                s = 0.0
+                for i in range(w.y.shape[0]):
+                    s += w.y[i] * dot(t.powers[slot, term, i], w.y)
+                energy[term] += scale * s

@@ -6,13 +6,13 @@ the reason it is not the default. It serves comparison, and it serves every mode
 
 from __future__ import annotations
 
-from rig.kernel import inner
+from rig.kernel import inlined, inner
 from rig.solve.emit import emit_quartic
-from rig.solve.field import book, guard, lend, rate, read, slope
+from rig.solve.field import book, forces, guard, lend, lend_books, rate, read, slope
 from rig.solve.settle import LAND, dot, rounding, transition
 
 
-@inner
+@inlined
 def move(shape, f, falling, k, x, h, y, z):
     """One step of length h from x, whose derivative k[0] is known: its end y; z is scratch."""
     n = len(shape)
@@ -25,14 +25,15 @@ def move(shape, f, falling, k, x, h, y, z):
         y[i] = x[i] + (h / 6.0) * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
 
 
-@inner
+@inlined
 def fell(f, x, y):
     """The first guard that is not positive at y though it was at x, or has clearly fallen; -1 if none."""
+    fallen = -1
     for g in range(f.G.shape[0]):
-        if guard(f, g, y) <= 0.0:
+        if fallen < 0 and guard(f, g, y) <= 0.0:
             if guard(f, g, x) > rounding(f.G[g], x) or dot(f.G[g], y) < -rounding(f.G[g], y):
-                return g
-    return -1
+                fallen = g
+    return fallen
 
 
 @inner
@@ -62,17 +63,16 @@ def between(shape, k, x, y, h, u, z):
 
 
 @inner
-def observe(shape, f, k, x, y, h, z, start, booking, energy, emitting, values, seg):
+def observe(shape, f, b, k, x, y, h, z, start, booking, energy, emitting, values, seg):
     """Energy (Simpson) and signals along a step from x to y, whose slopes are k[0] and k[1]."""
-    if booking:
-        book(shape, f, x, h / 6.0, energy)
-        between(shape, k, x, y, h, 0.5, z)
-        book(shape, f, z, 4.0 * h / 6.0, energy)
-        book(shape, f, y, h / 6.0, energy)
+    for q in range(5):
+        between(shape, k, x, y, h, 0.25 * q, z)
+        forces(f, z)
+        if booking and q % 2 == 0:
+            book(b, z, (4.0 if q == 2 else 1.0) * h / 6.0, energy)
+        if emitting:
+            read(b, z, values[q])
     if emitting and h > 0.0:
-        for q in range(5):
-            between(shape, k, x, y, h, 0.25 * q, z)
-            read(f, z, values[q])
         emit_quartic(values, start, h, seg)
 
 
@@ -81,14 +81,14 @@ def stretch(shape, t, slot, ic, fc, x, w, ticks, substeps, out, modes, energy, b
     """Carry x until an event or the end of the ticks asked for, `substeps` steps a tick. Returns the guard or -1."""
     n = len(shape)
     full = t.step[0] / substeps
-    f = lend(t, slot, w)
+    f, b = lend(t, slot, w), lend_books(t, slot, w)
     k, y, z = w.k, w.y, w.y2
     falling = t.falling[slot] != 0
     while ic[0] < ticks:
         position = fc[0] * substeps
         whole = int(position + 1e-12) + 1
         h = full if position - (whole - 1) <= 1e-12 else (whole - position) * full
-        slope(shape, f, falling, x, k[0])
+        rate(shape, f, falling, x, k[0])
         move(shape, f, falling, k, x, h, y, z)
         fallen = fell(f, x, y)
         length = h
@@ -98,12 +98,12 @@ def stretch(shape, t, slot, ic, fc, x, w, ticks, substeps, out, modes, energy, b
         if booking or emitting:
             slope(shape, f, falling, y, k[1])
             start = (ic[0] + fc[0]) * t.step[0]
-            observe(shape, f, k, x, y, length, z, start, booking, energy, emitting, w.values, seg)
+            observe(shape, f, b, k, x, y, length, z, start, booking, energy, emitting, w.values, seg)
         for i in range(n):
             x[i] = y[i]
         if fallen >= 0:
             fc[0] = min((position + length / full) / substeps, 1.0 - 1.2e-16)
-            ic[1] = transition(t, slot, ic[1], fallen)
+            ic[1] = transition(t.kind[slot, fallen], t.owner[slot, fallen], t.slip.shape[0], t.of_patch.shape[0], ic[1])
             ic[2] = LAND
             return fallen
         if whole >= substeps:
