@@ -38,8 +38,8 @@ class Work(NamedTuple):
     values: Array
     nodes: Array
     weights: Array
-    nodes5: Array
-    weights5: Array
+    nodes3: Array
+    weights3: Array
 
 
 class Log(NamedTuple):
@@ -82,18 +82,18 @@ def propagate(shape, t, slot, ic, fc, x, w, ticks, log, energy, booking, emittin
         for i in range(len(shape)):
             w.x0[i] = x[i]
         block = 1 if emitting else ticks - first
-        done = exact.quiet(shape, t.LP[slot, 0], t.G[slot], t.B[slot], t.count[slot], x, w.g, block, log.out[first:])
+        done = exact.quiet(shape, t.E[slot, 0], t.G[slot], t.B[slot], t.count[slot], x, w.g, block, log.out[first:])
         for tick in range(first, first + done):
             log.modes[tick] = slot
             if booking:
-                ledger.book(t.work[slot, 0], w.x0 if tick == first else log.out[tick - 1], energy)
+                ledger.book(t.work[slot, 0], t.active[slot], w.x0 if tick == first else log.out[tick - 1], energy)
         if emitting and done:
             emit_linear(t, slot, w.x0, first * t.step[0], t.step[0], seg, w.derivatives)
         ic[TICK] += done
         if done == block:
             return -1
     ic[OPENED] += 1
-    guard = exact.opened(t, slot, ic, fc, x, w, energy, emitting, seg, ic[TICK] * t.step[0])
+    guard = exact.opened(t, slot, ic, fc, x, w, energy, booking, emitting, seg, ic[TICK] * t.step[0])
     if guard < 0:
         for i in range(len(shape)):
             log.out[ic[TICK], i] = x[i]
@@ -160,6 +160,6 @@ def judge(t, w, states, slots, values):
     """`evaluate` on borrowed arrays."""
     for i in range(states.shape[0]):
         s, x = slots[i], states[i]
-        friction(t.sigma[s], t.code, t.numbers, t.slip, t.load[s], t.load_t[s], x, w.T, w.scratch)
+        friction(t.sigma[s], t.code, t.numbers, t.slip, t.load[s], t.load_t[s], t.coupled[s], x, w.T, w.scratch)
         for k in range(values.shape[1]):
             values[i, k] = dot(t.signals[s, k], x) + dot(t.signals_t[s, k], w.T)

@@ -14,7 +14,7 @@ import numpy as np
 
 from rig.kernel import inner
 from rig.solve.emit import emit_quartic, quartic
-from rig.solve.field import book, forces, guard_needs_force, lend, rate, read, slope
+from rig.solve.field import book, forces, lend, lend_books, rate, read, slope
 from rig.solve.roots import NONE, first_fall
 from rig.solve.settle import LAND, dot, rounding, transition
 
@@ -103,7 +103,7 @@ def fall(shape, f, d, x, z, poly, work):
     """First fall of any guard along the dense output: (theta or NONE, guard)."""
     first, guard = NONE, -1
     for g in range(f.G.shape[0]):
-        if guard_needs_force(f, g):
+        if f.needs[g]:
             for q in range(5):
                 at(shape, d, 0.25 * q, z)
                 forces(f, z)
@@ -119,19 +119,21 @@ def fall(shape, f, d, x, z, poly, work):
 
 
 @inner
-def book_step(shape, f, d, theta, h, z, nodes, weights, energy):
+def book_step(shape, f, b, d, theta, h, z, nodes, weights, energy):
     """Energy up to `theta` of the step, by Gauss-Legendre."""
     for q in range(nodes.shape[0]):
         at(shape, d, nodes[q] * theta, z)
-        book(shape, f, z, weights[q] * theta * h, energy)
+        forces(f, z)
+        book(b, z, weights[q] * theta * h, energy)
 
 
 @inner
-def emit(shape, f, d, from_theta, to_theta, h, z, values, start, seg):
+def emit(shape, f, b, d, from_theta, to_theta, h, z, values, start, seg):
     """One segment of the signals between two instants of the step."""
     for q in range(5):
         at(shape, d, from_theta + 0.25 * q * (to_theta - from_theta), z)
-        read(f, z, values[q])
+        forces(f, z)
+        read(b, z, values[q])
     emit_quartic(values, start, (to_theta - from_theta) * h, seg)
 
 
@@ -143,7 +145,7 @@ def stretch(shape, t, slot, ic, fc, x, w, ticks, out, modes, energy, booking, em
     """
     n = len(shape)
     tick_length = t.step[0]
-    f = lend(t, slot, w)
+    f, b = lend(t, slot, w), lend_books(t, slot, w)
     k, y, z, d, size = w.k, w.y, w.y2, w.derivatives, w.size
     slope(shape, f, True, x, k[0])
     for i in range(n):
@@ -170,7 +172,7 @@ def stretch(shape, t, slot, ic, fc, x, w, ticks, out, modes, energy, booking, em
         theta, guard = fall(shape, f, d, x, z, w.poly, w.roots)
         end = theta if guard >= 0 else 1.0
         if booking:
-            book_step(shape, f, d, end, h, z, w.nodes5, w.weights5, energy)
+            book_step(shape, f, b, d, end, h, z, w.nodes3, w.weights3, energy)
         done = 0.0
         while True:  # ticks that lie inside the step
             rest = (1.0 - fc[0]) * tick_length
@@ -180,7 +182,7 @@ def stretch(shape, t, slot, ic, fc, x, w, ticks, out, modes, energy, booking, em
             if to > end or (guard >= 0 and to >= end):
                 break
             if emitting:
-                emit(shape, f, d, done, to, h, z, w.values, (ic[0] + fc[0]) * tick_length, seg)
+                emit(shape, f, b, d, done, to, h, z, w.values, (ic[0] + fc[0]) * tick_length, seg)
             at(shape, d, to, out[ic[0]])
             modes[ic[0]] = slot
             ic[0] += 1
@@ -190,13 +192,13 @@ def stretch(shape, t, slot, ic, fc, x, w, ticks, out, modes, energy, booking, em
                 break
         if done < end:
             if emitting:
-                emit(shape, f, d, done, end, h, z, w.values, (ic[0] + fc[0]) * tick_length, seg)
+                emit(shape, f, b, d, done, end, h, z, w.values, (ic[0] + fc[0]) * tick_length, seg)
             fc[0] += (end - done) * h / tick_length
         if guard >= 0:
             at(shape, d, end, z)
             for i in range(n):
                 x[i] = z[i]
-            ic[1] = transition(t, slot, ic[1], guard)
+            ic[1] = transition(t.kind[slot, guard], t.owner[slot, guard], t.slip.shape[0], t.of_patch.shape[0], ic[1])
             ic[2] = LAND
             return guard
         for i in range(n):

@@ -11,7 +11,7 @@ from __future__ import annotations
 from rig.kernel import inner
 from rig.solve.emit import emit_linear
 from rig.solve.ledger import book
-from rig.solve.roots import DEGREE, NONE, first_fall
+from rig.solve.roots import NONE, first_fall
 from rig.solve.settle import LAND, dot, rounding, transition
 
 
@@ -87,13 +87,13 @@ def certified(t, slot, x, y, shrink):
 
 
 @inner
-def earliest(t, slot, x, derivatives, poly, work):
+def earliest(t, slot, x, derivatives, terms, poly, work):
     """First fall of any guard along a Taylor cell: (u in [0, 1] or NONE, guard)."""
     first, guard = NONE, -1
     for k in range(t.count[slot]):
-        for d in range(DEGREE + 1):
+        for d in range(terms + 1):
             poly[d] = dot(t.G[slot, k], derivatives[d])
-        u = first_fall(poly, DEGREE, rounding(t.G[slot, k], x), work)
+        u = first_fall(poly, terms, rounding(t.G[slot, k], x), work)
         if u < first:
             first, guard = u, k
     return first, guard
@@ -107,7 +107,7 @@ def opened(t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
     `emit`: write segments for the sensors, `origin`: start of this tick [s] within the frame.
     """
     h = t.step[0]
-    depth = t.depth[slot]
+    depth, terms = t.depth[slot], t.order[slot]
     cells = 2.0**depth
     u = fc[0]
     while u < 1.0:
@@ -140,15 +140,15 @@ def opened(t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
                 u += width
                 continue
         length = (int(position) + 1) / cells - u
-        series(t.A[slot], x, length * h, DEGREE, w.derivatives)
-        fall, guard = earliest(t, slot, x, w.derivatives, w.poly, w.roots)
+        series(t.A[slot], x, length * h, terms, w.derivatives)
+        fall, guard = earliest(t, slot, x, w.derivatives, terms, w.poly, w.roots)
         reach = 1.0 if guard < 0 else fall
         if reach > 0.0:
             if emit:
                 emit_linear(t, slot, x, origin + u * h, reach * length * h, seg, w.spare)
             if booking:
-                book_series(t, slot, w, reach, length * h, energy)
-            along(w.derivatives, DEGREE, reach, x)
+                book_series(t, slot, w, terms, reach, length * h, energy)
+            along(w.derivatives, terms, reach, x)
         u = u + reach * length if guard >= 0 else (int(position) + 1) / cells
         if guard >= 0:
             fc[0] = u
@@ -160,10 +160,10 @@ def opened(t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
 
 
 @inner
-def book_series(t, slot, w, reach, length, energy):
+def book_series(t, slot, w, terms, reach, length, energy):
     """Energy along a Taylor cell up to `reach`, by Gauss-Legendre at eight nodes."""
     for q in range(w.nodes.shape[0]):
-        along(w.derivatives, DEGREE, w.nodes[q] * reach, w.y)
+        along(w.derivatives, terms, w.nodes[q] * reach, w.y)
         scale = w.weights[q] * reach * length
         for term in range(energy.shape[0]):
             if t.active[slot, term]:

@@ -14,6 +14,7 @@ from rig.kernel import kernel
 
 Array = NDArray[np.float64]
 ORDER = 14
+LONGEST = 12  # terms of a cell's Taylor polynomial
 REACH = 0.25  # |A| h of a finest cell: Taylor of order 12 is then exact to 3e-18
 DEEPEST = 40
 
@@ -99,8 +100,22 @@ def depth(A, h):
 
 
 @kernel
+def order(A, h):
+    """Terms of the Taylor series of exp(A h / 2^depth) that leave less than a tenth of a rounding error."""
+    size = norm(A, balance(A)) * h / 2.0 ** depth(A, h)
+    terms, left = 1, 0.5 * size * size
+    while left > 2e-17 and terms < LONGEST:
+        terms += 1
+        left *= size / (terms + 1)
+    return terms
+
+
+@kernel
 def ladder(A, h):
-    """exp(A h / 2^j) for j = 0 .. depth, shape [depth + 1, n, n]."""
+    """exp(A h / 2^j) - 1 for j = 0 .. depth, shape [depth + 1, n, n].
+
+    Less one, because a tick x + E x keeps what the rounding of a one would lose: over 1e4 ticks a period that is 1e-12.
+    """
     n = A.shape[0]
     levels = depth(A, h)
     d = balance(A)
@@ -115,7 +130,6 @@ def ladder(A, h):
         for i in range(n):
             for j in range(n):
                 out[level, i, j] = E[i, j] * d[j] / d[i]
-            out[level, i, i] += 1.0
         multiply(E, E, square)
         for i in range(n):
             for j in range(n):

@@ -28,17 +28,29 @@ class Field(NamedTuple):
     slip: Array
     load: Array
     load_t: Array
+    coupled: int
     T: Array
     scratch: Array
     G: Array
     GT: Array
-    powers: Array
+    needs: NDArray[np.int64]
+
+
+class Books(NamedTuple):
+    """What the ledger and the sensors need of a slot."""
+
+    friction: Array
     friction_t: Array
     surface: Array
-    normal_t: Array
+    slip: Array
+    damping: Array
+    force: Array
+    press: Array
+    press_t: Array
     lift: Array
     signals: Array
     signals_t: Array
+    T: Array
 
 
 @inlined
@@ -54,31 +66,45 @@ def lend(t, slot, w):
         t.slip,
         t.load[slot],
         t.load_t[slot],
+        t.coupled[slot],
         w.T,
         w.scratch,
         t.G[slot, :count],
         t.GT[slot, :count],
-        t.powers[slot],
+        t.needs[slot, :count],
+    )
+
+
+@inlined
+def lend_books(t, slot, w):
+    """The books of a slot."""
+    return Books(
+        t.friction[slot],
         t.friction_t[slot],
         t.surface,
-        t.normal_t[slot],
+        t.slip,
+        t.damping,
+        t.force,
+        t.press[slot],
+        t.press_t[slot],
         t.lift,
         t.signals[slot],
         t.signals_t[slot],
+        w.T,
     )
 
 
 @inner
 def forces(f, x):
     """f.T = friction forces at x."""
-    friction(f.sigma, f.code, f.numbers, f.slip, f.load, f.load_t, x, f.T, f.scratch)
+    friction(f.sigma, f.code, f.numbers, f.slip, f.load, f.load_t, f.coupled, x, f.T, f.scratch)
 
 
 @inlined
 def rate(shape, f, falling, x, k):
-    """K = A x + b T(x); `falling`: some patch slips under a law over speed."""
+    """Derivative k = A x + b T(x); `falling`: some patch slips under a law over speed."""
     if falling:
-        friction(f.sigma, f.code, f.numbers, f.slip, f.load, f.load_t, x, f.T, f.scratch)
+        friction(f.sigma, f.code, f.numbers, f.slip, f.load, f.load_t, f.coupled, x, f.T, f.scratch)
         for i in range(len(shape)):
             s = 0.0
             for j in range(len(shape)):
@@ -101,48 +127,33 @@ def slope(shape, f, falling, x, k):
 
 
 @inner
-def book(shape, f, x, scale, energy):
-    """Energy += scale times the powers at x."""
-    forces(f, x)
-    n = len(shape)
-    for term in range(energy.shape[0]):
-        s = 0.0
-        for i in range(n):
-            r = 0.0
-            for j in range(n):
-                r += f.powers[term, i, j] * x[j]
-            s += x[i] * r
-        energy[term] += scale * s
-    for p in range(f.T.shape[0]):
-        force = dot(f.friction_t[p], f.T)
-        energy[0] += scale * force * dot(f.surface[p], x)
-        energy[1] += scale * force * dot(f.slip[p], x)
-    for k in range(f.lift.shape[0]):
-        energy[4] += scale * dot(f.normal_t[k], f.T) * dot(f.lift[k], x)
+def book(b, x, scale, energy):
+    """Add `scale` times the powers at x, whose friction forces are b.T, to energy."""
+    nq = b.damping.shape[0]
+    for p in range(b.T.shape[0]):
+        force = scale * (dot(b.friction[p], x) + dot(b.friction_t[p], b.T))
+        energy[0] += force * dot(b.surface[p], x)
+        energy[1] += force * dot(b.slip[p], x)
+    for i in range(nq):
+        v = scale * x[nq + i]
+        energy[2] += v * dot(b.damping[i], x[nq : 2 * nq])
+        energy[3] += v * dot(b.force[i], x)
+    for k in range(b.lift.shape[0]):
+        energy[4] += scale * (dot(b.press[k], x) + dot(b.press_t[k], b.T)) * dot(b.lift[k], x)
 
 
 @inner
-def read(f, x, values):
-    """values[signal] = what the sensors read at x."""
-    forces(f, x)
+def read(b, x, values):
+    """values[signal] = what the sensors read at x, whose friction forces are b.T."""
     for s in range(values.shape[0]):
-        values[s] = dot(f.signals[s], x) + dot(f.signals_t[s], f.T)
+        values[s] = dot(b.signals[s], x) + dot(b.signals_t[s], b.T)
 
 
-@inner
-def guard_needs_force(f, g):
-    """Whether guard g depends on friction forces under a law over speed."""
-    for p in range(f.GT.shape[1]):
-        if f.GT[g, p] != 0.0:
-            return True
-    return False
-
-
-@inner
+@inlined
 def guard(f, g, x):
     """Guard g at x."""
     value = dot(f.G[g], x)
-    if guard_needs_force(f, g):
+    if f.needs[g]:
         forces(f, x)
         value += dot(f.GT[g], f.T)
     return value

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import inner
+from rig.kernel import inlined, inner
 
 COULOMB, STRIBECK, FALLING, TABLE = range(4)
 
@@ -37,7 +37,7 @@ class Law:
 
     def mu(self, speed: float) -> float:
         """Coefficient at slip speed `speed` >= 0 [m/s]."""
-        return float(mu(self.code, np.array(self.numbers), speed))
+        return float(coefficient(self.code, np.array(self.numbers), speed))
 
     def slope(self, speed: float) -> float:
         """D mu / d speed [s/m] at `speed` > 0."""
@@ -92,20 +92,33 @@ def _interval(p, v):
 
 
 @inner
-def mu(code, p, v):
-    """Coefficient of law (`code`, numbers `p`) at slip speed v [m/s]."""
-    if code == COULOMB:
-        return p[0]
-    if code == STRIBECK:
-        return p[0] + p[1] * np.exp(-v * p[2])
-    if code == FALLING:
-        return max(p[0] - p[1] * v, p[2])
+def _from_table(p, v):
     count = int(p[0])
     if v >= p[count]:
         return p[1 + count + 4 * (count - 1)]
     i, at = _interval(p, v)
     d = v - p[1 + i]
     return p[at] + d * (p[at + 1] + d * (p[at + 2] + d * p[at + 3]))
+
+
+@inlined
+def mu(code, p, v):
+    """Coefficient of law (`code`, numbers `p`) at slip speed v [m/s]."""
+    if code == STRIBECK:
+        m = p[0] + p[1] * np.exp(-v * p[2])
+    elif code == COULOMB:
+        m = p[0]
+    elif code == FALLING:
+        m = max(p[0] - p[1] * v, p[2])
+    else:
+        m = _from_table(p, v)
+    return m
+
+
+@inner
+def coefficient(code, p, v):
+    """`mu` as a function of its own."""
+    return mu(code, p, v)
 
 
 @inner

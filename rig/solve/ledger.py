@@ -52,29 +52,30 @@ def stored(system: System, x: Array) -> float:
     return float(0.5 * (v @ system.mass @ v + q @ system.stiffness @ q))
 
 
-def work(A: Array, landing: Array, forms: Array, step: float, LP: Array) -> Array:
+def work(A: Array, landing: Array, forms: Array, step: float, E: Array) -> Array:
     """Integrals of the powers over step / 2^level, [level, term, n, n]."""
-    levels = len(LP)
+    levels = len(E)
     out = np.zeros((levels, *forms.shape))
     cell = step / 2.0 ** (levels - 1)
     for node, weight in zip(NODES, WEIGHTS):
         Phi = (np.eye(len(A)) + taylor(A, node * cell, ORDER)) @ landing
         out[-1] += weight * cell * (Phi.T @ forms @ Phi)
     for level in range(levels - 2, -1, -1):
-        Phi = LP[level + 1]
+        Phi = np.eye(len(A)) + E[level + 1]
         out[level] = out[level + 1] + Phi.T @ out[level + 1] @ Phi
     return out
 
 
 @inner
-def book(W, x, energy):
-    """energy[term] += x.W[term] x."""
+def book(W, active, x, energy):
+    """energy[term] += x.W[term] x for the terms that are active."""
     n = x.shape[0]
     for term in range(energy.shape[0]):
-        s = 0.0
-        for i in range(n):
-            r = 0.0
-            for j in range(n):
-                r += W[term, i, j] * x[j]
-            s += x[i] * r
-        energy[term] += s
+        if active[term]:
+            s = 0.0
+            for i in range(n):
+                r = 0.0
+                for j in range(n):
+                    r += W[term, i, j] * x[j]
+                s += x[i] * r
+            energy[term] += s

@@ -297,7 +297,7 @@ class Motion:
 
 def _work(system: System, read: int, guards: int) -> Work:
     n, P = system.n, len(system.patches)
-    nodes, weights = np.polynomial.legendre.leggauss(5)
+    nodes, weights = np.polynomial.legendre.leggauss(3)
     return Work(
         k=np.zeros((7, n)),
         y=np.zeros(n),
@@ -315,6 +315,6 @@ def _work(system: System, read: int, guards: int) -> Work:
         values=np.zeros((5, read)),
         nodes=ledger.NODES,
         weights=ledger.WEIGHTS,
-        nodes5=0.5 * (nodes + 1.0),
-        weights5=0.5 * weights,
+        nodes3=0.5 * (nodes + 1.0),
+        weights3=0.5 * weights,
     )

@@ -99,6 +99,11 @@ def first_fall(c, degree, zero, work):
             return NONE
     elif c[0] < 0.0:
         return 0.0
+    lowest = c[low]
+    for k in range(low + 1, degree + 1):
+        lowest += min(c[k], 0.0)
+    if lowest > 0.0:
+        return NONE
     d = degree - low
     for i in range(d + 1):
         s = 0.0

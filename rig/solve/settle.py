@@ -48,37 +48,38 @@ def rounding(row, x):
 
 
 @inlined
-def friction(sigma, code, numbers, slip, load, load_t, x, T, scratch):
-    """Friction forces T[patch] of the slipping patches with a law over speed (0 for the others).
+def friction(sigma, code, numbers, slip, load, load_t, coupled, x, T, scratch):
+    """Friction forces T[patch] of the slipping patches with a law over speed (0 for the others); all of one slot.
 
-    T = sigma mu(sigma w) N with N = load x + load_t T, solved for T; all of one slot.
+    T = sigma mu(sigma w) N with N = load x + load_t T. `coupled`: some load does depend on T.
     """
-    P = T.shape[0]
-    coupled = False
-    for p in range(P):
-        T[p] = 0.0
-        for r in range(P):
-            scratch[p, r] = 0.0
-        scratch[p, p] = 1.0
+    for p in range(T.shape[0]):
         if sigma[p] != 0.0 and code[p] != 0:
             w, N = 0.0, 0.0
             for j in range(x.shape[0]):
                 w += slip[p, j] * x[j]
                 N += load[p, j] * x[j]
-            m = sigma[p] * mu(code[p], numbers[p], sigma[p] * w)
-            T[p] = m * N
-            for r in range(P):
-                if load_t[p, r] != 0.0:
-                    scratch[p, r] -= m * load_t[p, r]
-                    coupled = True
+            T[p] = sigma[p] * mu(code[p], numbers[p], sigma[p] * w) * N
+        else:
+            T[p] = 0.0
     if coupled:
-        eliminate(scratch, T)
+        couple(sigma, code, numbers, slip, load_t, x, T, scratch)
 
 
 @inner
-def eliminate(M, T):
-    """T <- M^-1 T without pivoting: M is one plus a small coupling; M is destroyed."""
+def couple(sigma, code, numbers, slip, load_t, x, T, M):
+    """Solve T = T0 + diag(sigma mu) load_t T for T, in place of T0; M is scratch.
+
+    Elimination without pivoting: the matrix is one plus a small coupling.
+    """
     P = T.shape[0]
+    for p in range(P):
+        m = 0.0
+        if sigma[p] != 0.0 and code[p] != 0:
+            m = sigma[p] * mu(code[p], numbers[p], sigma[p] * dot(slip[p], x))
+        for r in range(P):
+            M[p, r] = -m * load_t[p, r]
+        M[p, p] += 1.0
     for p in range(P):
         for q in range(p + 1, P):
             f = M[q, p] / M[p, p]
@@ -104,14 +105,21 @@ def with_digit(key, base, radix, mode):
 
 
 @inner
-def bases(t, kind, owner):
-    """Weight of a mode in the key: kind 0 patch, 1 normal, 2 limiter."""
-    P, K = t.slip.shape[0], t.of_patch.shape[0]
-    if kind == 0:
-        return 3**owner
-    if kind == 1:
-        return 3**P * 2**owner
-    return 3**P * 2**K * 3**owner
+def of_patch(p):
+    """Weight of the mode of patch p in the key."""
+    return 3**p
+
+
+@inner
+def of_normal(P, k):
+    """Weight of the mode of normal k, behind P patches."""
+    return 3**P * 2**k
+
+
+@inner
+def of_limiter(P, K, x):
+    """Weight of the mode of limiter x, behind P patches and K normals."""
+    return 3**P * 2**K * 3**x
 
 
 @inner
@@ -125,35 +133,34 @@ def land(t, slot, x, copy):
 
 
 @inner
-def loaded(t, key, p):
+def loaded(patch_of, P, key, p):
     """Whether any normal force of patch p is closed."""
-    for k in range(t.of_patch.shape[0]):
-        if t.of_patch[k] == p and digit(key, bases(t, 1, k), 2) == 0:
+    for k in range(patch_of.shape[0]):
+        if patch_of[k] == p and digit(key, of_normal(P, k), 2) == 0:
             return True
     return False
 
 
 @inner
-def choose(t, key, p, x):
+def choose(slip, key, p, x):
     """The key with patch p in stick where it does not slip, else in slip along its speed."""
-    w = dot(t.slip[p], x)
-    if abs(w) <= rounding(t.slip[p], x):
-        return with_digit(key, bases(t, 0, p), 3, STICK)
-    return with_digit(key, bases(t, 0, p), 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
+    w = dot(slip[p], x)
+    if abs(w) <= rounding(slip[p], x):
+        return with_digit(key, of_patch(p), 3, STICK)
+    return with_digit(key, of_patch(p), 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
 
 
 @inner
-def transition(t, slot, key, guard):
-    """The mode set that follows when `guard` falls through zero."""
-    kind, owner = t.kind[slot, guard], t.owner[slot, guard]
+def transition(kind, owner, P, K, key):
+    """The mode set that follows when a guard of `kind` falls through zero."""
     if kind == G_SLIP:
-        return with_digit(key, bases(t, 0, owner), 3, STICK)
+        return with_digit(key, of_patch(owner), 3, STICK)
     if kind < G_OPEN:
-        return with_digit(key, bases(t, 0, owner), 3, SLIP_PLUS if kind == G_RELEASE_PLUS else SLIP_MINUS)
+        return with_digit(key, of_patch(owner), 3, SLIP_PLUS if kind == G_RELEASE_PLUS else SLIP_MINUS)
     if kind <= G_CLOSE:
-        return with_digit(key, bases(t, 1, owner), 2, 1 if kind == G_OPEN else 0)
+        return with_digit(key, of_normal(P, owner), 2, 1 if kind == G_OPEN else 0)
     mode = 0 if kind == G_LIMIT_BACK else (1 if kind == G_LIMIT_LOW else 2)
-    return with_digit(key, bases(t, 2, owner), 3, mode)
+    return with_digit(key, of_limiter(P, K, owner), 3, mode)
 
 
 @inner
@@ -162,21 +169,22 @@ def disagreement(t, slot, key, x, T, slack):
 
     A patch that slips with w inside rounding agrees: it has just been released.
     """
-    for k in range(t.of_patch.shape[0]):
+    P, K = t.slip.shape[0], t.of_patch.shape[0]
+    for k in range(K):
         N = dot(t.normal[slot, k], x) + dot(t.normal_t[slot, k], T)
         size = rounding(t.normal[slot, k], x)
-        base, p = bases(t, 1, k), t.of_patch[k]
+        base, p = of_normal(P, k), t.of_patch[k]
         if digit(key, base, 2) == 0:
             if N < -size:
                 return with_digit(key, base, 2, 1)
         elif N > size:
-            was_loaded = loaded(t, key, p)
+            was_loaded = loaded(t.of_patch, P, key, p)
             new = with_digit(key, base, 2, 0)
-            return new if was_loaded else choose(t, new, p, x)
-    for p in range(t.slip.shape[0]):
-        if not loaded(t, key, p):
+            return new if was_loaded else choose(t.slip, new, p, x)
+    for p in range(P):
+        if not loaded(t.of_patch, P, key, p):
             continue
-        base = bases(t, 0, p)
+        base = of_patch(p)
         w, size = dot(t.slip[p], x), rounding(t.slip[p], x)
         mode = digit(key, base, 3)
         if mode == STICK:
@@ -190,7 +198,7 @@ def disagreement(t, slot, key, x, T, slack):
             return with_digit(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
     for g in range(t.count[slot]):
         if t.kind[slot, g] > G_CLOSE and dot(t.G[slot, g], x) < -rounding(t.G[slot, g], x):
-            return transition(t, slot, key, g)
+            return transition(t.kind[slot, g], t.owner[slot, g], P, K, key)
     return -1
 
 
@@ -203,7 +211,7 @@ def settle(t, ic, x, T, scratch, copy, repeat):
     key, pending = ic[1], ic[2]
     if pending == START:
         for p in range(t.slip.shape[0]):
-            key = choose(t, key, p, x)
+            key = choose(t.slip, key, p, x)
         pending = LAND
     slack = _SLACK if repeat else 0.0
     for _ in range(4 * (t.slip.shape[0] + t.of_patch.shape[0]) + 12):
@@ -215,7 +223,9 @@ def settle(t, ic, x, T, scratch, copy, repeat):
             land(t, slot, x, copy)
             pending = SETTLE
         if t.falling[slot]:
-            friction(t.sigma[slot], t.code, t.numbers, t.slip, t.load[slot], t.load_t[slot], x, T, scratch)
+            friction(
+                t.sigma[slot], t.code, t.numbers, t.slip, t.load[slot], t.load_t[slot], t.coupled[slot], x, T, scratch
+            )
         else:
             for p in range(T.shape[0]):
                 T[p] = 0.0
@@ -224,7 +234,7 @@ def settle(t, ic, x, T, scratch, copy, repeat):
             ic[1], ic[2] = key, READY
             return DONE
         for p in range(t.slip.shape[0]):  # a patch that has just begun to stick lands
-            if digit(new, bases(t, 0, p), 3) == STICK and digit(key, bases(t, 0, p), 3) != STICK:
+            if digit(new, of_patch(p), 3) == STICK and digit(key, of_patch(p), 3) != STICK:
                 pending = LAND
         key = new
     ic[1] = key

@@ -29,8 +29,9 @@ class Tables(NamedTuple):
 
     slot_of: NDArray[np.int32]  # [mode sets]
     depth: NDArray[np.int64]  # [slot]
+    order: NDArray[np.int64]  # [slot] terms of a finest cell's Taylor polynomial
     falling: NDArray[np.int64]  # [slot] 1: a slipping patch has a law over speed
-    LP: Array  # [slot, level, n, n] propagators over step / 2^level, landing folded in
+    E: Array  # [slot, level, n, n] propagators over step / 2^level less one, landing folded in
     A: Array  # [slot, n, n]
     b: Array  # [slot, n, P]
     landing: Array  # [slot, n, n]
@@ -51,11 +52,18 @@ class Tables(NamedTuple):
     sigma: Array  # [slot, P]
     signals: Array  # [slot, S, n] quantities the sensors read
     signals_t: Array  # [slot, S, P]
+    coupled: NDArray[np.int64]  # [slot] 1: some load depends on the friction forces
+    needs: NDArray[np.int64]  # [slot, guard] 1: the guard depends on the friction forces
+    press: Array  # [slot, K, n] the normal forces that are closed, 0 for the others
+    press_t: Array  # [slot, K, P]
+    active: NDArray[np.int64]  # [slot, terms] 1: the power is not zero throughout
     powers: Array  # [slot, terms, n, n] quadratic forms of power
     work: Array  # [slot, level, terms, n, n] their integrals over step / 2^level
     slip: Array  # [P, n] slip speed rows
     surface: Array  # [P, n] surface speed rows
     lift: Array  # [K, n] rows of the speed along each normal force
+    damping: Array  # [nq, nq]
+    force: Array  # [nq, n]
     static: Array  # [P]
     code: NDArray[np.int64]  # [P]
     numbers: Array  # [P, widest]
@@ -77,15 +85,16 @@ class Slots:
 
     def _empty(self) -> Tables:
         s = self.system
-        n, P, K, S = s.n, len(s.patches), len(s.normals), len(self.rows)
+        n, nq, P, K, S = s.n, len(s.coordinates), len(s.patches), len(s.normals), len(self.rows)
         g = 2 * P + K + 2 * len(s.limiters)
         code, numbers = laws.pack(tuple(p.law for p in s.patches))
         z = np.zeros
         return Tables(
             slot_of=np.full(s.keys, -1, dtype=np.int32),
             depth=z(0, dtype=np.int64),
+            order=z(0, dtype=np.int64),
             falling=z(0, dtype=np.int64),
-            LP=z((0, 1, n, n)),
+            E=z((0, 1, n, n)),
             A=z((0, n, n)),
             b=z((0, n, P)),
             landing=z((0, n, n)),
@@ -106,12 +115,18 @@ class Slots:
             sigma=z((0, P)),
             signals=z((0, S, n)),
             signals_t=z((0, S, P)),
+            coupled=z(0, dtype=np.int64),
+            needs=z((0, g), dtype=np.int64),
+            press=z((0, K, n)),
+            press_t=z((0, K, P)),
+            active=z((0, TERMS), dtype=np.int64),
             powers=z((0, TERMS, n, n)),
             work=z((0, 1, TERMS, n, n)),
             slip=s.slip_rows.copy(),
             surface=np.array([p.surface for p in s.patches]).reshape(P, n),
-            lift=np.array([k.direction for k in s.normals]).reshape(K, -1)
-            @ np.eye(n)[len(s.coordinates) :][: len(s.coordinates)],
+            lift=np.array([k.direction for k in s.normals]).reshape(K, nq) @ np.eye(n)[nq : 2 * nq],
+            damping=s.damping.copy(),
+            force=s.force.copy(),
             static=np.array([p.law.static for p in s.patches], dtype=np.float64),
             code=code,
             numbers=numbers,
@@ -127,12 +142,12 @@ class Slots:
         g = t.G.shape[1]
         guards = _padded(modes.guards, g)
         falling = bool(modes.nonlinear.any())
-        LP = expm.ladder(modes.A, self.step)
+        E = expm.ladder(modes.A, self.step)
         bounds, slopes = _bounds(modes.A, guards, self.step)
-        for level in range(len(LP)):
-            LP[level] = modes.landing @ LP[level] @ modes.landing
+        E = (modes.landing - np.eye(system.n)) + modes.landing @ E @ modes.landing
         forms = powers(system, modes)
         _, normal_modes, _ = system.modes(key)
+        closed = 1.0 - np.array(normal_modes, dtype=np.float64).reshape(-1, 1)
         load, load_t = np.zeros_like(modes.friction), np.zeros_like(modes.friction_t)
         for k, contact in enumerate(system.normals):
             if normal_modes[k] == 0:
@@ -142,9 +157,10 @@ class Slots:
         slot_of = t.slot_of.copy()
         slot_of[key] = len(self.sets)
         new: dict[str, Any] = {
-            "depth": len(LP) - 1,
+            "depth": len(E) - 1,
+            "order": expm.order(modes.A, self.step),
             "falling": int(falling),
-            "LP": LP,
+            "E": E,
             "A": modes.A,
             "b": modes.b,
             "landing": modes.landing,
@@ -165,8 +181,13 @@ class Slots:
             "sigma": modes.sigma,
             "signals": rows,
             "signals_t": rows_t,
+            "coupled": int(load_t.any()),
+            "needs": _padded(modes.guards_t.any(axis=1).astype(np.int64), g),
+            "press": modes.normal * closed,
+            "press_t": modes.normal_t * closed,
+            "active": forms.any(axis=(1, 2)).astype(np.int64),
             "powers": forms,
-            "work": work(modes.A, modes.landing, forms, self.step, LP),
+            "work": work(modes.A, modes.landing, forms, self.step, E),
         }
         self.tables = t._replace(slot_of=slot_of, **{name: _stack(getattr(t, name), new[name]) for name in new})
         self.handle = bundle(self.tables)
@@ -220,7 +241,7 @@ def _bounds(A: Array, guards: Array, step: float) -> tuple[Array, Array]:
     third = second @ A
     worst2, worst3 = np.abs(second), np.abs(third)
     for _ in range(samples):
-        second, third = second @ E, third @ E
+        second, third = second + second @ E, third + third @ E
         np.maximum(worst2, np.abs(second), out=worst2)
         np.maximum(worst3, np.abs(third), out=worst3)
     scale = _MARGIN * step * step / 8.0
