@@ -1,0 +1,118 @@
+"""What a plant need not do in every frame: notice who comes and goes, tell its health, count time that was given up."""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+from rig.bench import pace
+from rig.bench.desk import Desk
+from rig.bench.hub import Hub
+from rig.bench.job import Job
+from rig.bench.timing import Timing
+
+ATTEND_NS = 20_000_000
+HEALTH_NS = 200_000_000
+MISSED = ("controller", "recorder")
+"""Roles whose leaving before the end the verdict tells."""
+
+
+class Attendant:
+    """Looks after a run, 50 times a second; its health is told 5 times a second."""
+
+    def __init__(self, hub: Hub, desk: Desk, job: Job, timing: Timing) -> None:
+        self.faults: list[str] = []
+        """What the verdict must say beside the timing."""
+        self.health: dict[str, Any] = {}
+        self.gone = False
+        """Whether the process that this plant belongs to has gone."""
+        self.pacer: pace.Pacer | None = None
+        self._hub, self._desk, self._job, self._timing = hub, desk, job, timing
+        self._operation, self._stand = hub.operation, hub.stand
+        self._due = self._health_due = 0
+        self._marked = (0, 0)
+        self._given_up = 0
+        self._asleep = pace.asleep_ns()
+
+    def begin(self, now: int, pacer: pace.Pacer | None) -> None:
+        """The first frame begins now."""
+        self._due = self._health_due = now
+        self._marked, self.pacer = (now, 0), pacer
+
+    def look(self, now: int) -> bool:
+        """Do what is due now; whether health was told."""
+        if now < self._due:
+            return False
+        self._due = now + ATTEND_NS
+        self.notice()
+        self._hub.serve_scene()
+        if now < self._health_due:
+            return False
+        self._health_due = now + HEALTH_NS
+        self.gone = self.orphaned()
+        self.tell_health(now)
+        return True
+
+    def orphaned(self) -> bool:
+        """Whether the process that this plant belongs to has gone."""
+        return self._job.parent not in (0, os.getppid())
+
+    def notice(self) -> None:
+        """Write down who has joined and who has left."""
+        note = self._operation.journal.note
+        for who in self._hub.watch.poll():
+            known = {"role": who.role, "name": who.name}
+            if who.here:
+                note("joined", f"{who.role} {who.name} is here", **known)
+                continue
+            text = f"{who.role} {who.name} left at t = {self._stand.t_ns / 1e9:.3f} s"
+            note("left", text, **known)
+            if who.role in MISSED:
+                self.faults.append(text)
+
+    def tell_health(self, now: int) -> None:
+        """Publish how things stand."""
+        timing, statistics = self._timing, self._stand.statistics()
+        self._hub.fold()
+        if self.pacer is not None:
+            self._count_given_up(self.pacer)
+            timing.fold()
+        wall, t_ns = now - self._marked[0], self._stand.t_ns
+        rate = (t_ns - self._marked[1]) / wall if wall else 0.0
+        self._marked = (now, t_ns)
+        progress = self._operation.progress()
+        steps = f" {progress.step}/{progress.steps or '-'}" if progress.step else ""
+        left = progress.left_ns
+        self.health = {
+            "phase": "paused" if self._desk.paused else f"{progress.phase or 'run'}{steps}",
+            "rate": rate,
+            "lateness_us": timing.lateness.quantile(0.99) / 1e3,
+            "worst_us": timing.worst_ns / 1e3,
+            "late": timing.late + timing.given_up,
+            "overruns": sum(timing.overruns.values()),
+            "drops": sum(self._hub.lost().values()),
+            "held": sum(line.counts.held for line in self._operation.exchange.lines.values()),
+            "energy_error": statistics["energy_error"],
+            "stick_share": statistics["stick_share"],
+            "eta_s": -1.0 if left is None else left / 1e9 / (self._job.pace or max(rate, 1e-9)),
+        }
+        self._hub.put_health(**self.health)
+
+    def _count_given_up(self, pacer: pace.Pacer) -> None:
+        """Time of the wall clock that was given up is told, and counts as late."""
+        new = pacer.given_up[self._given_up :]
+        self._given_up += len(new)
+        self._timing.given_up += sum(one.frames for one in new)
+        journal = self._operation.journal
+        for one in new:
+            if one.late_ns > pace.PAUSE:
+                text = f"{one.late_ns / 1e9:.3g} s of the wall clock passed without a frame"
+                journal.note("pause", text, frame=one.frame, late_ns=one.late_ns)
+                self.faults.append(text)
+            else:
+                journal.repeated("overrun", "time of the wall clock was given up", frames=one.frames)
+        if (asleep := pace.asleep_ns()) > self._asleep + ATTEND_NS:
+            text = f"the machine was suspended for {(asleep - self._asleep) / 1e9:.3g} s"
+            journal.note("pause", text)
+            self.faults.append(text)
+        self._asleep = asleep

@@ -1,0 +1,110 @@
+"""The end of a run: last words, what was lost on the way, the verdict, and the summary that everybody gets.
+
+The plant tells how much it sent; recorders and controllers answer with what they received, at once. What is missing
+is a loss. Then the verdict goes out, and the totals once more, so that it is accounted for too.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from typing import TYPE_CHECKING, Any
+
+from rig.bench.hub import missing
+from rig.bench.timing import Verdict
+from rig.bus import messages
+
+if TYPE_CHECKING:
+    from rig.bench.plant_process import Plant
+
+ANSWERS_S = 1.0
+"""Longest wait for the totals of the others."""
+JUDGED = ("recorder", "controller")
+"""Roles whose losses count. A viewer may drop what it cannot draw."""
+
+
+def conclude(plant: Plant) -> dict[str, Any]:
+    """End the run of `plant`; its summary."""
+    hub, operation, stand = plant.hub, plant.operation, plant.stand
+    wall = time.perf_counter_ns() - plant.begun_ns if plant.begun_ns else 0
+    hub.put_gathered()
+    hub.put_rest()
+    hub.receive()
+    ended = "diverged" if plant.fault else operation.over or "failed"
+    operation.journal.note("end", ended)
+    hub.put_events()
+    plant.attendant.tell_health(time.perf_counter_ns())
+    lost = hub.lost() | _lost_elsewhere(plant)
+    verdict = _verdict(plant, lost)
+    statistics = stand.statistics()
+    t = stand.t_ns / 1e9
+    summary: dict[str, Any] = {
+        "run": plant.session.run,
+        "scene": plant.scene.name,
+        "verdict": verdict.word,
+        "reasons": list(verdict.reasons),
+        "exit_code": 4 if plant.fault or operation.aborted else 1 if ended == "failed" else verdict.exit_code,
+        "ended": ended,
+        "fault": plant.fault or operation.aborted,
+        "mode": ("lockstep" if plant.job.in_lockstep else "paced") if plant.job.pace else "lockstep, not paced",
+        "pace": plant.job.pace,
+        "ticks": stand.tick,
+        "seconds": t,
+        "wall_seconds": wall / 1e9,
+        "rate": t * 1e9 / wall if wall else 0.0,
+        "timing": plant.timing.told() if plant.job.pace else {},
+        "waiting": plant.waiting._asdict() if plant.waiting else {},
+        "round_trip": hub.round_trip.told(),
+        "loop": operation.exchange.counters(),
+        "lost": lost,
+        "faults": plant.attendant.faults,
+        "energy": statistics.pop("energy"),
+        "plant": statistics,
+        "sensors": stand.bank.counters(),
+        "processor_seconds": sum(os.times()[:2]),
+    }
+    summary = json.loads(json.dumps(summary, default=float))
+    event = messages.event(stand.t_ns, stand.tick, "plant", "verdict", verdict.word, summary)
+    plant.session.publisher("event/plant").put(event, stand.t_ns)
+    hub.put_totals()
+    return summary
+
+
+def _verdict(plant: Plant, lost: dict[str, int]) -> Verdict:
+    faults = list(plant.attendant.faults)
+    for name, line in plant.operation.exchange.lines.items():
+        if line.counts.safe:
+            faults.append(f"safe values stepped in for {name} {line.counts.safe} times")
+    if plant.fault:
+        faults.append(plant.fault.partition("\n")[0])
+    clock = plant.scene.clock
+    return plant.timing.verdict(clock.late_share_valid, clock.late_share_degraded, lost, faults)
+
+
+def _lost_elsewhere(plant: Plant) -> dict[str, int]:
+    """Messages of the plant that the others miss: "topic to name" -> how many."""
+    hub, session = plant.hub, plant.session
+    hub.totals.drain()
+    hub.put_totals()
+    own = messages.decode("total/plant", session.totals())
+    sent = {topic: n for topic, n in zip(own.sent_topic, own.sent) if topic != "total/plant"}
+    roles = {name: role for role, name in hub.watch.present if role in JUDGED}
+    asked = {name for name, role in roles.items() if role == "recorder"}
+    found: dict[str, int] = {}
+    deadline = time.monotonic() + ANSWERS_S
+    while asked and (left := deadline - time.monotonic()) > 0.0:
+        message = hub.totals.get(left)
+        if message is None:
+            break
+        heard = messages.decode(message.topic, message.payload)
+        if heard.process not in roles:
+            continue
+        asked.discard(heard.process)
+        wanted = sent if roles[heard.process] == "recorder" else {"step": sent["step"]}
+        whole = (roles[heard.process], heard.process) in plant.from_start
+        for topic, count in missing(wanted, heard, whole).items():
+            found[f"{topic} to {heard.process}"] = count
+    for name in sorted(asked):
+        plant.attendant.faults.append(f"{roles[name]} {name} did not tell what it received")
+    return found

@@ -1,0 +1,86 @@
+"""The operator's desk: what `cmd/plant` and `param/plant` let others do to a running plant.
+
+    cmd/plant     {"do": "stop" | "pause" | "resume"}
+                  {"do": "knock", "impulse": N s}
+                  {"do": "connect" | "disconnect", "controller": name}
+                  {"do": "admit", "controller": name, "drives": [actuators], "period_ns": ns}
+    param/plant   {"get": [keys]} or {"set": {key: value}}: actuators, and parameters of the rig, by their scene keys
+
+Every answer carries the tick at which it holds.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from rig.bench.hub import Hub
+from rig.errors import UsageError
+
+
+class Desk:
+    """Serves operators; `poll` between the protocol and the commands of a tick."""
+
+    def __init__(self, hub: Hub) -> None:
+        self.stopped = ""
+        """Who asked for the end; empty while nobody did."""
+        self.paused = False
+        self._hub, self._operation, self._stand = hub, hub.operation, hub.stand
+        self._does = {
+            "stop": self._stop,
+            "pause": self._pause,
+            "resume": self._pause,
+            "knock": self._knock,
+            "connect": self._switch,
+            "disconnect": self._switch,
+            "admit": self._admit,
+        }
+        self._param = hub.session.serve("param/plant", self._parameters)
+        self._cmd = hub.session.serve("cmd/plant", self._command)
+
+    def poll(self) -> None:
+        """Do what was asked since the last tick."""
+        self._param.poll()
+        self._cmd.poll()
+
+    def _parameters(self, body: dict[str, Any]) -> dict[str, Any]:
+        stand = self._stand
+        values: dict[str, Any] = {}
+        if (changes := body.get("set")) is not None:
+            values |= self._operation.change(changes)
+        for key in body.get("get", ()):
+            values[key] = stand.values[key] if key in stand.inputs else stand.parameter(key)
+        return {"tick": stand.tick, "t_ns": stand.t_ns, "values": values}
+
+    def _command(self, body: dict[str, Any]) -> dict[str, Any]:
+        what = str(body.get("do"))
+        if what not in self._does:
+            raise UsageError(f"the plant cannot {what!r}; it can: {', '.join(self._does)}")
+        try:
+            self._does[what](body)
+        except KeyError as fault:
+            raise UsageError(f"{what} needs {fault}") from None
+        return {"tick": self._stand.tick, "t_ns": self._stand.t_ns}
+
+    def _stop(self, _: dict[str, Any]) -> None:
+        self.stopped = "stopped by an operator"
+
+    def _pause(self, body: dict[str, Any]) -> None:
+        on = body["do"] == "pause"
+        if on != self.paused:
+            self.paused = on
+            self._operation.journal.note("paused" if on else "resumed", "paused" if on else "goes on")
+
+    def _knock(self, body: dict[str, Any]) -> None:
+        self._operation.knock(float(body["impulse"]))
+
+    def _switch(self, body: dict[str, Any]) -> None:
+        self._operation.switch(str(body["controller"]), body["do"] == "connect")
+
+    def _admit(self, body: dict[str, Any]) -> None:
+        """Let a controller of the user's own in; one that was admitted before and has gone holds nothing any more."""
+        name, drives = str(body["controller"]), [str(drive) for drive in body["drives"]]
+        here, lines = self._hub.watch.present, self._operation.exchange.lines
+        for other in [o for o in lines if o not in self._operation.scene.controllers and o != name]:
+            if ("controller", other) not in here and set(lines[other].drives) & set(drives):
+                self._operation.dismiss(other)
+        self._operation.admit(name, drives, int(body["period_ns"]))

@@ -1,0 +1,86 @@
+"""Lockstep: a frame begins when every controller that has joined and is due has answered its step.
+
+A step without an answer is sent again, at first after 10 ms, then ever more rarely: a controller answers a step that
+it knows as it did before. One that has not answered for `EVICTED` seconds is evicted, and missed like one that died.
+Who joins or leaves does so between two ticks. Answers are taken over in the order of names, whatever their order of
+arrival, so that the run does not depend on it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from rig.bench.attend import Attendant
+from rig.bench.hub import Hub
+
+AGAIN = 0.01
+EVICTED = 5.0
+_LOOK = 0.1
+
+
+class Lockstep:
+    """The waiting for answers, until `stopped()`."""
+
+    def __init__(self, hub: Hub, attendant: Attendant, stopped: Callable[[], bool]) -> None:
+        self._hub, self._attendant, self._stopped = hub, attendant, stopped
+        self._stand, self._lines = hub.stand, hub.operation.exchange.lines
+        self._evicted: set[str] = set()
+        self._due: set[str] = set()
+        self.again = 0
+        """Steps that were sent more than once."""
+
+    def ask(self) -> None:
+        """Send the step of this tick."""
+        tick, present = self._stand.tick, self._hub.watch.present
+        lines = self._lines
+        here = {name for role, name in present if role == "controller" and name in lines}
+        self._evicted &= here
+        self._due = {name for name in here - self._evicted if tick % lines[name].period == 0}
+        self._hub.put_step()
+
+    def wait(self) -> None:
+        """Wait for the answers to the step, and hand them on."""
+        if not self._due:
+            self._hub.receive()
+            return
+        tick, begun = self._stand.tick, time.monotonic()
+        again, looked = AGAIN, begun
+        found = {}
+        while self._due:
+            message = self._hub.acts.get(again)
+            if message is not None:
+                name, act = self._hub.read(message)
+                if act.tick == tick:
+                    found[name] = tuple(act.values)
+                    self._due.discard(name)
+                elif name not in self._lines:
+                    self._hub.operation.exchange.receive(name, act.tick, ())
+                continue
+            now = time.monotonic()
+            if self._stopped():
+                break
+            if now - looked > _LOOK or again > AGAIN:
+                looked = now
+                self._look(now - begun)
+            if self._due:
+                self._hub.put_step()
+                self.again += 1
+                again = min(again * 2.0, 0.5)
+        for name in sorted(found):
+            self._hub.operation.exchange.receive(name, tick, found[name])
+
+    def _look(self, waited: float) -> None:
+        """Wait no longer for those who have gone, or who are hung."""
+        self._hub.serve_scene()
+        self._attendant.notice()
+        present = self._hub.watch.present
+        self._due = {name for name in self._due if ("controller", name) in present}
+        if waited < EVICTED:
+            return
+        for name in sorted(self._due):
+            self._evicted.add(name)
+            text = f"controller {name} did not answer for {EVICTED:g} s and is evicted at tick {self._stand.tick}"
+            self._attendant.faults.append(text)
+            self._hub.operation.journal.note("evicted", text, controller=name)
+        self._due.clear()

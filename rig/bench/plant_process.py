@@ -1,0 +1,293 @@
+"""The plant as a process: the hub of a run, in lockstep with its controllers, at the pace of the wall clock, or both.
+
+A frame of a paced run            A frame in lockstep
+  wait until it is due              state and samples as they are
+  take what has arrived             protocol, operators
+  send step, samples, state         send step, samples, state
+  protocol, operators               wait for the answers of those who joined and are due
+  commands in force                 commands in force
+  integrate                         integrate
+
+A controller that dies is missed: its last command is held, then safe values step in; the plant goes on. When the
+numerics stop the run, everybody is told where and why, and the recording is kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import queue
+import signal
+import sys
+import threading
+import time
+import traceback
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import controllers
+from rig import bus, kernel
+from rig.bench import pace
+from rig.bench.attend import Attendant
+from rig.bench.conclude import conclude
+from rig.bench.desk import Desk
+from rig.bench.hub import Hub
+from rig.bench.job import Job
+from rig.bench.lockstep import Lockstep
+from rig.bench.operation import Operation
+from rig.bench.stand import Stand
+from rig.bench.timing import Timing
+from rig.bus.port import Session
+from rig.bus.setup import Setup
+from rig.errors import NumericsError, RigError
+from rig.record.provenance import provenance
+from rig.scenes.scene import Scene
+
+Say = Callable[[str], object]
+Show = Callable[[dict[str, Any]], object]
+
+
+class Plant:
+    """One run of a job on an open session. `stopping()` says why it is to end at the next frame, or ""."""
+
+    def __init__(self, session: Session, job: Job, stopping: Callable[[], str]) -> None:
+        self.session, self.job, self._stopping = session, job, stopping
+        self.scene = scene = Scene.from_json(job.scene)
+        self.stand = stand = Stand(scene)
+        duration_ns = None if job.duration is None else round(job.duration * 1e9)
+        self.operation = Operation(scene, stand, duration_ns, self._retune, keeps=False)
+        self.hub = hub = Hub(session, self.operation, self._setup())
+        self.desk = Desk(hub)
+        self.timing = Timing(stand.frame_ns / (job.pace or 1.0))
+        self.attendant = Attendant(hub, self.desk, job, self.timing)
+        self.fault = ""
+        """Why the numerics stopped the run."""
+        self.from_start: set[tuple[str, str]] = set()
+        """Who was here at the first frame."""
+        self.waiting: pace.Waiting | None = None
+        self.begun_ns = 0
+        self._refusals: queue.SimpleQueue[str] = queue.SimpleQueue()
+
+    def _setup(self) -> Setup:
+        scene, stand, numbers = self.scene, self.stand, self.job.numbers
+        return Setup(
+            run=self.session.run,
+            scene=self.job.scene,
+            frame_ns=stand.frame_ns,
+            step_ns=stand.step_ns,
+            outputs={name: stand.units[name] for name in stand.outputs},
+            sensors={n: (u, p) for n, u, p in zip(stand.bank.names, stand.bank.units, stand.bank.periods_ns)},
+            controllers={n: controllers.described(s, numbers.get(n, {})) for n, s in scene.controllers.items()},
+            provenance=provenance(scene.seed, self.job.command or tuple(sys.argv)),
+        )
+
+    def gather(self, say: Say) -> None:
+        """Wait for those who are expected, and say for whom."""
+        present, deadline, told = self.hub.watch.present, time.monotonic() + self.job.wait, ""
+        self.hub.watch.poll()
+        while missing := [f"{role} {name}" for role, name in self.job.expect if (role, name) not in present]:
+            if self._stopping() or self.attendant.orphaned():
+                return
+            if time.monotonic() >= deadline:
+                for who in missing:
+                    self.attendant.faults.append(f"{who} did not join within {self.job.wait:g} s")
+                    self.operation.journal.note("missing", self.attendant.faults[-1])
+                break
+            if (text := f"waiting for {', '.join(missing)}") != told:
+                told = text
+                say(text)
+            self.hub.watch.poll(0.02)
+            self.hub.serve_scene()
+            self.desk.poll()
+        self.from_start = set(present)
+        for role, name in sorted(self.from_start - {("plant", "plant")}):
+            self.operation.journal.note("joined", f"{role} {name} is here", role=role, name=name)
+
+    def run(self, show: Show) -> dict[str, Any]:
+        """All frames, then the summary; `show` gets the health five times a second."""
+        try:
+            self._go(show)
+        except NumericsError as error:
+            self.fault = str(error)
+            told = {"time": error.time, "mode": error.mode, "state": error.state}
+            self.operation.journal.note("diverged", self.fault, **told)
+        except Exception:
+            self.attendant.faults.append("the plant process failed")
+            self.operation.journal.note("fault", traceback.format_exc())
+            conclude(self)
+            raise
+        return conclude(self)
+
+    def _go(self, show: Show) -> None:
+        job, pacer = self.job, None
+        if job.pace is not None:
+            self.waiting = pace.choose(int(self.timing.wall_ns))
+            clock = pace.WallClock(self.waiting.spin_ns)
+            pacer = pace.Pacer(self.stand.frame_ns, job.pace, self.scene.clock.overrun, clock)
+        with ExitStack() as stack:
+            stack.enter_context(self.timing.interruptions.watched())
+            stack.enter_context(pace.no_garbage())
+            stack.callback(sys.setswitchinterval, sys.getswitchinterval())
+            sys.setswitchinterval(1e-4)  # who waits for the interpreter, waits for a tenth of a frame, not for five
+            self.begun_ns = time.perf_counter_ns()
+            self.attendant.begin(self.begun_ns, pacer)
+            if pacer is not None:
+                pacer.anchor()
+            if job.in_lockstep:
+                self._in_lockstep(pacer, show)
+            elif pacer is not None:
+                self._paced(pacer, show)
+
+    def _paced(self, pacer: pace.Pacer, show: Show) -> None:
+        hub, desk, operation, stand = self.hub, self.desk, self.operation, self.stand
+        attendant, rows = self.attendant, self.timing
+        clock, processor = time.perf_counter_ns, time.thread_time_ns
+        while True:
+            begin, late = pacer.wait()
+            hub.receive()
+            received = clock()
+            hub.put_step()
+            hub.gather()
+            hub.put_gathered()
+            sent = clock()
+            if not operation.begin() or self._ends(pacer):
+                return
+            desk.poll()
+            lines = operation.take_over()
+            if lines:
+                hub.applied(lines)
+            stand.frame()
+            done = clock()
+            hub.put_gathered()
+            hub.put_events()
+            told = clock()
+            if attendant.look(told):
+                self._tell(show)
+            served = clock()
+            spans = (received - begin, done - sent, sent - received + told - done, served - told)
+            rows.rows.append((begin, late, pacer.waited, *spans, processor()))
+
+    def _in_lockstep(self, pacer: pace.Pacer | None, show: Show) -> None:
+        hub, desk, operation, stand = self.hub, self.desk, self.operation, self.stand
+        attendant, rows = self.attendant, self.timing
+        answers = Lockstep(hub, attendant, lambda: bool(self._stopping()))
+        clock, processor = time.perf_counter_ns, time.thread_time_ns
+        while True:
+            begin, late = pacer.wait() if pacer is not None else (clock(), 0)
+            hub.gather()
+            if not operation.begin() or self._ends(pacer):
+                return
+            desk.poll()
+            answers.ask()
+            hub.put_gathered()
+            answers.wait()
+            answered = clock()
+            lines = operation.take_over()
+            if lines:
+                hub.applied(lines)
+            stand.frame()
+            done = clock()
+            hub.put_gathered()
+            hub.put_events()
+            told = clock()
+            if attendant.look(told):
+                self._tell(show)
+            if pacer is not None:
+                spans = (answered - begin, done - answered, told - done, clock() - told)
+                rows.rows.append((begin, late, pacer.waited, *spans, processor()))
+
+    def _tell(self, show: Show) -> None:
+        while not self._refusals.empty():
+            self.operation.journal.note("refused", self._refusals.get(), by="protocol")
+        show({"t": self.stand.t_ns / 1e9, **self.attendant.health})
+
+    def _ends(self, pacer: pace.Pacer | None) -> bool:
+        """Whether somebody has asked for the end; a pause is sat out here."""
+        desk, paused = self.desk, self.desk.paused
+        while not (why := self._why()) and desk.paused:
+            self.attendant.look(time.perf_counter_ns())
+            self.hub.put_events()
+            time.sleep(0.01)
+            desk.poll()
+        if paused and pacer is not None:
+            pacer.anchor()
+        if pacer is not None and pacer.stopped:
+            why = "stopped: a frame began more than one frame late, and the scene asks to stop then"
+        if why:
+            self.operation.stop(why)
+        return bool(why)
+
+    def _why(self) -> str:
+        if self.attendant.gone:
+            return "stopped: the process that started the plant has gone"
+        return self._stopping() or self.desk.stopped
+
+    def _retune(self, controller: str, changes: dict[str, Any]) -> None:
+        """Ask a controller to change its parameters. In a paced run nobody waits for the answer."""
+        if self.job.in_lockstep:
+            self.session.ask(f"param/{controller}", {"set": changes}, timeout=2.0)
+            return
+
+        def ask() -> None:
+            try:
+                self.session.ask(f"param/{controller}", {"set": changes}, timeout=2.0)
+            except RigError as fault:
+                self._refusals.put(f"{controller}: {fault}")
+
+        threading.Thread(target=ask, name=f"retune-{controller}", daemon=True).start()
+
+
+def carry_out(
+    job: Job, stopping: Callable[[], str], say: Say = lambda _: None, show: Show = lambda _: None
+) -> dict[str, Any]:
+    """Host a run and carry the job out; its summary. Raises RigError if it cannot begin.
+
+    `say` gets a line now and then before the first frame, `show` the health while the run goes on.
+    """
+    if job.realtime and (why := pace.take_priority()):
+        say(why)
+    scene = Scene.from_json(job.scene)
+    if not kernel.is_warm():
+        say("compiling the kernels, once for these sources; it takes a minute or two")
+    warm(scene)
+    with bus.host(job.run, scene.name, job.endpoint) as session:
+        plant = Plant(session, job, stopping)
+        session.announce()
+        say(f"run {session.run}")
+        plant.gather(say)
+        return plant.run(show)
+
+
+def warm(scene: Scene) -> None:
+    """Compile, or load what was compiled, on a stand of its own: it must not happen while time counts."""
+    stand = Stand(scene)
+    for _ in range(3):
+        stand.frame()
+        stand.output_values()
+    stand.statistics()
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """`python -m rig.bench.plant_process JOB [--summary FILE]`, started by a supervisor."""
+    parser = argparse.ArgumentParser(prog="rig.bench.plant_process", description=__doc__.partition("\n")[0])
+    parser.add_argument("job", type=Path, help="file with the job as JSON")
+    parser.add_argument("--summary", type=Path, help="file for the summary as JSON")
+    given = parser.parse_args(arguments)
+    asked: list[str] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda n, _: asked.append(f"stopped by {signal.Signals(n).name}"))
+    try:
+        job = Job.from_json(given.job.read_text())
+        summary = carry_out(job, lambda: asked[0] if asked else "", lambda text: sys.stdout.write(f"{text}\n"))
+    except RigError as error:
+        sys.stderr.write(f"{error}\n")
+        return error.exit_code
+    if given.summary is not None:
+        given.summary.write_text(json.dumps(summary))
+    return int(summary["exit_code"])
+
+
+if __name__ == "__main__":
+    sys.exit(main())
