@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.cli import tell
 from rig.cli.options import Changes, Duration, Json, Lockstep, Out, Pace, SceneName, changes, pace, seconds
 from rig.errors import NumericsError
+
+if TYPE_CHECKING:
+    from rig.record.run import Run
 
 View = Annotated[bool, typer.Option("--view", help="Show it live in rerun.")]
 Web = Annotated[bool, typer.Option("--web", help="Show it live in a browser page.")]
@@ -74,7 +79,9 @@ def simulate(
         overrides["clock.method"] = method
     import rig
 
+    begin = time.perf_counter()
     found = rig.simulate(rig.load(scene, overrides), length)
+    wall = time.perf_counter() - begin
     if out is not None:
         from rig.record.save import save
 
@@ -86,12 +93,29 @@ def simulate(
     if as_json:
         tell.report({**found.summary, "energy": found.energy, "events": found.events, "fault": found.fault})
     else:
-        from rig.bench.status import summary
-
-        tell.line(summary(found))
+        for label, text in _told(found, wall, out, figure):
+            tell.line(f" {label:<14}{text}")
     if found.fault:
         tell.note(found.fault)
         raise typer.Exit(NumericsError.exit_code)
+
+
+def _told(run: Run, wall: float, out: Path | None, figure: Path | None) -> Iterator[tuple[str, str]]:
+    """A run of this process, told in lines."""
+    plant, length = run.summary["plant"], float(run.time[-1])
+    yield "run", f"{run.summary['ended']}: {length:g} s in {wall:.2f} s, compiling included"
+    stick = f"stick {plant['stick_share']:.0%}, energy error {plant['energy_error']:.0e}"
+    yield "plant", f"method {plant['method']}, {plant['events']} events, {stick}"
+    for name in ("displacement", "velocity"):
+        if name in run.signals:
+            v = run.signals[name]
+            yield name, f"{v.min():.6g} .. {v.max():.6g} {run.units[name]}"
+    for name, counts in run.summary["controllers"].items():
+        yield name, ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+    for label, path in (("log", out), ("figure", figure)):
+        if path is not None:
+            yield label, str(path)
+    yield "next", f"rig verify {out} | rig replay {out}" if out else "rig simulate ... --out FILE --figure FILE"
 
 
 COMMANDS = {
