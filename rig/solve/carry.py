@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import inner, kernel
+from rig.kernel import inlined, inner, kernel
 from rig.solve import dopri5, exact, ledger, rk4
 from rig.solve.emit import emit_linear
 from rig.solve.settle import CHATTER, DONE, LOST, READY, dot, friction, settle
@@ -72,7 +72,7 @@ def advance(shape, tables, lent, ticks, tolerance, substeps, booking, emitting, 
     return carry(shape, tables.content, w, state, log, seg, ticks, tolerance, substeps, booking, emitting, limit)
 
 
-@inner
+@inlined
 def propagate(shape, t, slot, ic, fc, x, w, ticks, log, energy, booking, emitting, seg):
     """Quiet ticks as far as they go, else one opened tick, in a linear mode set. Returns the guard that fell or -1."""
     if fc[PLACE] == 0.0:

@@ -8,7 +8,7 @@ and the ladder climbs again. Event times are exact to rounding at every step siz
 
 from __future__ import annotations
 
-from rig.kernel import inner
+from rig.kernel import inlined, inner
 from rig.solve.emit import emit_linear
 from rig.solve.ledger import book
 from rig.solve.roots import NONE, first_fall
@@ -66,7 +66,7 @@ def along(derivatives, terms, u, x):
         x[i] = s
 
 
-@inner
+@inlined
 def certified(t, slot, x, y, shrink):
     """Whether no guard can fall between x and y, the ends of a cell `shrink` = 4^-level of a step."""
     for k in range(t.count[slot]):
@@ -86,7 +86,7 @@ def certified(t, slot, x, y, shrink):
     return True
 
 
-@inner
+@inlined
 def earliest(t, slot, x, derivatives, terms, poly, work):
     """First fall of any guard along a Taylor cell: (u in [0, 1] or NONE, guard)."""
     first, guard = NONE, -1
@@ -99,7 +99,7 @@ def earliest(t, slot, x, derivatives, terms, poly, work):
     return first, guard
 
 
-@inner
+@inlined
 def opened(t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
     """Carry x through (the rest of) one tick, up to its end or the first event.
 

@@ -60,12 +60,10 @@ def _polish(c, low, degree, a, b):
         else:
             b = u
         d = _slope(c, low, degree, u)
-        step = u - p / d if d != 0.0 else 0.5 * (a + b)
-        if not (a < step < b):
-            step = 0.5 * (a + b)
+        step = u - p / d if d != 0.0 else 2.0
         if abs(step - u) <= 4e-16 or b - a <= 4e-16:
-            return step
-        u = step
+            return u
+        u = step if a < step < b else 0.5 * (a + b)
     return u
 
 

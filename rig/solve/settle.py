@@ -122,7 +122,7 @@ def of_limiter(P, K, x):
     return 3**P * 2**K * 3**x
 
 
-@inner
+@inlined
 def land(t, slot, x, copy):
     """X <- Pi x: take what is left of the slip speed out of stuck patches."""
     n = x.shape[0]
@@ -163,7 +163,7 @@ def transition(kind, owner, P, K, key):
     return with_digit(key, of_limiter(P, K, owner), 3, mode)
 
 
-@inner
+@inlined
 def disagreement(t, slot, key, x, T, slack):
     """The first mode that the state contradicts, as the key that mends it; -1 when all agree.
 
