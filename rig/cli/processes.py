@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-import signal
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from typing import Annotated
 
 import typer
@@ -21,50 +17,25 @@ def plant(
     lockstep: Lockstep = False,
     duration: Duration = None,
     name: Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name for the run.")] = None,
-    wait: Annotated[float, typer.Option(metavar="SECONDS", help="Longest wait for the controllers.")] = 30.0,
 ) -> None:
     """Run the plant with its sensors; controllers, recorder and viewer join as they come."""
     factor, length, overrides = pace(speed), seconds(duration), changes(p)
-    from rig.bench import status
-    from rig.bench.job import Job
-    from rig.bench.plant_process import carry_out
+    from rig.bench.plant_process import run
     from rig.scenes import load
     from rig.study.design import numbers
 
     loaded = load(scene, overrides)
-    job = Job(
-        loaded.to_json(),
-        numbers(loaded),
-        run=name,
+    outcome = run(
+        loaded,
+        numbers=numbers(loaded),
         pace=factor,
         lockstep=lockstep,
         duration=length,
-        expect=tuple(("controller", each) for each in loaded.controllers) if wait > 0.0 else (),
-        wait=wait,
-        command=tuple(sys.argv),
+        name=name,
+        say=tell.note,
     )
-    line = tell.Status()
-    with stopped() as why:
-        summary = carry_out(job, why, tell.note, lambda health: line.show(status.line(health)))
-    line.done()
-    tell.line(status.summary(summary))
-    raise typer.Exit(summary["exit_code"])
-
-
-@contextmanager
-def stopped() -> Iterator[Callable[[], str]]:
-    """Says whether Ctrl-C or a request to end has come, so that a run can end in order."""
-    asked: list[str] = []
-
-    def ask(number: int, _: object) -> None:
-        asked.append(f"stopped by {signal.Signals(number).name}")
-
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: asked[0] if asked else ""
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    tell.line(outcome.text())
+    raise typer.Exit(outcome.exit_code)
 
 
 def control(

@@ -25,8 +25,13 @@ def demo(view: View = False, web: Web = False) -> None:
     """Run the pendulum with its controller: recording, figure and summary within a minute."""
     from rig.bench.supervise import run as supervise
     from rig.scenes import load
+    from rig.study.design import numbers
 
-    outcome = supervise(load("pendulum"), view=view, web=web, figure=True, say=tell.note)
+    scene = load("pendulum")
+    tell.note(f"{scene.title}\n\n{scene.about}\n")
+    outcome = supervise(scene, numbers=numbers(scene), view=view, web=web, say=tell.note)
+    if outcome.log:
+        _draw(outcome.log, Path(outcome.log).with_suffix(".png"))
     tell.line(outcome.text())
     raise typer.Exit(outcome.exit_code)
 
@@ -40,28 +45,45 @@ def run(
     view: View = False,
     web: Web = False,
     out: Out = None,
+    figure: Figure = None,
+    realtime: Annotated[bool, typer.Option("--realtime", help="Ask the system for real-time priority.")] = False,
     as_json: Json = False,
 ) -> None:
     """Run a scene in real time: plant, controllers and recorder as processes."""
     factor, length, overrides = pace(speed), seconds(duration), changes(p)
     from rig.bench.supervise import run as supervise
     from rig.scenes import load
+    from rig.study.design import numbers
 
+    loaded = load(scene, overrides)
     outcome = supervise(
-        load(scene, overrides),
+        loaded,
+        numbers=numbers(loaded),
         pace=factor,
         lockstep=lockstep,
         duration=length,
         view=view,
         web=web,
         out=out,
+        realtime=realtime,
         say=tell.note,
     )
+    if figure is not None and outcome.log:
+        _draw(outcome.log, figure)
     if as_json:
         tell.report(outcome.to_json())
     else:
         tell.line(outcome.text())
     raise typer.Exit(outcome.exit_code)
+
+
+def _draw(log: str, figure: Path) -> None:
+    """Draw a recording."""
+    import rig
+    from rig.view.figure import draw
+
+    draw(rig.open(log), figure)
+    tell.note(f"figure {figure}")
 
 
 def simulate(
