@@ -1,0 +1,180 @@
+"""Small motions about steady sliding: the equilibrium of a mode set and its linearisation, from the run's own matrices.
+
+    0 = A x + b T(x),   dx' = (A + sum_p b_p dT_p/dx) dx
+    T_p = sigma mu(sigma w_p) N_p,   dT_p = sigma mu dN_p + N_p mu' dw_p,   N = load x + load_t T
+
+Signals that nothing settles (commands, generators) are held at their values; lags settle. Eigenvalues are those of the
+states that structure and network move: what only drives them (the exosystem) has a spectrum of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.solve.formulation import CLOSED, SLIP_MINUS, SLIP_PLUS, STICK, ModeSet, System, assemble
+
+Array = NDArray[np.float64]
+Contact = Callable[[int, float, float], tuple[float, float, float]]
+"""(patch, slip speed w, normal force N) -> friction force T, dT/dw, dT/dN."""
+
+_ROUNDS = 60
+_TOLERANCE = 1e-12
+
+
+@dataclass(frozen=True)
+class Steady:
+    """Steady sliding in one mode set, and the matrix of small motions about it.
+
+    `exists`: the equilibrium was found and agrees with the modes; if not, `x` is where the search ended.
+    `moving`: states whose eigenvalues count. Of each patch: slip `speed`, `load` and `friction` force.
+    """
+
+    system: System
+    modes: ModeSet
+    exists: bool
+    x: Array
+    A: Array
+    moving: NDArray[np.int64]
+    speed: Array
+    load: Array
+    friction: Array
+
+    def eigenvalues(self) -> NDArray[np.complex128]:
+        """Of the moving states, the least stable first [1/s]."""
+        found = np.linalg.eigvals(self.A[np.ix_(self.moving, self.moving)]).astype(np.complex128)
+        return found[np.lexsort((-found.imag, -found.real))]
+
+    def eigenvectors(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Eigenvalues [i], the least stable first, and shapes [state, i] over all states."""
+        values, vectors = np.linalg.eig(self.A[np.ix_(self.moving, self.moving)])
+        order = np.lexsort((-values.imag, -values.real))
+        shapes = np.zeros((self.system.n, len(values)), dtype=np.complex128)
+        shapes[self.moving] = vectors[:, order]
+        return values[order].astype(np.complex128), shapes
+
+
+def sliding_key(system: System, x: Array | None = None) -> int:
+    """The mode set in which every contact slides the way its surface runs, closed and unclamped.
+
+    `x`: a state with the signals in force; the start by default.
+    """
+    held = _settled(system, system.start if x is None else x)
+    speeds = [float(p.surface @ held) for p in system.patches]
+    slip = [SLIP_MINUS if speed < 0.0 else SLIP_PLUS for speed in speeds]
+    return system.key(slip, [CLOSED] * len(system.normals), [0] * len(system.limiters))
+
+
+def _settled(system: System, x: Array) -> Array:
+    """`x` at rest, with the lags among its signals settled, limiters in their range."""
+    stick = system.key([STICK] * len(system.patches), [1] * len(system.normals), [0] * len(system.limiters))
+    A = assemble(system, stick).A
+    out = x.copy()
+    out[: system.one] = 0.0
+    free = settling(system, A, moving_states(system, A))
+    held = np.setdiff1d(np.arange(system.one, system.n), free)
+    if len(free):
+        out[free] = np.linalg.solve(A[np.ix_(free, free)], -A[np.ix_(free, held)] @ x[held])
+    for limiter in system.limiters:  # a lag behind a clamp ends where the clamp does
+        value = float(limiter.row @ out)
+        rate = -float(system.signals[limiter.state - system.one, limiter.state])
+        if rate > 0.0:
+            out[limiter.state] += limiter.gain / rate * (min(max(value, limiter.low), limiter.high) - value)
+    return out
+
+
+def moving_states(system: System, A: Array) -> NDArray[np.int64]:
+    """Structure, network, and every signal that these drive."""
+    moving = np.zeros(system.n, dtype=bool)
+    moving[: system.one] = True
+    for _ in range(system.n):
+        more = moving | np.any(A[:, moving] != 0.0, axis=1)
+        if np.array_equal(more, moving):
+            break
+        moving = more
+    return np.flatnonzero(moving)
+
+
+def settling(system: System, A: Array, moving: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Signals outside of `moving` that come to rest by themselves: lags and filters, not commands or generators."""
+    rest = np.setdiff1d(np.arange(system.one, system.n), moving)
+    linked = np.eye(len(rest), dtype=bool) | (A[np.ix_(rest, rest)] != 0.0)
+    for _ in range(max(len(rest).bit_length(), 1)):
+        linked = linked @ linked
+    loops = linked & linked.T
+    stable = [
+        bool(np.linalg.eigvals(A[np.ix_(rest[loop], rest[loop])]).real.max() < 0.0)  # the loop that the signal is in
+        for loop in loops
+    ]
+    return np.asarray(rest[np.array(stable, dtype=bool)], dtype=np.int64)
+
+
+def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
+    """Steady sliding in mode set `key`, by Newton's method from the unloaded structure at rest.
+
+    In a stuck mode set only the matrix counts. `contact`: the friction force of patches with a law over speed, where
+    it is not the law's own (an average over a fast vibration). Raises numpy.linalg.LinAlgError at jamming.
+    """
+    modes = assemble(system, key)
+    moving = moving_states(system, modes.A)
+    x = system.start.copy()
+    x[: system.one] = 0.0
+    free = np.union1d(moving, settling(system, modes.A, moving))
+    stuck = STICK in system.modes(key)[0]
+    law = contact if contact is not None else own_law(system, modes)
+    A, T, load = linearised(system, modes, x, law)
+    residual, scale = np.inf, 1.0
+    for _ in range(0 if stuck else _ROUNDS):
+        rate = modes.A @ x + modes.b @ T
+        terms = np.abs(modes.A[free]) @ np.abs(x) + np.abs(modes.b[free]) @ np.abs(T)
+        before, residual, scale = residual, float(np.abs(rate[free]).max()), float(terms.max()) or 1.0
+        if residual <= _TOLERANCE * scale or residual > 2.0 * before:
+            break
+        x[free] -= np.linalg.lstsq(A[np.ix_(free, free)], rate[free], rcond=1e-14)[0]
+        A, T, load = linearised(system, modes, x, law)
+    nq = len(system.coordinates)
+    x[nq : 2 * nq] = 0.0  # q' = v: what Newton leaves there is rounding
+    speed = system.slip_rows @ x
+    friction = np.where(modes.nonlinear, T, modes.friction @ x + modes.friction_t @ T)
+    agrees = bool(np.all(modes.sigma * speed > 0.0)) and bool(np.all(load[modes.sigma != 0.0] > 0.0))
+    exists = not stuck and residual <= 1e-9 * scale and agrees
+    return Steady(system, modes, exists, x, A, moving, speed, load, friction)
+
+
+def own_law(system: System, modes: ModeSet) -> Contact:
+    """The friction of a patch in slip by its own law, continued to rest where w has the other sign."""
+
+    def contact(p: int, w: float, N: float) -> tuple[float, float, float]:
+        sigma, law = float(modes.sigma[p]), system.patches[p].law
+        v = max(sigma * w, 0.0)
+        mu = law.mu(v)
+        return sigma * mu * N, law.slope(v) * N, sigma * mu
+
+    return contact
+
+
+def linearised(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[Array, Array, Array]:
+    """Matrix of small motions at x, friction forces T and normal forces [patch] there."""
+    P = len(system.patches)
+    _, normal_modes, _ = system.modes(modes.key)
+    load, load_t = np.zeros((P, system.n)), np.zeros((P, P))
+    for k, normal in enumerate(system.normals):
+        if normal_modes[k] == CLOSED:
+            load[normal.patch] += modes.normal[k]
+            load_t[normal.patch] += modes.normal_t[k]
+    slipping = np.flatnonzero(modes.nonlinear)
+    w = system.slip_rows @ x
+    T, by_speed, by_load = np.zeros(P), np.zeros(P), np.zeros(P)
+    for _ in range(_ROUNDS if np.any(load_t) else 2):  # N depends on T only where the inertia of an absorber bears it
+        N = load @ x + load_t @ T
+        before = T.copy()
+        for p in slipping:
+            T[p], by_speed[p], by_load[p] = contact(int(p), float(w[p]), float(N[p]))
+        if np.allclose(T, before, rtol=1e-14, atol=0.0):
+            break
+    change = by_speed[:, None] * system.slip_rows + by_load[:, None] * load
+    dT = np.linalg.solve(np.eye(P) - by_load[:, None] * load_t, change) if P else change
+    return modes.A + modes.b @ dT, T, load @ x + load_t @ T

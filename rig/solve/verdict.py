@@ -1,0 +1,298 @@
+"""What the matrices say before a run starts: growth in every mode set, jamming, steps that a method cannot take.
+
+Friction rigs are built to be unstable: a sliding equilibrium that flutters into stick-slip is what one wants to see and
+is told as information. An error is what no part of the rig would ever stop: the run would only reach the limit of its
+state. Growth is stopped by
+
+    a limiter        that sees it and, once it clamps, ends it
+    the friction law whose fall with speed makes the growth: it ends where the law is flat
+    the contact      a guard that the growing shape moves: an oscillation reaches it, a monotone growth only if guards
+                     stand on both sides
+
+but not by the contact where a drive or a network runs away by itself: a belt that follows the body it carries (gain
+K above one, stuck: growth (K-1)/lag) and a negative capacitance below -1/(1+kappa/k).
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 2025, equations 4.7 to 4.20; the criteria are ours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.solve import laws
+from rig.solve.formulation import (
+    CLOSED,
+    G_LIMIT_LOW,
+    G_OPEN,
+    GUARD_NAMES,
+    LINEAR,
+    OPEN,
+    SLIP_MINUS,
+    SLIP_PLUS,
+    STICK,
+    Normal,
+    Patch,
+    System,
+    assemble,
+)
+from rig.solve.linear import Steady, moving_states, steady
+
+Array = NDArray[np.float64]
+Level = Literal["info", "warning", "error"]
+MOST = 27
+"""Mode sets looked at one by one; of more contacts only those in which all are alike, or one is stuck."""
+RK4_LIMIT = 2.785
+"""|lambda| h on the negative real axis up to which rk4 is stable; 2.828 on the imaginary one."""
+_COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4
+_STIFF = 50.0  # |lambda| step: dopri5 takes more than 15 steps for stability alone
+_ZERO = 1e-6  # of the largest eigenvalue: what a stuck contact carries along comes out as a rounded zero
+_NEUTRAL = 1e-10
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One verdict: how grave, what, the number that says so (a rate in 1/s where it is growth) and what helps."""
+
+    level: Level
+    what: str
+    number: float
+    remedy: str
+
+    def to_json(self) -> dict[str, object]:
+        """As plain values."""
+        return dict(vars(self))
+
+
+def verdict(system: System, method: str, step: float, substeps: int = 1) -> list[Finding]:
+    """Everything that can be said of `system` before it is run by `method` with sample step `step` [s]; gravest first.
+
+    `substeps`: rk4 steps in a sample step.
+    """
+    broken = list(_matrices(system))
+    if broken:
+        return broken
+    found = list(_drivers(system))
+    sets: list[tuple[float, str, Steady]] = []
+    for key in mode_sets(system):
+        name = system.describe(key)
+        jam = list(_jamming(system, key, name))
+        found += jam
+        if any(one.level == "error" for one in jam):
+            continue
+        try:
+            at = steady(system, key)
+        except np.linalg.LinAlgError:
+            found.append(_jammed(name, 0.0))
+            continue
+        sets.append((float(np.abs(np.linalg.eigvals(at.modes.A)).max()), name, at))
+    fastest, where, _ = max(sets, key=lambda one: one[0], default=(0.0, "", None))
+    for _, name, at in sets:
+        found += _growth(at, name, fastest)
+    found += _steps(fastest, where, method, step, substeps)
+    return sorted(found, key=lambda one: ("error", "warning", "info").index(one.level))
+
+
+def mode_sets(system: System) -> Iterator[int]:
+    """The mode sets to look at: contacts closed in slip and stick, and all open; limiters in their range."""
+    P, K, free = len(system.patches), len(system.normals), [LINEAR] * len(system.limiters)
+    kinds = (SLIP_PLUS, SLIP_MINUS, STICK)
+    patches: list[tuple[int, ...]] = list(product(kinds, repeat=P)) if 3**P <= MOST else [(k,) * P for k in kinds]
+    if 3**P > MOST:
+        patches += [(SLIP_PLUS,) * p + (STICK,) + (SLIP_PLUS,) * (P - p - 1) for p in range(P)]
+    for modes in patches:
+        yield system.key(modes, [CLOSED] * K, free)
+    if any(k.opens for k in system.normals):
+        yield system.key([SLIP_PLUS] * P, [OPEN if k.opens else CLOSED for k in system.normals], free)
+
+
+def _matrices(system: System) -> Iterator[Finding]:
+    names = ("mass", "damping", "stiffness", "force", "network", "signals", "start")
+    bad = [name for name in names if not np.all(np.isfinite(getattr(system, name)))]
+    parts: list[Patch | Normal] = [*system.patches, *system.normals]
+    for part in parts:
+        if not all(np.all(np.isfinite(v)) for v in vars(part).values() if isinstance(v, np.ndarray)):
+            bad.append(part.name)
+    if bad:
+        yield Finding("error", f"not a number in {', '.join(bad)}", math.nan, "look for a division by zero upstream")
+        return
+    if not len(system.mass):
+        return
+    lowest = float(np.linalg.eigvalsh(0.5 * (system.mass + system.mass.T)).min())
+    if lowest <= 0.0:
+        yield Finding(
+            "error",
+            "the mass matrix is not positive definite: some motion has no inertia",
+            lowest,
+            "give every coordinate a mass",
+        )
+    skew = float(np.abs(system.mass - system.mass.T).max())
+    if skew > 1e-12 * float(np.abs(system.mass).max()):
+        yield Finding("error", "the mass matrix is not symmetric", skew, "write each coupling into both places")
+
+
+def _drivers(system: System) -> Iterator[Finding]:
+    """Growth among the signals that nothing of the rig drives."""
+    A = assemble(
+        system, system.key([STICK] * len(system.patches), [OPEN] * len(system.normals), [0] * len(system.limiters))
+    ).A
+    rest = np.setdiff1d(np.arange(system.one, system.n), moving_states(system, A))
+    values, vectors = np.linalg.eig(A[np.ix_(rest, rest)])
+    scale = float(np.abs(values).max())
+    for value, shape in zip(values, vectors.T):
+        if value.real > _ZERO * scale > 0.0 and value.imag >= 0.0:
+            name = system.names[rest[int(np.abs(shape).argmax())]]
+            yield Finding("error", f"the signal {name} grows by itself{_at(value)}", float(value.real), "check its row")
+
+
+def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
+    """det(Me)/det(M) with the coefficients of rest and of fast sliding, whichever is worse."""
+    patch_modes, normal_modes, _ = system.modes(key)
+    M, worst = system.mass, 1.0
+    if not len(M) or not any(np.any(k.inertia) for k in system.normals):
+        return
+    for at_rest in (True, False):
+        Me = M.copy()
+        for k, normal in enumerate(system.normals):
+            if normal_modes[k] == OPEN:
+                continue
+            d, patch, mode = normal.direction.copy(), system.patches[normal.patch], patch_modes[normal.patch]
+            if mode != STICK:
+                mu = patch.law.mu(0.0 if at_rest else math.inf) if not patch.law.constant else patch.law.numbers[0]
+                d += (1.0 if mode == SLIP_PLUS else -1.0) * mu * patch.direction
+            Me -= np.outer(d, normal.inertia)
+        worst = min(worst, float(np.linalg.det(Me) / np.linalg.det(M)))
+    if worst <= 0.0:
+        yield _jammed(name, worst)
+    elif worst < 0.1:
+        yield Finding(
+            "warning",
+            f"close to jamming in {name}: friction takes up {100.0 * (1.0 - worst):.0f} % of the inertia",
+            worst,
+            "lower the friction coefficient or the tilt of the absorber",
+        )
+
+
+def _jammed(name: str, jam: float) -> Finding:
+    return Finding(
+        "error",
+        f"jams in {name}: friction grows faster with the acceleration than inertia does (Painleve)",
+        jam,
+        "lower the friction coefficient or the tilt, or give the body that slides more mass",
+    )
+
+
+def _growth(at: Steady, name: str, fastest: float) -> Iterator[Finding]:
+    """The growing motions of one mode set, each with what stops it."""
+    stuck = STICK in at.system.modes(at.modes.key)[0]
+    if at.modes.nonlinear.any() and not (stuck or at.exists):
+        return  # passed through, never settled in: there is nothing to linearise about
+    values, shapes = at.eigenvectors()
+    least = (_ZERO if stuck else _NEUTRAL) * fastest
+    for value, shape in zip(values, shapes.T):
+        if value.real <= least or value.imag < 0.0:
+            continue
+        kind = "flutter" if value.imag > 0.0 else "divergence"
+        told = f"{kind} in {name}{_at(value)}"
+        level, stop, remedy = _stopped(at, value, shape, least)
+        if level != "info" or stuck or at.exists:
+            yield Finding(level, f"{told}: {stop}", float(value.real), remedy)
+
+
+def _stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: float) -> tuple[Level, str, str]:
+    """How grave a growing motion is, what stops it, what helps."""
+    system = at.system
+    patch_modes, normal_modes, _ = system.modes(at.modes.key)
+    for x, limiter in enumerate(system.limiters):
+        if abs(limiter.row @ shape) <= 1e-9 * np.abs(limiter.row) @ np.abs(shape):
+            continue
+        clamped = [int(i == x) for i in range(len(system.limiters))]
+        held = steady(system, system.key(patch_modes, normal_modes, clamped))
+        if _largest(held.eigenvalues()) <= least:
+            remedy = "nothing to do; a lower gain keeps the drive out of its limit"
+            return "info", f"the limits of {limiter.name} stop it", remedy
+    q = 2 * len(system.coordinates)
+    alone = at.moving[at.moving < q]
+    structural = _largest(np.linalg.eigvals(at.A[np.ix_(alone, alone)])) > least
+    if not structural and value.imag == 0.0:
+        driver = system.names[q + int(np.abs(shape[q:]).argmax())]
+        remedy = "give the drive limits (speed_min, speed_max, force_max), or lower the gain of what feeds it"
+        return "error", f"{driver} runs away and nothing limits it", remedy
+    if at.modes.nonlinear.any() and _largest(_flat(at).eigenvalues()) <= least:
+        remedy = "to slide quietly: more speed, more damping, less load, or a control loop"
+        return "info", "friction falls with speed; the contact sticks and limits it", remedy
+    rows = at.modes.guards @ shape
+    size = 1e-9 * np.abs(at.modes.guards) @ np.abs(shape)
+    seen = np.abs(rows) > size
+    both_sides = bool(np.any(rows[seen].real > 0.0) and np.any(rows[seen].real < 0.0))
+    if seen.any() and (value.imag > 0.0 or both_sides):
+        first = int(np.flatnonzero(seen)[0])
+        guard = _guard(at, first)
+        remedy = "more damping, or a coefficient of friction below the limit of mode coupling"
+        return "info", f"it is limited where {guard}", remedy
+    remedy = "more damping" if value.imag > 0.0 else "more stiffness against this motion"
+    moved = system.names[int(np.abs(shape[: q // 2]).argmax())] if q else "the network"
+    return "error", f"{moved} grows and no contact, law or limiter stops it", remedy
+
+
+def _guard(at: Steady, g: int) -> str:
+    kind, owner, system = int(at.modes.kinds[g]), int(at.modes.owners[g]), at.system
+    owners = system.patches if kind < G_OPEN else system.normals if kind < G_LIMIT_LOW else system.limiters
+    return f"{owners[owner].name} {GUARD_NAMES[kind]}"
+
+
+def _flat(at: Steady) -> Steady:
+    """The same mode set with the coefficients of now, whatever the speed."""
+    flat = []
+    for p, patch in enumerate(at.system.patches):
+        mu = patch.law.mu(max(float(at.modes.sigma[p] * at.speed[p]), 0.0))
+        flat.append(replace(patch, law=replace(laws.coulomb(mu, mu), static=patch.law.static)))
+    return steady(replace(at.system, patches=tuple(flat)), at.modes.key)
+
+
+def _largest(values: NDArray[Any]) -> float:
+    return float(values.real.max()) if len(values) else 0.0
+
+
+def _at(value: complex) -> str:
+    hertz = f" at {abs(value.imag) / (2.0 * math.pi):.4g} Hz" if value.imag else ""
+    return f", growth {value.real:+.4g} 1/s{hertz}"
+
+
+def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -> Iterator[Finding]:
+    """Whether `method` can follow the fastest eigenvalue of all mode sets, that of the mode set `name`."""
+    h = step / substeps if method == "rk4" else step
+    size = fastest * h
+    if method == "rk4" and size > RK4_LIMIT:
+        yield Finding(
+            "error",
+            f"rk4 is unstable at a step of {h:g} s: |lambda| h = {size:.3g} in {name}, at most {RK4_LIMIT}",
+            size,
+            f"rk4_step below {0.9 * RK4_LIMIT / fastest:.2g} s, or method exact or dopri5",
+        )
+    elif method == "rk4" and size > _COARSE:
+        yield Finding(
+            "warning",
+            f"rk4 is coarse at a step of {h:g} s: |lambda| h = {size:.3g} in {name}",
+            size,
+            f"rk4_step of {0.1 / fastest:.2g} s or less",
+        )
+    elif method == "dopri5" and size > _STIFF:
+        yield Finding(
+            "warning",
+            f"stiff for dopri5: |lambda| step = {size:.3g} in {name}; stability, not accuracy, sets its steps",
+            size,
+            "drop what is so fast from the network at assembly (R = 0, L = 0), or use friction that exact can take",
+        )
+    elif method == "exact" and size > 1.0:
+        yield Finding(
+            "info",
+            f"the fastest motion in {name} is shorter than the step: |lambda| step = {size:.3g}; most ticks are opened",
+            size,
+            "results stay exact; a finer frame or a faster sensor is quicker",
+        )

@@ -1,0 +1,210 @@
+"""The eigenvalues of a rig at its sliding equilibrium: does sliding grow into vibration, how fast, at what frequency.
+
+    exp(lambda t),  growth rate Re lambda [1/s], frequency Im lambda / 2 pi [Hz], damping ratio -Re lambda / |lambda|
+
+The equilibrium is that of the scene's own values, commands held, lags settled, controllers left out. Dither is taken
+as switched off there; what it does at its stated amplitude is told beside it, averaged (rig.study.averaged).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from rig.scenes.scene import Scene
+from rig.solve.assembly import Assembly
+from rig.solve.formulation import System
+from rig.solve.linear import Steady, sliding_key, steady
+from rig.solve.slots import signal_rows
+from rig.solve.verdict import Finding, verdict
+from rig.study.averaged import averaged
+
+GENERATOR = ("dither.sin", "dither.cos")
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One motion about the equilibrium; `shape` holds the amplitude of each state, the largest coordinate being 1."""
+
+    growth: float
+    frequency: float
+    damping: float
+    shape: dict[str, complex]
+
+    @property
+    def kind(self) -> str:
+        """What such a motion is called."""
+        if abs(self.growth) <= 1e-9 * 2.0 * math.pi * self.frequency:
+            return "neutral"
+        if self.growth > 0.0:
+            return "flutter" if self.frequency else "divergence"
+        return "decays"
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """An equilibrium in sliding and the motions about it, the least stable first.
+
+    `exists` is false where nothing slides steadily; the numbers mean nothing then. `equilibrium`: plant outputs;
+    `coefficient`: friction over normal force of each contact.
+    """
+
+    exists: bool
+    equilibrium: dict[str, float]
+    coefficient: dict[str, float]
+    modes: tuple[Mode, ...]
+
+    @property
+    def growth(self) -> float:
+        """The largest growth rate [1/s]."""
+        return max((mode.growth for mode in self.modes), default=math.nan)
+
+    @property
+    def stable(self) -> bool:
+        """Whether every motion decays."""
+        return self.exists and self.growth < 0.0
+
+
+@dataclass(frozen=True)
+class Modes:
+    """What `modes` finds. `dithered` is None for a scene without dither; `amplitude` [unit] and `hertz` go with it."""
+
+    scene: str
+    mode: str
+    sliding: Sliding
+    units: dict[str, str]
+    findings: tuple[Finding, ...]
+    dithered: Sliding | None = None
+    amplitude: float = 0.0
+    unit: str = ""
+    hertz: float = 0.0
+
+    COLUMNS: ClassVar = ("motion", "growth 1/s", "frequency Hz", "damping ratio", "shape")
+
+    def table(self) -> list[tuple[str, float, float, float, str]]:
+        """A row for each motion, in the order of COLUMNS."""
+        found = [(mode.kind, mode) for mode in self.sliding.modes]
+        found += [(f"{mode.kind}, dithered", mode) for mode in (self.dithered.modes if self.dithered else ())]
+        return [(kind, one.growth, one.frequency, one.damping, _shape(one)) for kind, one in found]
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {
+            "scene": self.scene,
+            "mode": self.mode,
+            "units": self.units,
+            **_plain(self.sliding),
+            "dither": None
+            if self.dithered is None
+            else {"amplitude": self.amplitude, "unit": self.unit, "hertz": self.hertz, **_plain(self.dithered)},
+            "findings": [finding.to_json() for finding in self.findings],
+        }
+
+    def text(self) -> str:
+        """For a reader."""
+        lines = [f"{self.scene}: {'' if self.sliding.exists else 'no '}steady sliding ({self.mode})"]
+        if not self.sliding.exists:
+            lines += ["  nothing slides steadily with these values: the surface stands still or the contact is open"]
+        else:
+            lines += [f"  {name} = {v:.6g} {self.units[name]}" for name, v in self.sliding.equilibrium.items()]
+            lines += [f"  friction coefficient at {name} = {v:.6g}" for name, v in self.sliding.coefficient.items()]
+            lines += ["", "  {:<22}{:>12}{:>14}{:>15}  {}".format(*self.COLUMNS)]
+            lines += [f"  {k:<22}{g:>12.6g}{f:>14.6g}{d:>15.4g}  {s}" for k, g, f, d, s in self.table()]
+        if self.dithered is not None:
+            effect = ", ".join(f"{v:.4g} at {name}" for name, v in self.dithered.coefficient.items())
+            lines += [
+                "",
+                f"  dithered: {self.amplitude:g} {self.unit} at {self.hertz:g} Hz, friction {effect} (averaged)",
+            ]
+        lines += ["", *(f"  {f.level}: {f.what}\n    {f.remedy}" for f in self.findings)] if self.findings else []
+        return "\n".join(lines)
+
+
+def modes(scene: Scene) -> Modes:
+    """The eigenvalues of `scene` at its sliding equilibrium."""
+    assembly = scene.assemble()
+    system = assembly.system()
+    shaken = GENERATOR[0] in system.names
+    sine, cosine = (system.names.index(name) for name in GENERATOR) if shaken else (-1, -1)
+    if shaken:
+        quiet = system.start.copy()
+        quiet[[sine, cosine]] = 0.0
+        system = replace(system, start=quiet)
+    at = steady(system, sliding_key(system))
+    clock = scene.clock
+    method = clock.method if clock.method != "auto" else "dopri5" if at.modes.nonlinear.any() else "exact"
+    substeps = max(1, scene.step_ns // int(clock.rk4_step))
+    found = Modes(
+        scene=scene.name,
+        mode=system.describe(at.modes.key),
+        sliding=_sliding(assembly, at),
+        units={name: output.unit for name, output in assembly.outputs.items()},
+        findings=tuple(verdict(system, method, scene.step_ns * 1e-9, substeps)),
+    )
+    if not shaken:
+        return found
+    generator = assembly.inputs["dither.amplitude"]
+    return replace(
+        found,
+        dithered=_sliding(assembly, averaged(system, sine, cosine, generator.value)),
+        amplitude=generator.value,
+        unit=generator.unit,
+        hertz=assembly.inputs["dither.frequency"].value,
+    )
+
+
+def _sliding(assembly: Assembly, at: Steady) -> Sliding:
+    system = at.system
+    over_x, over_t = signal_rows(system, at.modes, [output.row for output in assembly.outputs.values()])
+    values = over_x @ at.x + over_t @ at.friction
+    rounding = 1e-14 * (np.abs(over_x) @ np.abs(at.x) + np.abs(over_t) @ np.abs(at.friction))
+    values[np.abs(values) <= rounding] = 0.0
+    rates, shapes = at.eigenvectors()
+    return Sliding(
+        exists=at.exists,
+        equilibrium=dict(zip(assembly.outputs, values.tolist())),
+        coefficient={
+            p.name: abs(float(T)) / float(N) if N > 0.0 else math.nan
+            for p, T, N in zip(system.patches, at.friction, at.load)
+        },
+        modes=tuple(_mode(system, rate, shape) for rate, shape in zip(rates, shapes.T) if rate.imag >= 0.0),
+    )
+
+
+def _mode(system: System, rate: complex, shape: Any) -> Mode:
+    count = len(system.coordinates)
+    first = int(np.abs(shape[:count]).argmax()) if count and np.any(shape[:count]) else int(np.abs(shape).argmax())
+    scaled = shape / shape[first]
+    return Mode(
+        growth=float(rate.real),
+        frequency=float(rate.imag / (2.0 * math.pi)),
+        damping=float(-rate.real / abs(rate)) if rate else 0.0,
+        shape={name: complex(v) for name, v in zip(system.names, scaled) if v},
+    )
+
+
+def _shape(mode: Mode) -> str:
+    parts = [(name, abs(v), math.degrees(math.atan2(v.imag, v.real))) for name, v in mode.shape.items()]
+    return ", ".join(f"{name} {size:.3g} at {angle:.0f} deg" for name, size, angle in parts)
+
+
+def _plain(sliding: Sliding) -> dict[str, Any]:
+    return {
+        "exists": sliding.exists,
+        "stable": sliding.stable,
+        "equilibrium": sliding.equilibrium,
+        "coefficient": sliding.coefficient,
+        "modes": [
+            {
+                "kind": mode.kind,
+                "growth": mode.growth,
+                "frequency": mode.frequency,
+                "damping": mode.damping,
+                "shape": {name: [v.real, v.imag] for name, v in mode.shape.items()},
+            }
+            for mode in sliding.modes
+        ],
+    }
