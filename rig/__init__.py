@@ -24,8 +24,10 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rig.record.run import Run
     from rig.scenes.scene import Scene
+    from rig.study.cycle import Cycle
+    from rig.study.modes import Modes
 
-__all__ = ["load", "open", "simulate"]
+__all__ = ["limit_cycle", "load", "modes", "open", "simulate"]
 
 
 def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
@@ -51,6 +53,23 @@ def simulate(scene: Scene | str, duration: float | None = None) -> Run:
     designed = numbers(loaded)
     built = {name: controllers.build(section, designed[name]) for name, section in loaded.controllers.items()}
     return run(loaded, built, None if duration is None else round(duration * 1e9))
+
+
+def modes(scene: Scene | str) -> Modes:
+    """Growth rates, frequencies, damping ratios and shapes of the motions about steady sliding."""
+    from rig.study.modes import modes as solve
+
+    return solve(load(scene) if isinstance(scene, str) else scene)
+
+
+def limit_cycle(scene: Scene | str) -> Cycle:
+    """Period, stick time, extremes and energy of the stick-slip cycle at constant actuator values.
+
+    Raises rig.errors.NumericsError where the motion has to stop.
+    """
+    from rig.study.cycle import limit_cycle as search
+
+    return search(load(scene) if isinstance(scene, str) else scene)
 
 
 def open(path: str | Path) -> Run:

@@ -1,0 +1,93 @@
+"""Limit cycles of set PEND against two independent integrators, and against the closed form of characteristic C.
+
+Numbers: Kroeger, Neubauer, Popp (2008), section 2, with calibrated parameters; C without damping in closed form:
+a = (mu_s - mu_k) F0 / c, b = v0 / w: T = 2 a / v0 + (2 pi - 2 atan2(a, b)) / w.
+"""
+
+import json
+import math
+
+import pytest
+
+import rig
+from rig.solve.motion import Event
+from rig.study.cycle import limit_cycle, repeating
+
+ORACLE = {  # period, time in stick, lowest velocity, highest and lowest displacement, displacement where stick starts
+    "belt": (0.32160366413722946, 0.10286728739274346, -0.10129890351933808, 0.006212858222975551,
+             -0.0028512005379839915, -0.0022200372435646075),
+    "belt_b": (0.2908260916234226, 0.04712730256525028, -0.07307059536727642, 0.005765545150626973,
+               -0.0007760836703160775, 0.00032436184608498317),
+    "belt_c_damped": (0.28244236395822964, 0.032130909046963446, -0.06393297265193866, 0.004899392899985426,
+                      -0.0008190529276451587, 0.001224145457182193),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ORACLE)
+def test_cycles_are_those_of_independent_integrators(name):
+    found = limit_cycle(rig.load(name))
+    (x_min, x_max), (v_min, v_max) = found.extremes["displacement"], found.extremes["velocity"]
+    got = (found.period, found.stick_time["contact"], v_min, x_max, x_min, found.stick_start["displacement"])
+    assert got == pytest.approx(ORACLE[name], rel=1e-8)
+    assert v_max == pytest.approx(0.06, rel=1e-9)
+
+
+def test_the_cycle_without_damping_is_the_closed_form():
+    a, b, w = 0.15 * 20.0 / 2500.0, 0.06 / math.sqrt(500.0), math.sqrt(500.0)
+    found = limit_cycle(rig.load("belt_c"))
+    assert found.method == "exact"
+    assert found.period == pytest.approx(2.0 * a / 0.06 + (2.0 * math.pi - 2.0 * math.atan2(a, b)) / w, rel=1e-12)
+    assert found.period == pytest.approx(0.28337885481892366, rel=1e-12)
+    assert found.extremes["velocity"][0] == pytest.approx(-w * math.hypot(a, b), rel=1e-9)
+    assert found.extremes["displacement"][1] == pytest.approx(0.25 * 20.0 / 2500.0 + math.hypot(a, b), rel=1e-9)
+
+
+def test_the_contact_lets_go_where_the_limit_is_reached():
+    found = limit_cycle(rig.load("belt_c_damped"))
+    assert found.stick_end["friction_force"] == pytest.approx(0.4 * 20.0, rel=1e-9)
+    assert found.stick_end["displacement"] == pytest.approx((0.4 * 20.0 - 2.0 * 0.06) / 2500.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("name", ["belt", "belt_c_damped"])
+def test_what_the_belt_supplies_in_a_cycle_goes_into_friction_and_damper(name):
+    energy = limit_cycle(rig.load(name)).energy
+    assert energy["drive"] == pytest.approx(energy["friction"] + energy["damper"], rel=1e-8)
+    assert abs(energy["stored"]) < 1e-8 * energy["drive"]
+    assert abs(energy["error"]) < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("name", "speed", "cycles"),
+    [("belt", 0.67, True), ("belt", 0.68, False), ("belt_c_damped", 0.0775, True), ("belt_c_damped", 0.0782, False)],
+)
+def test_stick_slip_lives_beside_stable_sliding_up_to_a_speed(name, speed, cycles):
+    found = limit_cycle(rig.load(name, {"drive.speed": speed}))
+    assert found.found is cycles
+    assert cycles or found.why == "sliding: no limit cycle"
+
+
+def test_a_belt_at_rest_has_no_cycle():
+    assert "nothing slides" in limit_cycle(rig.load("belt", {"drive.speed": 0.0})).why
+
+
+def _events(times, names):
+    return [Event(int(t // 1.0), t % 1.0, what, 0) for t, what in zip(times, names)]
+
+
+def test_a_cycle_repeats_when_three_of_them_agree():
+    names = ["a", "b", "c"] * 3
+    even = _events([0.1, 0.2, 0.7, 1.1, 1.2, 1.7, 2.1, 2.2, 2.7], names)
+    count, drift = repeating(even, 1.0)
+    assert count == 3
+    assert drift < 1e-12
+    late = _events([0.1, 0.2, 0.7, 1.1, 1.2, 1.7, 2.1, 2.3, 2.7], names)
+    assert repeating(late, 1.0)[1] == pytest.approx(0.1)
+    assert repeating(even[:6], 1.0) == (0, math.inf)
+
+
+def test_a_report_is_plain():
+    found = limit_cycle(rig.load("belt_c_damped"))
+    told = json.loads(json.dumps(found.to_json()))
+    assert told["frequency"] == pytest.approx(1.0 / found.period)
+    assert told["stick_share"]["contact"] == pytest.approx(0.11376, rel=1e-3)
+    assert "limit cycle" in found.text()
