@@ -29,7 +29,7 @@ def demo(view: View = False, web: Web = False) -> None:
 
     scene = load("pendulum")
     tell.note(f"{scene.title}\n\n{scene.about}\n")
-    outcome = supervise(scene, numbers=numbers(scene), view=view, web=web, say=tell.note)
+    outcome = supervise(scene, numbers=numbers(scene), view=view, web=web)
     if outcome.log:
         _draw(outcome.log, Path(outcome.log).with_suffix(".png"))
     tell.line(outcome.text())
@@ -66,7 +66,6 @@ def run(
         web=web,
         out=out,
         realtime=realtime,
-        say=tell.note,
     )
     if figure is not None and outcome.log:
         _draw(outcome.log, figure)
