@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterable
 from typing import Any
 
 from rig.bench import pace
@@ -68,6 +69,14 @@ class Attendant:
             text = f"{who.role} {who.name} left at t = {self._stand.t_ns / 1e9:.3f} s"
             note("left", text, **known)
             if who.role in MISSED:
+                self.faults.append(text)
+
+    def miss(self, missing: Iterable[str]) -> None:
+        """Write down who ("role name") was expected and is not here at the first frame."""
+        for who in missing:
+            text = f"{who} was not here when the run began"
+            self._operation.journal.note("missing", text)
+            if who.startswith(MISSED):
                 self.faults.append(text)
 
     def tell_health(self, now: int) -> None:

@@ -1,6 +1,7 @@
 """The operator's desk: what `cmd/plant` and `param/plant` let others do to a running plant.
 
-    cmd/plant     {"do": "stop" | "pause" | "resume"}
+    cmd/plant     {"do": "begin"}: wait no longer for those who are expected
+                  {"do": "stop" | "pause" | "resume"}
                   {"do": "knock", "impulse": N s}
                   {"do": "connect" | "disconnect", "controller": name}
                   {"do": "admit", "controller": name, "drives": [actuators], "period_ns": ns}
@@ -23,9 +24,12 @@ class Desk:
     def __init__(self, hub: Hub) -> None:
         self.stopped = ""
         """Who asked for the end; empty while nobody did."""
+        self.begun = False
+        """Whether somebody asked to begin without those who are missing."""
         self.paused = False
         self._hub, self._operation, self._stand = hub, hub.operation, hub.stand
         self._does = {
+            "begin": self._begin,
             "stop": self._stop,
             "pause": self._pause,
             "resume": self._pause,
@@ -60,6 +64,9 @@ class Desk:
         except KeyError as fault:
             raise UsageError(f"{what} needs {fault}") from None
         return {"tick": self._stand.tick, "t_ns": self._stand.t_ns}
+
+    def _begin(self, _: dict[str, Any]) -> None:
+        self.begun = True
 
     def _stop(self, _: dict[str, Any]) -> None:
         self.stopped = "stopped by an operator"

@@ -22,8 +22,8 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -90,10 +90,8 @@ class Plant:
         while missing := [f"{role} {name}" for role, name in self.job.expect if (role, name) not in present]:
             if self._stopping() or self.attendant.orphaned():
                 return
-            if time.monotonic() >= deadline:
-                for who in missing:
-                    self.attendant.faults.append(f"{who} did not join within {self.job.wait:g} s")
-                    self.operation.journal.note("missing", self.attendant.faults[-1])
+            if self.desk.begun or time.monotonic() >= deadline:
+                self.attendant.miss(missing)
                 break
             if (text := f"waiting for {', '.join(missing)}") != told:
                 told = text
@@ -244,7 +242,8 @@ def carry_out(
 ) -> dict[str, Any]:
     """Host a run and carry the job out; its summary. Raises RigError if it cannot begin.
 
-    `say` gets a line now and then before the first frame, `show` the health while the run goes on.
+    `stopping` says why the run is to end, "" while it is not; `say` gets a line now and then before the first frame,
+    `show` the health while the run goes on.
     """
     if job.realtime and (why := pace.take_priority()):
         say(why)
@@ -258,6 +257,19 @@ def carry_out(
         say(f"run {session.run}")
         plant.gather(say)
         return plant.run(show)
+
+
+@contextmanager
+def stop_signals() -> Iterator[Callable[[], str]]:
+    """Which of SIGINT and SIGTERM has asked for the end, "" while none has."""
+    asked: list[str] = []
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = {n: signal.signal(n, lambda n, _: asked.append(f"stopped by {signal.Signals(n).name}")) for n in numbers}
+    try:
+        yield lambda: asked[0] if asked else ""
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def warm(scene: Scene) -> None:
@@ -275,12 +287,10 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("job", type=Path, help="file with the job as JSON")
     parser.add_argument("--summary", type=Path, help="file for the summary as JSON")
     given = parser.parse_args(arguments)
-    asked: list[str] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda n, _: asked.append(f"stopped by {signal.Signals(n).name}"))
     try:
-        job = Job.from_json(given.job.read_text())
-        summary = carry_out(job, lambda: asked[0] if asked else "", lambda text: sys.stdout.write(f"{text}\n"))
+        with stop_signals() as stopping:
+            job = Job.from_json(given.job.read_text())
+            summary = carry_out(job, stopping, lambda text: print(text, flush=True))  # noqa: T201
     except RigError as error:
         sys.stderr.write(f"{error}\n")
         return error.exit_code

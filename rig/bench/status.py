@@ -2,10 +2,57 @@
 
 from __future__ import annotations
 
+import queue
+import shutil
+import sys
+import threading
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import Any, TextIO
 
 LABEL = 10
+
+
+class Live:
+    """The line of a run, written again and again in one place of a terminal; nothing where there is no terminal.
+
+    A thread of its own writes: a terminal that is held up must not hold up a plant.
+    """
+
+    def __init__(self, stream: TextIO = sys.stderr) -> None:
+        self._stream, self._width = stream, 0
+        self._terminal = stream.isatty()
+        self._queue: queue.SimpleQueue[tuple[str, bool] | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._write, name="live", daemon=True)
+        self._thread.start()
+
+    def show(self, health: Mapping[str, Any]) -> None:
+        """Put the line of `health` in place of the one before."""
+        if self._terminal:
+            self._queue.put((line(health), False))
+
+    def say(self, text: str) -> None:
+        """A line that stays."""
+        self._queue.put((text, True))
+
+    def done(self) -> None:
+        """Clear the line; waits a moment for what is still to be written."""
+        self._queue.put(None)
+        self._thread.join(1.0)
+
+    def _write(self) -> None:
+        while (found := self._queue.get()) is not None:
+            text, stays = found
+            if self._terminal:
+                text = text if stays else text[: shutil.get_terminal_size().columns - 1]
+                end = "\n" if stays else ""
+                self._stream.write(f"\r{text.ljust(self._width)}{end}")
+                self._width = 0 if stays else len(text)
+            else:
+                self._stream.write(f"{text}\n")
+            self._stream.flush()
+        if self._terminal and self._width:
+            self._stream.write(f"\r{' ' * self._width}\r")
+            self._stream.flush()
 
 
 def line(health: Mapping[str, Any]) -> str:
@@ -26,12 +73,16 @@ def line(health: Mapping[str, Any]) -> str:
 
 
 def summary(found: Mapping[str, Any], log: str = "", following: Iterable[str] = ()) -> str:
-    """The summary of a run in lines; `log` says what became of the recording, `following` what to try next."""
-    told = [("timing", _timing(found)), ("loop", _loop(found)), ("lost", _lost(found)), ("plant", _plant(found))]
-    told += [("note", [*found["faults"], *found["fault"].splitlines()[:1]])]
-    told += [("log", [log] if log else []), ("next", [" | ".join(following)])]
+    """The summary of a run; `log`: what became of the recording, `following`: what to try next."""
+    parts = [("timing", _timing(found)), ("loop", _loop(found)), ("lost", _lost(found)), ("plant", _plant(found))]
+    parts.append(("note", [*found["faults"], *found["fault"].splitlines(), *found.get("died", ())]))
+    parts += [("log", [log]), ("next", [" | ".join(following)])]
+    return _table(parts)
+
+
+def _table(parts: Iterable[tuple[str, Iterable[str]]]) -> str:
     rows = []
-    for label, lines in told:
+    for label, lines in parts:
         for i, text in enumerate(line for line in lines if line):
             rows.append(f" {label if i == 0 else '':{LABEL}}{text}")
     return "\n".join(rows)
@@ -69,14 +120,17 @@ def _loop(found: Mapping[str, Any]) -> list[str]:
     for name, counts in found["loop"].items():
         if name == "refused":
             lines += [f"{sender}: {count} commands refused" for sender, count in counts.items()]
-            continue
-        words = [f"{counts['taken']} commands"]
-        words += [f"{counts[kind]} {kind.replace('_', ' ')}" for kind in counts if kind not in ("taken", "oldest")
-                  and counts[kind]]  # fmt: skip
-        if counts["oldest"]:
-            words.append(f"oldest {counts['oldest']} frames")
-        lines.append(f"{name}: {', '.join(words)}")
+        else:
+            lines += _counted(name, counts)
     return lines
+
+
+def _counted(name: str, counts: Mapping[str, int]) -> list[str]:
+    words = [f"{counts['taken']} commands"]
+    words += [f"{n} {what.replace('_', ' ')}" for what, n in counts.items() if n and what not in ("taken", "oldest")]
+    if counts["oldest"]:
+        words.append(f"oldest {counts['oldest']} frames")
+    return [f"{name}: {', '.join(words)}"]
 
 
 def _lost(found: Mapping[str, Any]) -> list[str]:
@@ -85,6 +139,8 @@ def _lost(found: Mapping[str, Any]) -> list[str]:
 
 def _plant(found: Mapping[str, Any]) -> list[str]:
     plant = found["plant"]
+    if not plant:
+        return []
     return [
         f"method {plant['method']}, {plant['events']} events, stick {plant['stick_share']:.0%}, "
         f"energy error {found['energy']['error']:.0e}"

@@ -1,0 +1,100 @@
+"""A process that this one started: watched, and ended by its own number, in steps that are each bounded."""
+
+from __future__ import annotations
+
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+_ROOT = Path(__file__).resolve().parents[2]
+_KEPT = 50
+STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (signal.SIGKILL, 2.0))
+"""Signals that end a process, and how long each gets to work [s]."""
+
+
+class Child:
+    """`python -m ...` in a session of its own, so that Ctrl-C in the terminal reaches its parent only.
+
+    What it says on either stream is kept line by line: `lines` to be fetched, the last ones in `tail`.
+    """
+
+    def __init__(self, name: str, arguments: Sequence[str]) -> None:
+        self.name = name
+        self.lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self.tail: list[str] = []
+        path = os.pathsep.join(filter(None, (str(_ROOT), os.environ.get("PYTHONPATH", ""))))
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            start_new_session=True,
+            env={**os.environ, "PYTHONPATH": path},
+        )
+        self._reader = threading.Thread(target=self._read, name=f"read-{name}", daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        stream = self.process.stdout
+        assert stream is not None
+        with stream:
+            for text in stream:
+                self.tail = [*self.tail[-_KEPT:], text.rstrip()]
+                self.lines.put(text.rstrip())
+
+    def said(self) -> list[str]:
+        """Lines since the last call."""
+        found = []
+        while not self.lines.empty():
+            found.append(self.lines.get())
+        return found
+
+    @property
+    def code(self) -> int | None:
+        """Exit code; None while it lives, minus the signal that killed it."""
+        return self.process.poll()
+
+    @property
+    def told(self) -> str:
+        """How it ended, in words."""
+        code = self.code
+        if code is not None and code < 0:
+            return f"{self.name} was killed by {signal.Signals(-code).name}"
+        last = next((f": {text}" for text in reversed(self.tail) if text), "")
+        return f"{self.name} ended with code {code}{last}"
+
+    def send(self, number: signal.Signals) -> None:
+        """Send it a signal, if it lives."""
+        if self.code is None:
+            self.process.send_signal(number)
+
+    def wait(self, seconds: float) -> bool:
+        """Whether it ended within `seconds`."""
+        try:
+            self.process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return False
+        self._reader.join(1.0)
+        return True
+
+
+def end(children: Iterable[Child], patience: float) -> list[str]:
+    """Give them `patience` [s] to end by themselves, then end them; the names of those that had to be killed."""
+    left = list(children)
+    for number, span in ((None, patience), *STEPS):
+        for child in left:
+            if number is not None:
+                child.send(number)
+        deadline = time.monotonic() + span
+        left = [child for child in left if not child.wait(max(deadline - time.monotonic(), 0.0))]
+        if not left:
+            return []
+        killed = [child.name for child in left]
+    return killed

@@ -1,0 +1,256 @@
+"""The processes of one run, from start to end: plant, controllers, recorder, viewer.
+
+The plant is started first; when its run can be joined, the others are. One that dies is reported, and the plant goes
+on: the verdict says so. When the plant ends, however it ends, everybody else ends within seconds. Ctrl-C ends the plant
+as it should end; twice, all at once. Nothing is ended but what was started here.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import tempfile
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rig import bus
+from rig.bench.child import Child, end
+from rig.bench.job import Job
+from rig.bench.outcome import Outcome
+from rig.bench.status import Live
+from rig.bus import messages
+from rig.bus.port import Receiver, Session
+from rig.errors import BusError, RigError, UsageError
+from rig.scenes.scene import Scene
+
+JOIN_S = 30.0
+"""Longest wait of a process for the run, and of the plant for the processes."""
+LEAVE_S = 3.0
+"""Time in which everybody has left after the plant."""
+TOLD = ("mark", "limit", "diverged", "safe", "back", "refused", "evicted", "pause", "missing", "timeout", "not finite")
+"""Kinds of events that are shown while the run goes on."""
+
+
+def run(
+    scene: Scene,
+    *,
+    numbers: dict[str, Any],
+    pace: float | None = 1.0,
+    lockstep: bool = False,
+    duration: float | None = None,
+    view: bool = False,
+    web: bool = False,
+    record: bool = True,
+    out: Path | None = None,
+    name: str | None = None,
+    realtime: bool = False,
+    say: Callable[[str], object] | None = None,
+) -> Outcome:
+    """Run `scene` as processes; returns when all have ended. `numbers`: of the design of its controllers.
+
+    `pace` None: as fast as the controllers answer. `say` gets lines; without it they go to standard error, under the
+    live line.
+    """
+    expect = [("controller", controller) for controller in scene.controllers]
+    expect += [("recorder", "recorder")] if record else []
+    expect += [("viewer", "viewer")] if view or web else []
+    job = Job(
+        scene.to_json(),
+        numbers,
+        run=name,
+        pace=pace,
+        lockstep=lockstep,
+        duration=duration,
+        expect=tuple(expect),
+        wait=JOIN_S,
+        realtime=realtime,
+        parent=os.getpid(),
+        command=tuple(sys.argv),
+    )
+    live = Live()
+    with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder, _interrupts() as interrupts:
+        team = Team(Path(folder), job, out, web, say or live.say)
+        try:
+            return team.run(live, interrupts)
+        finally:
+            live.done()
+            end(team.children, 0.0)
+
+
+class Team:
+    """The processes of one run."""
+
+    def __init__(self, folder: Path, job: Job, out: Path | None, web: bool, say: Callable[[str], object]) -> None:
+        self.job, self._out, self._web, self._say = job, out, web, say
+        self._summary = folder / "summary.json"
+        description = folder / "job.json"
+        description.write_text(job.to_json())
+        arguments = ["rig.bench.plant_process", str(description), "--summary", str(self._summary)]
+        self.plant = Child("the plant", arguments)
+        self.others: dict[tuple[str, str], Child] = {}
+        self.died: list[str] = []
+        self.name = ""
+        self._asked = 0
+        self._over = False
+        self._health: dict[str, Any] = {}
+
+    @property
+    def children(self) -> list[Child]:
+        """All processes."""
+        return [*self.others.values(), self.plant]
+
+    def run(self, live: Live, interrupts: list[int]) -> Outcome:
+        """Wait for the run, start the others, watch until the plant has ended, then see everybody off."""
+        while not self.name:
+            if self.plant.wait(0.02):
+                self._hear()
+                raise _Failed(self.plant)
+            self._interrupt(interrupts)
+            self._hear()
+        self._start()
+        session = self._join()
+        if session is not None:
+            with session:
+                health, events = session.subscribe("health"), session.subscribe("event/*")
+                while not self.plant.wait(0.1):
+                    self._interrupt(interrupts)
+                    self._tell(events)
+                    self._look(session)
+                    self._hear()
+                    self._show(health, live)
+                self._tell(events)
+        self.plant.wait(JOIN_S if session is None else 0.0)
+        killed = end(self.others.values(), LEAVE_S)
+        self._hear()
+        self.died += [f"{name} did not end by itself" for name in killed]
+        return self._outcome()
+
+    def _start(self) -> None:
+        for role, name in self.job.expect:
+            self.others[role, name] = Child(f"{role} {name}", self._arguments(role, name))
+
+    def _arguments(self, role: str, name: str) -> list[str]:
+        joining = ["--run", self.name, "--wait", str(JOIN_S)]
+        if role == "controller":
+            return ["controllers.process", name, *joining]
+        if role == "recorder":
+            return ["rig", "record", *joining, *(["--out", str(self._out)] if self._out else [])]
+        return ["rig", "view", *joining, *(["--web"] if self._web else [])]
+
+    def _join(self) -> Session | None:
+        """A seat at the bus; None if the plant is gone already."""
+        try:
+            return bus.join(self.name, role="operator", name="supervisor", wait=2.0)
+        except BusError:
+            return None
+
+    def _hear(self) -> None:
+        """Hand on what the plant says; it names its run."""
+        for text in self.plant.said():
+            word, _, rest = text.partition(" ")
+            if word == "run" and not self.name:
+                self.name = rest
+            self._say(text)
+
+    def _look(self, session: Session) -> None:
+        """Report those that have died before the end; the plant need not wait for them."""
+        for who, child in list(self.others.items()):
+            if child.code is None or self._over:
+                continue
+            del self.others[who]
+            text = f"{child.told}; the plant goes on"
+            self.died.append(child.told)
+            self._say(text)
+            try:
+                session.ask("cmd/plant", {"do": "begin"}, timeout=1.0)
+            except RigError:
+                pass  # it is on its way out, or busy; it waits for a bounded time only
+
+    def _show(self, health: Receiver, live: Live) -> None:
+        for message in health.drain():
+            told = messages.decode("health", message.payload)
+            self._health = {field.name: getattr(told, field.name) for field in told.DESCRIPTOR.fields}
+            self._health["t"] = told.t_ns / 1e9
+            live.show(self._health)
+
+    def _tell(self, events: Receiver) -> None:
+        for message in events.drain():
+            event = messages.decode(message.topic, message.payload)
+            self._over = self._over or event.kind == "end"
+            if event.kind in TOLD:
+                self._say(f"{event.t_ns / 1e9:9.3f} s  {event.kind}: {event.text.partition(chr(10))[0]}")
+
+    def _interrupt(self, interrupts: list[int]) -> None:
+        """The first Ctrl-C ends the plant, the second everybody."""
+        while interrupts:
+            interrupts.pop()
+            if not self._asked:
+                self._say("ending the run; once more to end it at once")
+                self.plant.send(signal.SIGINT)
+            else:
+                for child in self.children:
+                    child.send(signal.SIGTERM if self._asked == 1 else signal.SIGKILL)
+            self._asked += 1
+
+    def _outcome(self) -> Outcome:
+        recorder = self.others.get(("recorder", "recorder"))
+        said = recorder.tail[-1] if recorder is not None and recorder.tail else ""
+        log = said.partition(": ")[0] if said else ""
+        try:
+            summary = json.loads(self._summary.read_text())
+        except (OSError, ValueError):
+            if self.plant.code is not None and self.plant.code > 0:
+                raise _Failed(self.plant) from None
+            summary = self._obituary()
+        return Outcome(summary, log, said, tuple(self.died))
+
+    def _obituary(self) -> dict[str, Any]:
+        """What is known of a plant that died without a word."""
+        known = self._health
+        return {
+            "run": self.name,
+            "verdict": "INVALID",
+            "reasons": [self.plant.told],
+            "exit_code": 1,
+            "ended": "the plant died",
+            "fault": self.plant.told,
+            "mode": "lockstep" if self.job.in_lockstep else "paced",
+            "ticks": known.get("tick", 0),
+            "seconds": known.get("t", 0.0),
+            "wall_seconds": 0.0,
+            "timing": {},
+            "waiting": {},
+            "round_trip": {"max": 0.0},
+            "loop": {},
+            "lost": {},
+            "faults": [],
+            "plant": {},
+        }
+
+
+class _Failed(UsageError):
+    """The plant could not begin; its last words say why."""
+
+    def __init__(self, plant: Child) -> None:
+        self.exit_code = max(plant.code or 1, 1)
+        super().__init__("\n".join(plant.tail) or plant.told)
+
+
+@contextmanager
+def _interrupts() -> Iterator[list[int]]:
+    """Ctrl-C and the like, gathered instead of raised."""
+    found: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    if threading.current_thread() is not threading.main_thread():
+        numbers = ()  # type: ignore[assignment]
+    before = {number: signal.signal(number, lambda n, _: found.append(n)) for number in numbers}
+    try:
+        yield found
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
