@@ -1,0 +1,8 @@
+"""What one sees of a run: the figure of a run, and rerun, live or from a recording.
+
+figure      a run as one PNG                       contact     contact modes as words and colours
+story       phases, marks, controllers at work     channels    which signal belongs to which plot
+process     the bridge: bus -> rerun               log         a recording in rerun
+stream      messages -> columns, in batches        picture     the rig as a moving picture
+blueprint   the arrangement of the window          viewer      the viewer's own process
+"""

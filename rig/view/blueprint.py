@@ -1,0 +1,117 @@
+"""The arrangement of the window: picture and phase portrait left, curves and strips right, health and events below."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rig.view.channels import Plot
+from rig.view.drawing import TIMELINE, Drawing
+
+if TYPE_CHECKING:
+    import rerun.blueprint as rrb
+
+LIVE_S = 6.0
+"""Seconds that the curves of a live run show."""
+
+
+def blueprint(drawing: Drawing, plots: list[Plot], live: bool) -> rrb.Blueprint:
+    """The window of a rig; a live run is followed through its last seconds, a recording is shown whole."""
+    import rerun.blueprint as rrb
+
+    right = rrb.Vertical(
+        _curves(plots[0], live),
+        _curves(plots[1], live) if len(plots) > 1 else _strips(live),
+        _strips(live),
+        rrb.Horizontal(_health(live), _more(plots[2:], live)) if live else _more(plots[2:], live),
+        row_shares=[3, 3, 2.0, 2.2],
+    )
+    left: list[rrb.View] = [view for view in (_picture(drawing), _portrait()) if view is not None]
+    left.append(_events())
+    return rrb.Blueprint(
+        rrb.Horizontal(rrb.Vertical(*left, row_shares=[3, 3, 2.0][: len(left)]), right, column_shares=[2, 3]),
+        rrb.TimePanel(timeline=TIMELINE, state="collapsed", play_state="following" if live else "playing"),
+        rrb.BlueprintPanel(state="collapsed"),
+        rrb.SelectionPanel(state="collapsed"),
+        auto_views=False,
+    )
+
+
+def _axis(live: bool) -> rrb.archetypes.TimeAxis | None:
+    """The last seconds before the cursor; None for everything there is."""
+    import rerun as rr
+    import rerun.blueprint as rrb
+
+    if not live:
+        return None
+    boundary = rr.TimeRangeBoundary.cursor_relative
+    window = rr.TimeRange(start=boundary(seconds=-LIVE_S), end=boundary(seconds=0.0))
+    return rrb.archetypes.TimeAxis(view_range=window)
+
+
+def _series(name: str, contents: list[str], live: bool) -> rrb.TimeSeriesView:
+    import rerun.blueprint as rrb
+
+    return rrb.TimeSeriesView(
+        origin="/",
+        contents=contents,
+        name=name,
+        axis_x=_axis(live),
+        plot_legend=rrb.PlotLegend(corner=rrb.Corner2D.LeftTop),
+    )
+
+
+def _curves(plot: Plot, live: bool) -> rrb.TimeSeriesView:
+    paths = [f"/sensor/{name}" for name in plot.sensors] + [f"/plant/{name}" for name in plot.outputs]
+    return _series(plot.title, paths, live)
+
+
+def _more(plots: list[Plot], live: bool) -> rrb.Tabs:
+    import rerun.blueprint as rrb
+
+    views = [_series("commands", ["/command/**"], live), *(_curves(plot, live) for plot in plots)]
+    return rrb.Tabs(*views, active_tab=0)
+
+
+def _strips(live: bool) -> rrb.StateTimelineView:
+    import rerun.blueprint as rrb
+
+    return rrb.StateTimelineView(origin="/strip", name="contact, protocol, controllers", time_view=_axis(live))
+
+
+def _health(live: bool) -> rrb.Tabs:
+    import rerun.blueprint as rrb
+
+    tabs = {
+        "lateness": ["lateness_us", "worst_us"],
+        "counts": ["late", "overruns", "drops", "held", "dropped"],
+        "energy": ["energy_error"],
+        "stick share": ["stick_share"],
+        "rate": ["rate"],
+    }
+    return rrb.Tabs(*(_series(tab, [f"/health/{n}" for n in names], live) for tab, names in tabs.items()), active_tab=0)
+
+
+def _events() -> rrb.TextLogView:
+    import rerun.blueprint as rrb
+
+    columns = rrb.TextLogColumns(text_log_columns=["body"], timeline_columns=[TIMELINE])
+    return rrb.TextLogView(origin="/event", name="events", columns=columns)
+
+
+def _picture(drawing: Drawing) -> rrb.Spatial3DView | None:
+    import rerun.blueprint as rrb
+
+    if drawing.picture is None:
+        return None
+    eye = rrb.EyeControls3D(position=drawing.picture.eye, look_target=drawing.picture.target, eye_up=(0.0, 0.0, 1.0))
+    return rrb.Spatial3DView(origin="/rig", name="the rig", eye_controls=eye, background=_DARK, line_grid=False)
+
+
+def _portrait() -> rrb.Spatial2DView:
+    import rerun.blueprint as rrb
+
+    bounds = rrb.VisualBounds2D(x_range=(-1.2, 1.2), y_range=(-1.2, 1.2))
+    return rrb.Spatial2DView(origin="/portrait", name="phase portrait", visual_bounds=bounds, background=_DARK)
+
+
+_DARK = (24, 27, 33)

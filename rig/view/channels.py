@@ -1,0 +1,66 @@
+"""Which signal belongs to which plot: a measurement stands with the quantity that it measures, in the same unit."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from typing import NamedTuple
+
+
+class Channel(NamedTuple):
+    """A sensor: the plant output it reads, and the factor that turns its reading into that quantity."""
+
+    reads: str
+    factor: float
+
+
+class Plot(NamedTuple):
+    """One plot: a title with its unit, plant outputs and sensors in it."""
+
+    title: str
+    outputs: tuple[str, ...]
+    sensors: tuple[str, ...]
+
+
+_GROUPS = (
+    ("velocity", ("velocity", "surface_speed")),
+    ("forces", ("friction_force", "normal_force")),
+    ("displacement", ("displacement",)),
+    ("acceleration", ("acceleration",)),
+    ("angle", ("angle",)),
+    ("angular speed", ("angular_velocity", "disc_speed")),
+)
+
+
+def channels(scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> dict[str, Channel]:
+    """What each sensor (name -> unit) of a scene (JSON text) measures; a strain becomes the force behind it.
+
+    A sensor in a unit of its own that no factor explains is left out: it cannot be laid over a plant output.
+    """
+    try:
+        sections = json.loads(scene).get("sensors", {})
+    except ValueError:
+        sections = {}
+    found = {}
+    for name, unit in sensors.items():
+        section = sections.get(name, {})
+        reads, strain = section.get("reads"), section.get("strain_per_newton")
+        if reads in outputs and (strain or outputs[reads] == unit):
+            found[name] = Channel(reads, 1.0 / strain if strain else 1.0)
+    return found
+
+
+def plots(scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> list[Plot]:
+    """The plots of a rig; what belongs to no group gets a plot by itself."""
+    placed = channels(scene, outputs, sensors)
+    found = []
+    rest = list(outputs)
+    for title, members in _GROUPS:
+        inside = tuple(name for name in members if name in rest)
+        if inside:
+            rest = [name for name in rest if name not in inside]
+            measured = tuple(name for name, channel in placed.items() if channel.reads in inside)
+            found.append(Plot(f"{title} [{outputs[inside[0]]}]", inside, measured))
+    found += [Plot(f"{name.replace('_', ' ')} [{outputs[name]}]", (name,), ()) for name in rest]
+    found += [Plot(f"{name} [{unit}]", (), (name,)) for name, unit in sensors.items() if name not in placed]
+    return found

@@ -1,0 +1,63 @@
+"""Contact modes as words and colours: what the first friction patch of a rig does.
+
+open    nothing presses: every normal force of the patch has lifted off
+stick   no slip                slip+   w > 0, the surface runs ahead        slip-   w < 0
+"""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.solve.formulation import OPEN, SLIP_MINUS, SLIP_PLUS, STICK, System
+
+NAMES = ("stick", "slip+", "slip-", "open")
+COLOURS = ("#3b6fb6", "#e08b3c", "#b4508a", "#9a9a9a")
+_OF_PATCH = {STICK: 0, SLIP_PLUS: 1, SLIP_MINUS: 2}
+_LIFTED = 3
+
+
+def system_of(scene: str) -> System | None:
+    """The rig of a scene (JSON text) as matrices; None if the text describes none, as in a recording by others."""
+    from rig.scenes.scene import Scene
+
+    try:
+        system = Scene.from_json(scene).assemble().system()
+    except (KeyError, TypeError, ValueError, json.JSONDecodeError):
+        return None
+    assert isinstance(system, System)
+    return system
+
+
+class Modes:
+    """Turns numbers of mode sets into indices of `NAMES`."""
+
+    def __init__(self, system: System | None) -> None:
+        self._system = system
+        self._known: dict[int, int] = {}
+
+    def index(self, key: int) -> int:
+        """Which of `NAMES` mode set `key` is."""
+        if key not in self._known:
+            self._known[key] = self._look_up(key)
+        return self._known[key]
+
+    def indices(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
+        """The same for an array."""
+        unique, inverse = np.unique(keys, return_inverse=True)
+        return np.array([self.index(int(key)) for key in unique], np.int64)[inverse.ravel()]
+
+    def _look_up(self, key: int) -> int:
+        system = self._system
+        if system is None or not system.patches or not 0 <= key < system.keys:
+            return _LIFTED
+        patches, normals, _ = system.modes(key)
+        loads = [mode for normal, mode in zip(system.normals, normals) if normal.patch == 0]
+        return _LIFTED if loads and all(mode == OPEN for mode in loads) else _OF_PATCH[patches[0]]
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Three bytes of "#rrggbb"."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)

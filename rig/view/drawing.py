@@ -1,0 +1,191 @@
+"""A run as entities of rerun: static descriptions once, then rows in blocks, each at its simulated time.
+
+plant/<output>  sensor/<sensor>  command/<controller>    curves
+strip/contact   strip/protocol   strip/<controller>      what was the case when
+rig/...         portrait/...                             the moving picture, the phase portrait
+health/...      event/<process>                          how the run goes, what happened
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.view import contact
+from rig.view.channels import channels
+from rig.view.picture import Columns, picture_of
+from rig.view.portrait import Portrait
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+Reals = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+TIMELINE = "sim_time"
+FRAME_NS = 20_000_000
+"""The picture moves fifty times per second of simulated time."""
+COLOURS = {
+    "velocity": "#4f93e6", "surface_speed": "#e0a03c", "friction_force": "#e2564c", "normal_force": "#7fbf7f",
+    "displacement": "#6bb3c9", "acceleration": "#b58be0", "slip_speed": "#c9b06b",
+}  # fmt: skip
+HEALTH = {
+    "rate": "rate", "lateness_us": "lateness p99 [us]", "worst_us": "worst lateness [us]", "late": "late frames",
+    "overruns": "overruns", "drops": "commands lost", "held": "commands held", "stick_share": "stick share",
+    "energy_error": "log10 |energy error|",
+}  # fmt: skip
+_LEVELS = {"fault": "ERROR", "diverged": "ERROR", "limit": "ERROR", "refused": "WARN", "left": "WARN", "pause": "WARN",
+           "overrun": "WARN", "missing": "WARN", "safe": "WARN", "contact": "DEBUG"}  # fmt: skip
+_FAINT = 150
+_SWITCH = {"connected": (58, 140, 96), "disconnected": (70, 74, 82)}
+
+
+class Drawing:
+    """The entities of a rig with these outputs and sensors (name -> unit)."""
+
+    def __init__(self, scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> None:
+        system = contact.system_of(scene)
+        self.scene = scene
+        self.outputs, self.sensors = dict(outputs), dict(sensors)
+        self.channels = channels(scene, outputs, sensors)
+        self.picture = picture_of(system, outputs)
+        self._modes = contact.Modes(system)
+        self._mode = -1
+        self._frame_ns = -FRAME_NS
+        pair = ("displacement", "velocity")
+        self._portrait = Portrait((outputs[pair[0]], outputs[pair[1]])) if set(pair) <= set(outputs) else None
+
+    @property
+    def plant(self) -> str:
+        """What stands on the bench."""
+        return str(self._told().get("plant", "rig"))
+
+    def _controllers(self) -> list[str]:
+        return list(self._told().get("controllers", {}))
+
+    def _told(self) -> dict[str, Any]:
+        try:
+            return dict(json.loads(self.scene))
+        except ValueError:
+            return {}
+
+    def static(self, rec: rr.RecordingStream) -> None:
+        """Send names and colours of all curves, and the picture's geometry."""
+        import rerun as rr
+
+        for name in self.outputs:
+            colour = contact.rgb(COLOURS.get(name, "#9fb0c4"))
+            rec.log(f"plant/{name}", rr.SeriesLines(names=_plain(name), colors=[colour], widths=1.6), static=True)
+        for name in self.sensors:
+            channel = self.channels.get(name)
+            red, green, blue = contact.rgb(COLOURS.get(channel.reads if channel else "", "#9fb0c4"))
+            pale = (min(red + 60, 255), min(green + 60, 255), min(blue + 60, 255), _FAINT)
+            said = f"{_plain(name)} (measured)"
+            rec.log(f"sensor/{name}", rr.SeriesLines(names=said, colors=[pale], widths=1.0), static=True)
+        for name, said in HEALTH.items():
+            rec.log(f"health/{name}", rr.SeriesLines(names=said, widths=1.6), static=True)
+        rec.log("health/dropped", rr.SeriesLines(names="dropped by this viewer", widths=1.6), static=True)
+        colours = [contact.rgb(colour) for colour in contact.COLOURS]
+        lanes = rr.StateConfiguration(values=contact.NAMES, labels=contact.NAMES, colors=colours)
+        rec.log("strip/contact", lanes, static=True)
+        for name in self._controllers():
+            states = rr.StateConfiguration(values=list(_SWITCH), labels=list(_SWITCH), colors=list(_SWITCH.values()))
+            rec.log(f"strip/{name}", states, static=True)
+        if self.picture is not None:
+            self.picture.static(rec)
+
+    def measured(self, sensor: str, t_ns: Integers, v: Reals) -> list[Columns]:
+        """Samples of a sensor, as the quantity that it measures."""
+        channel = self.channels.get(sensor)
+        return [_curve(f"sensor/{sensor}", t_ns, v * channel.factor if channel else v)]
+
+    def states(
+        self, t_ns: Integers, signals: Mapping[str, Reals], keys: Integers, every: int = 1, frames: int = 1 << 30
+    ) -> list[Columns]:
+        """States of the plant; curves of every so many rows, at most so many frames of the picture."""
+        modes = self._modes.indices(keys)
+        found = [_curve(f"plant/{name}", t_ns[::every], v[::every]) for name, v in signals.items()]
+        changed = np.flatnonzero(np.diff(modes, prepend=self._mode))
+        if changed.size:
+            words = [contact.NAMES[mode] for mode in modes[changed]]
+            found.append(self._strip("contact", t_ns[changed], words))
+        self._mode = int(modes[-1])
+        if self.picture is not None:
+            shown = self._frames(t_ns, frames)
+            moved = self.picture.frames(t_ns, signals, modes, shown)
+            found += moved if shown.size else []
+        if self._portrait is not None:
+            self._portrait.add(t_ns, signals["displacement"], signals["velocity"], modes)
+        return found
+
+    def portrait(self) -> list[Columns]:
+        """The phase portrait as of the last state."""
+        return self._portrait.draw() if self._portrait is not None else []
+
+    def _frames(self, t_ns: Integers, most: int) -> Integers:
+        """The rows to be shown in the picture."""
+        grid = t_ns // FRAME_NS
+        rows = np.flatnonzero(np.diff(grid, prepend=self._frame_ns // FRAME_NS))
+        if rows.size:
+            self._frame_ns = int(t_ns[rows[-1]])
+        return rows if rows.size <= most else rows[np.linspace(0, rows.size - 1, most).astype(np.int64)]
+
+    def commands(self, controller: str, t_ns: Integers, values: Reals) -> list[Columns]:
+        """Commands [row, drive] as they took effect."""
+        import rerun as rr
+
+        columns = rr.Scalars.columns(scalars=values.ravel()).partition([values.shape[1]] * len(values))
+        return [Columns(f"command/{controller}", t_ns, columns)]
+
+    def health(self, t_ns: Integers, told: Mapping[str, Sequence[float]]) -> list[Columns]:
+        """Health messages, field by field."""
+        found = []
+        for name, values in told.items():
+            v = np.asarray(values, np.float64)
+            found.append(_curve(f"health/{name}", t_ns, np.log10(np.abs(v) + 1e-18) if name == "energy_error" else v))
+        return found
+
+    def events(self, events: Iterable[Mapping[str, Any]]) -> list[Columns]:
+        """What happened: lines of the log, and lanes of the strip."""
+        import rerun as rr
+
+        found = []
+        for event in events:
+            now, kind = np.array([event["t_ns"]], np.int64), event["kind"]
+            text = f"{kind}: {event['text']}"
+            columns = rr.TextLog.columns(text=[text], level=[_LEVELS.get(kind, "INFO")])
+            found.append(Columns(f"event/{event['source']}", now, columns))
+            if kind == "step":
+                found.append(self._strip("protocol", now, [event["text"]]))
+            elif kind in ("connected", "disconnected"):
+                found.append(self._strip(str(event["data"].get("controller", "controller")), now, [kind]))
+        return found
+
+    def _strip(self, lane: str, t_ns: Integers, words: list[str]) -> Columns:
+        import rerun as rr
+
+        return Columns(f"strip/{lane}", t_ns, rr.StateChange.columns(state=words))
+
+
+def _plain(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _curve(path: str, t_ns: Integers, v: Reals) -> Columns:
+    import rerun as rr
+
+    return Columns(path, t_ns, rr.Scalars.columns(scalars=v))
+
+
+def send(rec: rr.RecordingStream, batch: Iterable[Columns]) -> None:
+    """Hand rows to rerun."""
+    import rerun as rr
+
+    for path, t_ns, columns in batch:
+        if len(t_ns):
+            time = rr.TimeColumn(TIMELINE, duration=np.asarray(t_ns).astype("timedelta64[ns]"))
+            rec.send_columns(path, indexes=[time], columns=columns)

@@ -1,0 +1,130 @@
+"""Messages of the bus in, rows for rerun out: collected between two batches, bounded, and what is left out is counted.
+
+Between two batches at most `KEPT` samples of a sensor and `KEPT` states are kept; when nobody takes them, as when the
+viewer hangs, the oldest go and count as dropped. Curves show 1 kHz at most: of faster sensors every n-th sample.
+"""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict, deque
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from rig.bus import messages
+from rig.bus.port import Message
+from rig.bus.setup import Setup
+from rig.view.drawing import HEALTH, Drawing
+from rig.view.picture import Columns
+
+KEPT = 4000
+SHOWN_NS = 1_000_000
+_FRAMES = 12
+_BLOCKS = 400
+_ROWS = 400
+
+
+class Feed:
+    """Collects messages for a drawing; `take` gives what has come together since the last time."""
+
+    def __init__(self, drawing: Drawing, described: Setup) -> None:
+        self._drawing = drawing
+        self._decode = messages.decoder(list(described.outputs))
+        self._fields = [(name, messages.field_name(name)) for name in described.outputs]
+        self._states: deque[Any] = deque(maxlen=KEPT)
+        self._blocks: dict[str, deque[Any]] = defaultdict(lambda: deque(maxlen=KEPT))
+        self._room: dict[str, int] = {}
+        self._applied: dict[str, deque[Any]] = defaultdict(lambda: deque(maxlen=KEPT))
+        self._health: deque[Any] = deque(maxlen=_BLOCKS)
+        self._events: deque[dict[str, Any]] = deque(maxlen=_BLOCKS)
+        self._now_ns = 0
+        self.messages = 0
+        self.dropped = 0
+        """Messages that came and could not be shown because the viewer took nothing."""
+        self.thinned = 0
+        """Rows left out because nobody could see them."""
+
+    def add(self, arrived: Iterable[Message]) -> None:
+        """Take messages in."""
+        for message in arrived:
+            kind, _, name = message.topic.partition("/")
+            told = self._decode(message.topic, message.payload)
+            self.messages += 1
+            self._now_ns = max(self._now_ns, message.t_ns)
+            if kind == "state":
+                self._keep(self._states, told)
+            elif kind == "meas":
+                self._keep_block(name, told)
+            elif kind == "applied":
+                self._keep(self._applied[name], told)
+            elif kind == "health":
+                self._keep(self._health, told)
+            elif kind == "event":
+                event = {field: getattr(told, field) for field in ("t_ns", "tick", "source", "kind", "text")}
+                self._keep(self._events, {**event, "data": json.loads(told.data or "{}")})
+
+    def _keep(self, room: deque[Any], told: Any) -> None:
+        self.dropped += len(room) == room.maxlen
+        room.append(told)
+
+    def _keep_block(self, sensor: str, block: Any) -> None:
+        """Bounded by samples, not by messages: blocks may be long."""
+        room = self._blocks[sensor]
+        room.append(block)
+        size = self._room.get(sensor, 0) + len(block.v)
+        while size > KEPT * max(SHOWN_NS // max(block.dt_ns, 1), 1) and len(room) > 1:
+            size -= len(room.popleft().v)
+            self.dropped += 1
+        self._room[sensor] = size
+
+    def take(self, lost: int = 0) -> list[Columns]:
+        """Everything collected, as rows; `lost`: messages that did not arrive here at all."""
+        found: list[Columns] = []
+        if self._states:
+            found += self._take_states()
+        for sensor, blocks in self._blocks.items():
+            found += self._take_blocks(sensor, blocks)
+        self._room.clear()
+        for controller, rows in self._applied.items():
+            if rows:
+                shown = self._shown(list(rows))
+                t_ns = np.array([row.t_ns for row in shown], np.int64)
+                found += self._drawing.commands(controller, t_ns, np.array([list(row.values) for row in shown]))
+                rows.clear()
+        if self._health:
+            t_ns = np.array([told.t_ns for told in self._health], np.int64)
+            fields = {name: [getattr(told, name) for told in self._health] for name in HEALTH}
+            fields["dropped"] = [lost + self.dropped] * t_ns.size
+            found += self._drawing.health(t_ns, fields)
+            self._health.clear()
+        found += self._drawing.events(self._events)
+        self._events.clear()
+        return found
+
+    def _shown(self, rows: list[Any]) -> list[Any]:
+        every = -(-len(rows) // _ROWS)
+        self.thinned += len(rows) - len(rows[::every])
+        return rows[::every]
+
+    def _take_states(self) -> list[Columns]:
+        states = list(self._states)
+        self._states.clear()
+        t_ns = np.array([state.t_ns for state in states], np.int64)
+        keys = np.array([state.mode for state in states], np.int64)
+        signals = {name: np.array([getattr(state, field) for state in states]) for name, field in self._fields}
+        every = -(-t_ns.size // _ROWS)
+        self.thinned += t_ns.size - len(t_ns[::every])
+        return self._drawing.states(t_ns, signals, keys, every, _FRAMES) + self._drawing.portrait()
+
+    def _take_blocks(self, sensor: str, blocks: deque[Any]) -> list[Columns]:
+        if not blocks:
+            return []
+        t_ns = np.concatenate([b.t0_ns + b.dt_ns * np.arange(len(b.v), dtype=np.int64) for b in blocks])
+        v = np.concatenate([np.array(b.v, np.float64) for b in blocks])
+        fine = max(SHOWN_NS // max(blocks[0].dt_ns, 1), 1) if blocks[0].dt_ns else 1
+        every = max(int(fine), -(-v.size // _ROWS))
+        blocks.clear()
+        self.thinned += v.size - len(v[::every])
+        return self._drawing.measured(sensor, t_ns[::every], v[::every])

@@ -1,0 +1,333 @@
+"""A run as one picture for a researcher: PNG, 1600 pixels wide.
+
+phases and marks of the protocol                        phase portrait, by controller or by time
+velocity of the body and of the surface
+friction and normal force                               close-up of some periods
+contact mode                                            what the run was, and how well it went
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.record.run import Integers, Reals, Run
+from rig.view import contact, story
+from rig.view.channels import channels
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_COLUMNS = 2400
+_BODY, _SURFACE, _FRICTION, _NORMAL = "#1d4f91", "#d1802f", "#b5322f", "#5a5a5a"
+_MEASURED = 0.35
+_SECTIONS = ("#1d4f91", "#c03a76", "#2a9d77", "#d1802f", "#7a5fb0")
+_STYLE: dict[str, Any] = {
+    "font.size": 10.5,
+    "axes.titlesize": 11,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 10.5,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e3e3e3",
+    "grid.linewidth": 0.7,
+    "legend.frameon": False,
+    "legend.fontsize": 9.5,
+    "lines.linewidth": 1.1,
+    "agg.path.chunksize": 20000,
+}
+
+
+def draw(run: Run, path: Path | str) -> None:
+    """Draw `run` into the file `path` (PNG; other endings as matplotlib knows them). Directories are made."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
+        figure = Figure(figsize=(12.8, 8.4), dpi=125, facecolor="white")
+        FigureCanvasAgg(figure)
+        _compose(figure, run)
+        figure.savefig(path)
+
+
+def _compose(figure: Figure, run: Run) -> None:
+    grid = figure.add_gridspec(
+        4, 2, width_ratios=(2.35, 1), height_ratios=(0.30, 2.2, 2.2, 0.26), hspace=0.13, wspace=0.21,
+        left=0.076, right=0.985, top=0.94, bottom=0.072,
+    )  # fmt: skip
+    right = grid[:, 1].subgridspec(3, 1, height_ratios=(2.3, 1.5, 0.85), hspace=0.42)
+    times = figure.add_subplot(grid[1, 0])
+    modes = contact.Modes(contact.system_of(run.scene)).indices(run.mode)
+    _phases(figure.add_subplot(grid[0, 0], sharex=times), run)
+    _velocity(times, run)
+    forces = figure.add_subplot(grid[2, 0], sharex=times)
+    _forces(forces, run)
+    strip = figure.add_subplot(grid[3, 0], sharex=times)
+    _strip(strip, run, modes)
+    for axes in (times, forces):
+        axes.tick_params(labelbottom=False)
+        _shade(axes, run)
+    _portrait(figure.add_subplot(right[0]), run)
+    _close_up(figure.add_subplot(right[1]), run, modes)
+    _caption(figure.add_subplot(right[2]), run)
+    figure.align_ylabels((times, forces))
+    about = _scene(run)
+    figure.text(0.076, 0.968, about.get("title") or about.get("name") or "run", fontsize=15, fontweight="bold")
+    if run.fault:
+        first = run.fault.partition("\n")[0]
+        figure.text(0.985, 0.968, first[:110], color="#b5322f", ha="right", fontsize=10.5)
+
+
+def _scene(run: Run) -> dict[str, Any]:
+    try:
+        found = json.loads(run.scene)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+def thinned(t: Reals, v: Reals, columns: int = _COLUMNS) -> tuple[Reals, Reals]:
+    """A line that looks like (t, v) when it is drawn over `columns` columns: lowest and highest of each."""
+    if t.size <= 4 * columns:
+        return t, v
+    size = -(-t.size // columns)
+    count = t.size // size
+    table = v[: count * size].reshape(count, size)
+    filled = np.where(np.isnan(table), np.inf, table).min(axis=1), np.where(np.isnan(table), -np.inf, table).max(axis=1)
+    ends = np.stack(filled, axis=1)
+    ends[~np.isfinite(ends)] = np.nan
+    return np.repeat(t[: count * size : size], 2), ends.ravel()
+
+
+def _line(axes: Axes, t: Reals, v: Reals, **style: Any) -> None:
+    axes.plot(*thinned(t, v), **style)
+
+
+def _measured(run: Run, reads: str) -> list[tuple[str, Reals, Reals]]:
+    """Sensors of an output: name, times, values in its unit."""
+    sensors = {name: run.units.get(f"meas/{name}", "") for name in run.measurements}
+    placed = channels(run.scene, {name: run.units.get(name, "") for name in run.signals}, sensors)
+    return [
+        (
+            name,
+            np.multiply(run.measurements[name].t_ns, 1e-9, dtype=np.float64),
+            run.measurements[name].v * channel.factor,
+        )
+        for name, channel in placed.items()
+        if channel.reads == reads
+    ]
+
+
+def _label(name: str) -> str:
+    return name.replace("_", " ")
+
+
+def _legend(axes: Axes, columns: int) -> None:
+    """Above the curves, where none can hide behind it."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.16 * (high - low))
+    legend = axes.legend(loc="upper left", ncols=columns, borderaxespad=0.2, handlelength=1.6, columnspacing=1.4)
+    for handle in legend.get_lines():
+        handle.set_linewidth(2.2)
+
+
+def _curves(axes: Axes, run: Run, outputs: tuple[tuple[str, str], ...]) -> None:
+    count = 0
+    for output, colour in outputs:
+        if output not in run.signals:
+            continue
+        for name, t, v in _measured(run, output):
+            label = f"{_label(name)} (measured)"
+            _line(axes, t, v, color=colour, alpha=_MEASURED, lw=2.6, label=label, zorder=2)
+            count += 1
+        _line(axes, run.time, run.signals[output], color=colour, label=_label(output), zorder=3)
+        count += 1
+    if count:
+        _legend(axes, min(count, 4))
+
+
+def _velocity(axes: Axes, run: Run) -> None:
+    _curves(axes, run, (("velocity", _BODY), ("surface_speed", _SURFACE)))
+    axes.set_ylabel(f"velocity [{run.units.get('velocity', '')}]")
+    axes.set_xlim(0.0, story.end_of(run) or 1.0)
+
+
+def _forces(axes: Axes, run: Run) -> None:
+    _curves(axes, run, (("normal_force", _NORMAL), ("friction_force", _FRICTION)))
+    axes.set_ylabel(f"force [{run.units.get('friction_force', '')}]")
+
+
+def _shade(axes: Axes, run: Run) -> None:
+    """Where controllers work, and where something was marked."""
+    for span in story.controlled(run):
+        axes.axvspan(span.begin, span.end, color="#2a9d77", alpha=0.09, lw=0, zorder=0)
+    for mark in story.marks(run):
+        axes.axvline(mark.time, color="#777777", lw=0.8, ls=(0, (4, 3)), zorder=1)
+
+
+def _fitting(text: str, width: float) -> str:
+    """`text` cut to `width` in characters; empty if little would be left."""
+    if len(text) <= width:
+        return text
+    return text[: int(width) - 1].rstrip() + "…" if width >= 6 else ""
+
+
+def _phases(axes: Axes, run: Run) -> None:
+    """Two lines of words above the curves: marks, and the steps of the protocol as a band."""
+    end = story.end_of(run) or 1.0
+    letters = 126.0 / end  # characters that fit into a second
+    axes.set_ylim(0.0, 2.0)
+    axes.grid(False)
+    axes.set_axis_off()
+    for i, span in enumerate(story.phases(run)):
+        axes.axvspan(span.begin, span.end, 0.02, 0.46, color="#e9edf3" if i % 2 else "#d9e0ea", lw=0)
+        room = letters * (span.end - span.begin) - 1
+        shorter = (span.text, "to" + span.text.partition(" to")[2])
+        text = next((t for t in shorter if len(t) <= room and t != "to"), _fitting(span.text, room))
+        axes.text((span.begin + span.end) / 2, 0.48, text, ha="center", va="center", fontsize=9, color="#333333")
+    marks = story.marks(run)
+    for mark, after in zip(marks, [m.time for m in marks[1:]] + [end]):
+        axes.plot([mark.time, mark.time], [0.0, 1.9], color="#777777", lw=0.8, ls=(0, (4, 3)), clip_on=False)
+        room = letters * (max(after - mark.time, end * 0.12 if after == end else 0.0)) - 1
+        axes.text(mark.time + 0.004 * end, 1.45, _fitting(mark.text, room), va="center", fontsize=9.5, color="#111111")
+
+
+def _strip(axes: Axes, run: Run, modes: Integers) -> None:
+    """Contact mode over time; where modes alternate faster than a pixel the colours mix by their shares."""
+    axes.set_yticks([])
+    axes.grid(False)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel("contact", rotation=0, ha="right", va="center")
+    if not modes.size:
+        axes.text(0.5, 0.5, "not recorded", transform=axes.transAxes, ha="center", va="center", color="#777777")
+        return
+    palette = np.array([contact.rgb(colour) for colour in contact.COLOURS]) / 255.0
+    columns = min(_COLUMNS, modes.size)
+    starts = np.arange(columns) * modes.size // columns
+    counts = np.diff([*starts, modes.size])
+    mixed = np.add.reduceat(palette[modes], starts, axis=0) / counts[:, None]
+    axes.imshow(mixed[None], aspect="auto", extent=(0.0, story.end_of(run), 0.0, 1.0), interpolation="nearest")
+    from matplotlib.patches import Patch
+
+    seen = [Patch(color=contact.COLOURS[i], label=contact.NAMES[i]) for i in np.unique(modes)]
+    axes.legend(handles=seen, loc="upper right", bbox_to_anchor=(1.0, -0.62), ncols=len(seen), handlelength=1.1)
+
+
+def _portrait(axes: Axes, run: Run) -> None:
+    """Velocity over displacement."""
+    x, v = (run.signals.get(name, np.empty(0)) for name in ("displacement", "velocity"))
+    axes.set_title("phase portrait")
+    axes.set_xlabel(f"displacement [{'mm' if run.units.get('displacement') == 'm' else ''}]")
+    axes.set_ylabel(f"velocity [{run.units.get('velocity', '')}]")
+    if not x.size or not v.size:
+        return
+    sections = story.sections(run)
+    if len(sections) > 1:
+        names = list(dict.fromkeys(section.text for section in sections))
+        first = dict.fromkeys(names, True)
+        for section in sorted(sections, key=lambda s: s.text != "free"):
+            inside = (run.time >= section.begin) & (run.time <= section.end)
+            colour = _SECTIONS[names.index(section.text) % len(_SECTIONS)]
+            label = section.text if section.text == "free" else f"with {section.text}"
+            axes.plot(1e3 * x[inside], v[inside], color=colour, lw=0.8, alpha=0.85,
+                      label=label if first[section.text] else None)  # fmt: skip
+            first[section.text] = False
+        _legend(axes, len(names))
+    else:
+        _by_time(axes, run, 1e3 * x, v)
+
+
+def _by_time(axes: Axes, run: Run, x: Reals, v: Reals) -> None:
+    from matplotlib.collections import LineCollection
+
+    every = max(x.size // 40_000, 1)
+    points = np.stack((x[::every], v[::every]), axis=1)
+    lines = LineCollection(list(np.stack((points[:-1], points[1:]), axis=1)), cmap="viridis_r", lw=0.9)
+    lines.set_array(run.time[::every][:-1])
+    axes.add_collection(lines)
+    axes.autoscale_view()
+    bar = axes.figure.colorbar(lines, ax=axes, pad=0.02, aspect=28)  # type: ignore[union-attr]
+    bar.set_label("time [s]")
+    bar.outline.set_visible(False)  # type: ignore[operator]
+
+
+def _close_up(axes: Axes, run: Run, modes: Integers) -> None:
+    """Some periods of the liveliest part."""
+    begin, end = _liveliest(run, modes)
+    axes.set_title("close-up: velocity, and where it sticks")
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(f"velocity [{run.units.get('velocity', '')}]")
+    inside = (run.time >= begin) & (run.time <= end)
+    if modes.size:
+        stuck = (modes[inside] == 0).astype(np.int8)
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], stuck, [0]))))
+        t = np.append(run.time[inside], end)
+        for low, high in edges.reshape(-1, 2):
+            axes.axvspan(t[low], t[high], color=contact.COLOURS[0], alpha=0.16, lw=0)
+    for name, colour in (("surface_speed", _SURFACE), ("velocity", _BODY)):
+        if name in run.signals:
+            axes.plot(run.time[inside], run.signals[name][inside], color=colour, lw=1.4)
+    axes.set_xlim(begin, end)
+
+
+def _liveliest(run: Run, modes: Integers) -> tuple[float, float]:
+    """A window of four periods, or a tenth of the run, in which the velocity swings most."""
+    v, end = run.signals.get("velocity", np.empty(0)), story.end_of(run)
+    if v.size < 20:
+        return 0.0, end or 1.0
+    width = end / 10
+    landings = run.time[1:][np.diff((modes == 0).astype(np.int8)) > 0] if modes.size else np.empty(0)
+    if landings.size > 4:
+        gaps = np.diff(landings)
+        width = float(np.clip(4.0 * _typical(gaps), end / 200, end / 2))
+    size = max(int(width / end * v.size), 2)
+    starts = np.arange(0, v.size - size + 1, max(size // 4, 1))
+    swings = np.array([np.nanstd(v[s : s + size]) for s in starts])
+    best = float(run.time[starts[int(np.argmax(swings >= 0.98 * swings.max()))]])
+    return best, min(best + width, end)
+
+
+def _typical(gaps: Reals) -> float:
+    """The gap in which the run spent much of its time: neither chatter nor one long pause counts for much."""
+    ordered = np.sort(gaps)
+    return float(ordered[np.searchsorted(np.cumsum(ordered), 0.4 * ordered.sum())])
+
+
+def _caption(axes: Axes, run: Run) -> None:
+    axes.set_axis_off()
+    rows = [("scene", _scene(run).get("name", "")), *_told(run)]
+    for i, (name, text) in enumerate(rows):
+        y = 1.0 - i / 6.2
+        axes.text(-0.2, y, name, transform=axes.transAxes, va="top", fontsize=9.5, color="#777777")
+        axes.text(0.08, y, text, transform=axes.transAxes, va="top", fontsize=9.5, color="#111111")
+
+
+def _told(run: Run) -> list[tuple[str, str]]:
+    """What the run was and how it went, in words."""
+    summary = run.summary
+    plant = summary.get("plant", {}) if isinstance(summary.get("plant"), dict) else {}
+    steps = f"{run.step_ns / 1e6:g} ms"
+    rows = [("integration", f"{plant.get('method', 'unknown')}, {steps} samples, {plant.get('events', 0)} events")]
+    sticking = plant.get("stick_share")
+    if sticking is not None:
+        rows.append(("stick share", f"{sticking:.1%} of {story.end_of(run):g} s"))
+    if run.energy:
+        supplied = run.energy.get("drive", run.energy.get("supplied", 0.0))
+        rows.append(("energy", f"{supplied:.4g} J from the drive, closes to {abs(run.energy.get('error', 0.0)):.0e}"))
+    timing = summary.get("timing", {})
+    if "verdict" in summary:
+        worst = f", worst frame {timing['worst_us'] / 1e3:.3g} ms late" if timing else ""
+        rows.append(("timing", f"{summary['verdict']}{worst}"))
+    else:
+        rows.append(("timing", "simulated without a clock"))
+    if provenance := {k: run.provenance[k] for k in ("commit", "version") if run.provenance.get(k)}:
+        rows.append(("made with", ", ".join(f"{k} {v[:12]}" for k, v in provenance.items())))
+    return rows

@@ -1,0 +1,166 @@
+"""Where pictures go: rerun's viewer as a process of its own, a viewer that runs already, or a file.
+
+Each view opens a window of its own, on a free port of the loopback device. The window belongs to whoever looks at it:
+it outlives the run and the process that fed it, and is closed by hand. A browser page is fed by a server that nobody
+would see and close, so the server ends with the process that started it; a page that has loaded keeps what it shows.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, TYPE_CHECKING
+from urllib.parse import quote
+from uuid import uuid4
+
+from rig.errors import LogError, UsageError
+from rig.view.blueprint import blueprint
+from rig.view.channels import plots
+from rig.view.drawing import Drawing
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+_OPENING_S = 15.0
+_SETTLED_S = 0.4
+"""A viewer that finds no display gives up within a tenth of this, after it has begun to listen."""
+_MEMORY, _SERVED = "2GB", "256MB"
+
+
+class Viewer:
+    """A viewer at `url`; `page` is what a browser shows; `process` is None for one that others started."""
+
+    def __init__(self, url: str, page: str = "", process: subprocess.Popen[bytes] | None = None) -> None:
+        self.url, self.page, self.process = url, page, process
+
+    @property
+    def alive(self) -> bool:
+        """Whether it is there still, as far as can be known."""
+        return self.process is None or self.process.poll() is None
+
+    def wait(self) -> None:
+        """Until it ends."""
+        if self.process is not None:
+            self.process.wait()
+
+    def stop(self) -> None:
+        """End it, if it was started here."""
+        if self.process is None:
+            return
+        self.process.terminate()
+        try:
+            self.process.wait(1.0)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            self.process.wait()
+
+
+def binary() -> Path:
+    """The viewer itself, not its wrapper in Python, which would leave it behind when it is killed."""
+    import rerun_cli
+
+    folder = Path(str(rerun_cli.__file__)).parent
+    return folder / ("rerun.exe" if os.name == "nt" else "rerun")
+
+
+def start(web: bool = False, headless: bool = False) -> Viewer:
+    """Start a viewer: a window, a server for a browser page (`web`), or off screen (`headless`).
+
+    Raises UsageError if it cannot open, as on a machine without a display.
+    """
+    port = free_port()
+    command = [str(binary()), "--bind", "127.0.0.1", "--port", str(port), "--memory-limit", _MEMORY]
+    page = ""
+    url = f"rerun+http://127.0.0.1:{port}/proxy"
+    if web:
+        page_port = free_port()
+        page = f"http://127.0.0.1:{page_port}/?url={quote(url, safe='')}"
+        command += ["--serve-web", "--web-viewer-port", str(page_port), "--server-memory-limit", _SERVED]
+    else:
+        command += ["--hide-welcome-screen", *(["--headless"] if headless else [])]
+    # in a session of its own: Ctrl-C ends the run, not the window; CI: rerun sends no statistics about its use
+    with tempfile.TemporaryFile() as said:
+        try:
+            process = subprocess.Popen(
+                command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=said,
+                start_new_session=True, env={**os.environ, "CI": "true"},
+            )  # fmt: skip
+        except OSError as fault:
+            raise UsageError(f"the viewer {binary()} cannot be started: {fault.strerror}") from None
+        viewer = Viewer(url, page, process)
+        try:
+            _wait_until_open(viewer, port, said)
+        except BaseException:
+            viewer.stop()
+            raise
+    return viewer
+
+
+def _wait_until_open(viewer: Viewer, port: int, said: IO[bytes]) -> None:
+    deadline, opened = time.monotonic() + _OPENING_S, 0.0
+    while not opened or time.monotonic() < opened + _SETTLED_S:
+        if not viewer.alive:
+            said.seek(0)
+            last = next((line for line in reversed(said.read().decode(errors="replace").splitlines()) if line), "")
+            reason = "there is no display" if "DISPLAY" in last else last
+            raise UsageError(f"the viewer's window could not be opened: {reason}; try --web for a browser page")
+        if time.monotonic() > deadline:
+            raise UsageError(f"the viewer did not open within {_OPENING_S:g} s")
+        if not opened:
+            with suppress(OSError), socket.create_connection(("127.0.0.1", port), 0.2):
+                opened = time.monotonic()
+        time.sleep(0.03)
+
+
+def free_port() -> int:
+    """A port of the loopback device on which nobody listens."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def sink(
+    name: str,
+    drawing: Drawing,
+    *,
+    live: bool,
+    save: Path | str | None = None,
+    web: bool = False,
+    connect: str | None = None,
+    headless: bool = False,
+) -> Iterator[tuple[rr.RecordingStream, Viewer | None]]:
+    """A stream of rerun called `name`, with its window arranged; the viewer, or None for a file.
+
+    `save` writes a file (.rrd) that `rerun FILE` shows; `connect` is the address of a viewer that runs already.
+    """
+    import rerun as rr
+
+    described = blueprint(drawing, plots(drawing.scene, drawing.outputs, drawing.sensors), live)
+    rec = rr.RecordingStream(f"friction-rig {drawing.plant}", recording_id=str(uuid4()))
+    viewer: Viewer | None = None
+    if save is not None:
+        target = Path(save)
+        try:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.touch()
+        except OSError as fault:
+            raise LogError(f"{target} cannot be written: {fault.strerror}") from None
+        rec.save(target, default_blueprint=described)
+    else:
+        viewer = Viewer(connect) if connect else start(web, headless)
+        rec.connect_grpc(viewer.url, default_blueprint=described)
+        rec.send_blueprint(described, make_active=True, make_default=True)
+    try:
+        rec.send_recording_name(name)
+        yield rec, viewer
+        rec.flush(timeout_sec=1.0)
+    finally:
+        if viewer is not None and (web or headless):
+            viewer.stop()
