@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -68,12 +69,15 @@ def record(
 def view(
     run: RunName = None,
     web: Annotated[bool, typer.Option("--web", help="Show it in a browser page.")] = False,
+    save: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write it to a file of rerun (.rrd) instead.")
+    ] = None,
     wait: Annotated[float, typer.Option(metavar="SECONDS", help="Longest wait for the run.")] = 10.0,
 ) -> None:
     """Show a live run in rerun."""
     from rig.view.process import view as show
 
-    show(run, web=web, wait=wait, say=tell.note)
+    show(run, web=web, save=save, wait=wait, say=tell.note)
 
 
 COMMANDS = {

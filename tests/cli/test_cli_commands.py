@@ -121,6 +121,25 @@ def test_all_faults_of_a_scene_are_told_at_once(rig):
     ]
 
 
+def test_simulate_modes_and_cycle_report_in_json(rig, tmp_path):
+    log, figure = tmp_path / "run.mcap", tmp_path / "run.png"
+    code, out, err = rig("simulate", "belt_c", "--duration", "0.5", "--json", "--out", log, "--figure", figure)
+    assert code == 0, err
+    told = json.loads(out)
+    assert told["plant"]["method"] == "exact"
+    assert told["fault"] == ""
+    assert log.stat().st_size > 1000
+    assert figure.read_bytes().startswith(b"\x89PNG")
+    code, out, _ = rig("diff", log, log)
+    assert code == 0
+    code, out, _ = rig("modes", "belt", "--json")
+    assert code == 0
+    assert json.loads(out)["modes"][0]["growth"] == pytest.approx(3.6552859, rel=1e-6)
+    code, out, _ = rig("cycle", "belt_c", "--json")
+    assert code == 0
+    assert json.loads(out)["period"] == pytest.approx(0.28337885481892366, rel=1e-9)
+
+
 def test_a_run_that_diverges_ends_with_code_4(rig, monkeypatch):
     def diverge(*_):
         raise Diverged("the state left its limit", 1.5, "slip+", {"x": 1e9})
