@@ -66,14 +66,13 @@ class Operation:
         """The limit that was passed; empty otherwise."""
         self._retune = retune
         self._end = None if duration_ns is None else -(-duration_ns // stand.frame_ns)
-        self._limits = [(stand.outputs.index(name), name, limit) for name, limit in scene.limits.items()]
         self._outside = deque(event for event in events if event["data"].get("by") == OPERATOR)
 
     def begin(self) -> bool:
         """Carry out what is due at this tick; whether the experiment goes on."""
         stand = self.stand
         tick = stand.tick
-        if self._limits and not self.aborted:
+        if not self.aborted:
             self._watch()
         if not self.aborted:
             for action in self.protocol.due(tick, stand.bank.latest):
@@ -92,13 +91,10 @@ class Operation:
         return self.exchange.take_over()
 
     def _watch(self) -> None:
-        values = self.stand.output_values()
-        for column, name, limit in self._limits:
-            value = float(values[column])
-            if not -limit <= value <= limit:
-                unit = self.stand.units[name]
-                self.abort(f"{name} = {value:.4g} {unit} is beyond its limit of {limit:g} {unit}")
-                return
+        name = self.stand.beyond()
+        if name:
+            value, limit, unit = self.stand.output(name), self.scene.limits[name], self.stand.units[name]
+            self.abort(f"{name} = {value:.4g} {unit} is beyond its limit of {limit:g} {unit}")
 
     def abort(self, why: str) -> None:
         """Go to the safe state: actuators to safe values, no more commands, then the end."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from controllers.base import Controller
 from controllers.loop import Loop
@@ -15,6 +16,8 @@ from rig.bench.truth import Truth
 from rig.errors import NumericsError, UsageError
 from rig.record.run import Commands, Run, Samples
 from rig.scenes.scene import Scene
+
+_FRAMES = 1 << 12
 
 Report = Callable[[Operation], None]
 
@@ -36,8 +39,9 @@ def simulate(
         raise UsageError(f"{scene.name} has no protocol that ends; say how long: --duration 10")
     duration_ns = scene.duration_ns if duration_ns is None else duration_ns
     loops = {name: Loop(controller) for name, controller in controllers.items()}
-    stand = Stand(scene)
-    stand.truth = truth = Truth(stand.motion, stand.step_ns)
+    stand = Stand(scene, truthful=True)
+    truth = stand.truth
+    assert truth is not None
     operation = Operation(
         scene,
         stand,
@@ -76,26 +80,37 @@ class Measurements:
     """Every published sample of every sensor."""
 
     def __init__(self, stand: Stand) -> None:
-        self._bank = stand.bank
-        self._values: list[list[float]] = [[] for _ in stand.bank.names]
+        bank = self._bank = stand.bank
+        self._frame_ns = stand.frame_ns
+        self._fast = [i for i, period in enumerate(bank.periods_ns) if period < stand.frame_ns]
+        self._quick: dict[int, list[NDArray[np.float64]]] = {i: [] for i in self._fast}
+        self._full: list[NDArray[np.float64]] = []
+        self._block = np.empty((_FRAMES, len(bank.names)))
+        self._rows = 0
         self.add()
 
     def add(self) -> None:
         """Keep the samples of the last frame."""
-        bank = self._bank
-        fresh = bank.fresh.tolist()
-        latest = bank.latest.tolist()
-        for i, count in enumerate(fresh):
-            if count == 1:
-                self._values[i].append(latest[i])
-            elif count:
-                self._values[i].extend(bank.samples(i).tolist())
+        if self._rows == _FRAMES:
+            self._full.append(self._block)
+            self._block, self._rows = np.empty_like(self._block), 0
+        self._block[self._rows] = self._bank.latest
+        self._rows += 1
+        for i in self._fast:
+            self._quick[i].append(self._bank.samples(i).copy())
 
     def samples(self) -> dict[str, Samples]:
         """What each sensor published: times [ns], values."""
+        latest = np.concatenate([*self._full, self._block[: self._rows]])
         out = {}
-        for name, period, values in zip(self._bank.names, self._bank.periods_ns, self._values):
-            out[name] = Samples(np.arange(len(values), dtype=np.int64) * period, np.array(values))
+        for i, (name, period) in enumerate(zip(self._bank.names, self._bank.periods_ns)):
+            if i in self._quick:
+                values = np.concatenate(self._quick[i])
+            else:  # published at the first frame that begins at or after each multiple of the period
+                count = (len(latest) - 1) * self._frame_ns // period + 1
+                frames = -(-np.arange(count, dtype=np.int64) * period // self._frame_ns)
+                values = latest[frames[frames < len(latest)], i]
+            out[name] = Samples(np.arange(len(values), dtype=np.int64) * period, values)
         return out
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import ValidationError
 
-from rig.bench.truth import Truth
+from rig.bench.truth import ROWS, Truth
 from rig.errors import SceneError, UsageError
 from rig.scenes.scene import Scene
 from rig.solve.assembly import Input
@@ -23,9 +23,12 @@ Array = NDArray[np.float64]
 
 
 class Stand:
-    """A scene's plant with its sensors at tick `tick` (frames). Raises rig.errors.NumericsError when it must stop."""
+    """A scene's plant with its sensors at tick `tick` (frames). Raises rig.errors.NumericsError when it must stop.
 
-    def __init__(self, scene: Scene) -> None:
+    `truthful`: keep the plant's own quantities at every step (`truth`).
+    """
+
+    def __init__(self, scene: Scene, truthful: bool = False) -> None:
         self.scene = scene
         self.frame_ns, self.step_ns = scene.frame_ns, scene.step_ns
         self.steps = self.frame_ns // self.step_ns
@@ -52,12 +55,13 @@ class Stand:
             substeps=max(1, self.step_ns // clock.rk4_step),
             cap=clock.events_per_frame,
             limit=clock.limit,
-            longest=self.steps,
+            longest=ROWS if truthful else self.steps,
+            bounds={self.outputs.index(name): limit for name, limit in scene.limits.items()},
         )
         self._index = {name: i for i, name in enumerate(system.names)}
         self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed)
         self.bank.start(self.motion.outputs_now()[: len(needs)].copy())
-        self.truth: Truth | None = None
+        self.truth = Truth(self.motion, self.steps, self.step_ns) if truthful else None
 
     @property
     def t_ns(self) -> int:
@@ -66,10 +70,11 @@ class Stand:
 
     def frame(self) -> None:
         """Carry the plant through one frame; the sensors publish what they sampled in it."""
-        self.motion.advance(self.steps)
-        self.tick += 1
         if self.truth is not None:
-            self.truth.add(self.motion)
+            self.truth.frame(self.motion)
+        else:
+            self.motion.advance(self.steps)
+        self.tick += 1
         self.bank.advance(self.motion.segments)
 
     def apply(self, name: str, value: float) -> None:
@@ -125,6 +130,11 @@ class Stand:
         first = len(system.coordinates)
         for i, step in enumerate(jump):
             self.motion.write(first + i, float(self.motion.x[first + i] + step))
+
+    def beyond(self) -> str:
+        """The first output beyond the limit that the scene sets for it, at this tick; "" if none is."""
+        column = self.motion.beyond
+        return self.outputs[column] if column >= 0 else ""
 
     def output_values(self) -> Array:
         """Plant truth [outputs] at this tick (a view, overwritten by the next call)."""

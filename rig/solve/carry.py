@@ -13,7 +13,7 @@ from rig.solve.emit import emit_linear
 from rig.solve.settle import CHATTER, DONE, LOST, READY, dot, friction, settle
 
 Array = NDArray[np.float64]
-TICK, KEY, PENDING, EVENTS, OPENED, TRIALS, REPEAT, COUNTERS = range(8)  # of State.ic
+TICK, KEY, PENDING, EVENTS, OPENED, TRIALS, REPEAT, BEYOND, COUNTERS = range(9)  # of State.ic
 PLACE, TRY = range(2)  # of State.fc
 TALLIED = 256
 _FLUSH = 1e-150
@@ -59,21 +59,26 @@ class State(NamedTuple):
     x: Array
     energy: Array
     tally: NDArray[np.int64]  # ticks spent in each slot; the last counts all beyond
+    watched: NDArray[np.int64]  # outputs that have a bound
+    bound: Array  # of their sizes
 
 
 @kernel
-def advance(shape, tables, lent, ticks, tolerance, substeps, booking, emitting, limit):
-    """Carry the state through `ticks` ticks; returns a status, to be called again when a mode set is asked for.
+def advance(shape, tables, lent, origin, ticks, tolerance, substeps, booking, emitting, limit):
+    """Carry the state from row `origin` of the log up to row `ticks`; returns a status.
 
+    To be called again when that asks for a mode set. ic[BEYOND]: number of the first output beyond its bound, or -1.
     `tolerance` is None for a system without laws over speed, `substeps` is None for other methods than rk4: what is
     not asked for is not compiled.
     """
     w, state, log, seg = lent.content
-    return carry(shape, tables.content, w, state, log, seg, ticks, tolerance, substeps, booking, emitting, limit)
+    return carry(
+        shape, tables.content, w, state, log, seg, origin, ticks, tolerance, substeps, booking, emitting, limit
+    )
 
 
 @inlined
-def propagate(shape, t, slot, ic, fc, x, w, ticks, log, energy, booking, emitting, seg):
+def propagate(shape, t, slot, ic, fc, x, w, origin, ticks, log, energy, booking, emitting, seg):
     """Quiet ticks as far as they go, else one opened tick, in a linear mode set. Returns the guard that fell or -1."""
     if fc[PLACE] == 0.0:
         first = ic[TICK]
@@ -88,12 +93,12 @@ def propagate(shape, t, slot, ic, fc, x, w, ticks, log, energy, booking, emittin
             if booking:
                 ledger.book(t.work[slot, 0], t.active[slot], w.x0 if tick == first else log.out[tick - 1], energy)
         if emitting and done:
-            emit_linear(t, slot, w.x0, first * t.step[0], t.step[0], seg, w.derivatives)
+            emit_linear(t, slot, w.x0, (first - origin) * t.step[0], t.step[0], seg, w.derivatives)
         ic[TICK] += done
         if done == block:
             return -1
     ic[OPENED] += 1
-    guard = exact.opened(t, slot, ic, fc, x, w, energy, booking, emitting, seg, ic[TICK] * t.step[0])
+    guard = exact.opened(t, slot, ic, fc, x, w, energy, booking, emitting, seg, (ic[TICK] - origin) * t.step[0])
     if guard < 0:
         for i in range(len(shape)):
             log.out[ic[TICK], i] = x[i]
@@ -103,7 +108,7 @@ def propagate(shape, t, slot, ic, fc, x, w, ticks, log, energy, booking, emittin
 
 
 @inner
-def carry(shape, t, w, state, log, seg, ticks, tolerance, substeps, booking, emitting, limit):
+def carry(shape, t, w, state, log, seg, origin, ticks, tolerance, substeps, booking, emitting, limit):
     """`advance` on borrowed arrays."""
     ic, fc, x, energy = state.ic, state.fc, state.x, state.energy
     while True:
@@ -118,17 +123,47 @@ def carry(shape, t, w, state, log, seg, ticks, tolerance, substeps, booking, emi
         guard = -1
         if substeps is not None:
             guard = rk4.stretch(
-                shape, t, slot, ic, fc, x, w, ticks, substeps, log.out, log.modes, energy, booking, emitting, seg
+                shape,
+                t,
+                slot,
+                ic,
+                fc,
+                x,
+                w,
+                origin,
+                ticks,
+                substeps,
+                log.out,
+                log.modes,
+                energy,
+                booking,
+                emitting,
+                seg,
             )
         elif tolerance is not None and t.falling[slot]:
             guard = dopri5.stretch(
-                shape, t, slot, ic, fc, x, w, ticks, log.out, log.modes, energy, booking, emitting, seg, tolerance
+                shape,
+                t,
+                slot,
+                ic,
+                fc,
+                x,
+                w,
+                origin,
+                ticks,
+                log.out,
+                log.modes,
+                energy,
+                booking,
+                emitting,
+                seg,
+                tolerance,
             )
             fc[PLACE] = min(fc[PLACE], 1.0 - 1.2e-16)
             if guard == -2:
                 return LOST
         else:
-            guard = propagate(shape, t, slot, ic, fc, x, w, ticks, log, energy, booking, emitting, seg)
+            guard = propagate(shape, t, slot, ic, fc, x, w, origin, ticks, log, energy, booking, emitting, seg)
         if guard >= 0:
             e = ic[EVENTS]
             if e >= log.event.shape[0]:
@@ -139,14 +174,29 @@ def carry(shape, t, w, state, log, seg, ticks, tolerance, substeps, booking, emi
             log.event[e, 2], log.event[e, 3] = t.owner[slot, guard], before
             log.place[e] = fc[PLACE]
             ic[EVENTS] = e + 1
-    for tick in range(ticks):
+    for tick in range(origin, ticks):
         state.tally[min(log.modes[tick], TALLIED - 1)] += 1
     for i in range(len(shape)):
         if abs(x[i]) < _FLUSH:
             x[i] = 0.0
         if not (abs(x[i]) <= limit):
             return LOST
+    ic[BEYOND] = beyond(t, t.slot_of[ic[KEY]], x, w, state.watched, state.bound)
     return DONE
+
+
+@inner
+def beyond(t, slot, x, w, watched, bound):
+    """The first watched output whose size is beyond its bound; -1 if none is."""
+    if watched.shape[0]:
+        friction(
+            t.sigma[slot], t.code, t.numbers, t.slip, t.load[slot], t.load_t[slot], t.coupled[slot], x, w.T, w.scratch
+        )
+        for i in range(watched.shape[0]):
+            value = dot(t.signals[slot, watched[i]], x) + dot(t.signals_t[slot, watched[i]], w.T)
+            if not abs(value) <= bound[i]:
+                return watched[i]
+    return -1
 
 
 @kernel

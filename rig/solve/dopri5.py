@@ -138,7 +138,7 @@ def emit(shape, f, b, d, from_theta, to_theta, h, z, values, start, seg):
 
 
 @inner
-def stretch(shape, t, slot, ic, fc, x, w, ticks, out, modes, energy, booking, emitting, seg, tolerance):
+def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, out, modes, energy, booking, emitting, seg, tolerance):
     """Carry x in slip until an event or the end of the ticks asked for.
 
     ic[0] tick, fc[0] place in it, fc[1] step to try next; out[i] state after tick i. Returns the guard or -1.
@@ -182,7 +182,7 @@ def stretch(shape, t, slot, ic, fc, x, w, ticks, out, modes, energy, booking, em
             if to > end or (guard >= 0 and to >= end):
                 break
             if emitting:
-                emit(shape, f, b, d, done, to, h, z, w.values, (ic[0] + fc[0]) * tick_length, seg)
+                emit(shape, f, b, d, done, to, h, z, w.values, (ic[0] - origin + fc[0]) * tick_length, seg)
             at(shape, d, to, out[ic[0]])
             modes[ic[0]] = slot
             ic[0] += 1
@@ -192,7 +192,7 @@ def stretch(shape, t, slot, ic, fc, x, w, ticks, out, modes, energy, booking, em
                 break
         if done < end:
             if emitting:
-                emit(shape, f, b, d, done, end, h, z, w.values, (ic[0] + fc[0]) * tick_length, seg)
+                emit(shape, f, b, d, done, end, h, z, w.values, (ic[0] - origin + fc[0]) * tick_length, seg)
             fc[0] += (end - done) * h / tick_length
         if guard >= 0:
             at(shape, d, end, z)

@@ -6,6 +6,7 @@ on nothing else.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +16,7 @@ from rig.errors import Chatter, Diverged, Jammed, NumericsError
 from rig.kernel import bundle
 from rig.solve import ledger
 from rig.solve.carry import (
+    BEYOND,
     COUNTERS,
     EVENTS,
     KEY,
@@ -58,7 +60,8 @@ class Motion:
     quantities that `outputs_at` evaluates; the first `read` of them go to `segments`, for the sensors.
     `tolerance`: of dopri5, for event times and local errors relative to each state's size. `substeps`: rk4 steps in a
     sample step. `cap`: events allowed in one call (ten ticks of a longer one). `limit`: largest |state| allowed.
-    `booking`: keep the energy ledger. `longest`: ticks of the longest call to make room for.
+    `booking`: keep the energy ledger. `longest`: ticks of the longest call to make room for. `bounds`: of the size of
+    outputs, by number; `beyond` then names the first output that has left its bound at the end of a call.
 
     Raises ValueError for a method that cannot serve the system; while running Diverged, Jammed, Chatter (rig.errors)
     with time, mode and state. The state is kept then.
@@ -77,6 +80,7 @@ class Motion:
         limit: float = 1e6,
         booking: bool = True,
         longest: int = 1,
+        bounds: Mapping[int, float] | None = None,
     ) -> None:
         if method not in METHODS:
             raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
@@ -86,6 +90,7 @@ class Motion:
         self.segments = empty_segments(read, SEGMENTS)
         self._outputs, self._read, self._cap = outputs or [], read, cap
         self._past = 0
+        self._first = self.kept = 0
         self._jumps = 0.0
         self._set(system)
         self.work = _work(system, read, self.slots.tables.G.shape[1])
@@ -95,11 +100,13 @@ class Motion:
             x=system.start.copy(),
             energy=np.zeros(ledger.TERMS),
             tally=np.zeros(TALLIED, dtype=np.int64),
+            watched=np.array(list(bounds or {}), dtype=np.int64),
+            bound=np.array(list((bounds or {}).values()), dtype=np.float64),
         )
         self.state.ic[PENDING] = START
         self._stored = ledger.stored(system, self.state.x)
-        self._room(longest)
-        self._run(0)
+        self._room(longest, longest)
+        self._run(0, 0)
 
     def _set(self, system: System) -> None:
         if self.method == "exact" and any(not p.law.constant for p in system.patches):
@@ -108,16 +115,26 @@ class Motion:
         self.system = system
         self.slots = Slots(system, self.step_ns * 1e-9, self._outputs)
         self._shape = (0.0,) * system.n
+        falling = any(not p.law.constant for p in system.patches)
+        self._how = (
+            self.tolerance if falling and self.method == "dopri5" else None,
+            self.substeps if self.method == "rk4" else None,
+            self.booking,
+            self._read > 0,
+            self.limit,
+        )
         self._now = (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((1, len(self._outputs))))
 
-    def _room(self, ticks: int) -> None:
+    def _room(self, rows: int, ticks: int) -> None:
+        """Rows for states, and as many events as a call of `ticks` may have."""
+        none = np.zeros(0)
+        self.log = Log(np.zeros((rows, self.system.n)), np.zeros(rows, dtype=np.int64), none.astype(np.int64), none)
+        self._events(ticks)
+
+    def _events(self, ticks: int) -> None:
         events = self._cap * max(1, ticks // 10)
-        self.log = Log(
-            out=np.zeros((ticks, self.system.n)),
-            modes=np.zeros(ticks, dtype=np.int64),
-            event=np.zeros((events, 4), dtype=np.int64),
-            place=np.zeros(events),
-        )
+        self.log = self.log._replace(event=np.zeros((events, 4), dtype=np.int64), place=np.zeros(events))
+        self._ticks = ticks
         self._lend()
 
     def _lend(self) -> None:
@@ -190,35 +207,49 @@ class Motion:
         self.state.ic[PENDING] = SETTLE
         self._jumps += ledger.stored(system, kept) - before
         self._lend()
-        self._run(0)
+        self._run(0, 0)
 
-    def advance(self, ticks: int) -> None:
-        """Carry the state `ticks` ticks on. `log.out[:ticks]` holds the states, `log.modes[:ticks]` the slots."""
-        if ticks > len(self.log.out):
-            self._room(ticks)
+    def advance(self, ticks: int, keep: bool = False) -> None:
+        """Carry the state `ticks` ticks on; `states` and `slots_of_states` then hold what came at their ends.
+
+        `keep`: behind what the calls before have kept; set `kept` to 0 to begin anew.
+        """
+        first = self.kept if keep else 0
+        last = first + ticks
+        if last > len(self.log.out):
+            self._room(last, ticks)
+        elif ticks != self._ticks:
+            self._events(ticks)
         ic = self.state.ic
-        ic[TICK] = ic[EVENTS] = 0
+        ic[TICK] = first
+        ic[EVENTS] = 0
         if ic[PENDING] < SETTLE:
             ic[PENDING] = SETTLE
         self.segments.count[0] = 0
-        self._run(ticks)
+        self._first = first
+        self._run(first, last)
         self.tick += ticks
+        self.kept = last
         self._past += int(ic[EVENTS])
 
-    def _run(self, ticks: int) -> None:
-        falling = any(not p.law.constant for p in self.system.patches)
+    @property
+    def states(self) -> Array:
+        """States at the ends of the ticks of the last call, [tick, n]."""
+        return self.log.out[self._first : self.kept]
+
+    @property
+    def slots_of_states(self) -> NDArray[np.int64]:
+        """The slots they are in, [tick]."""
+        return self.log.modes[self._first : self.kept]
+
+    @property
+    def beyond(self) -> int:
+        """Number of the first output beyond its bound at the end of the last call; -1 if none."""
+        return int(self.state.ic[BEYOND])
+
+    def _run(self, first: int, last: int) -> None:
         while True:
-            status = advance(
-                self._shape,
-                self.slots.handle,
-                self._lent,
-                ticks,
-                self.tolerance if falling and self.method == "dopri5" else None,
-                self.substeps if self.method == "rk4" else None,
-                self.booking,
-                self._read > 0,
-                self.limit,
-            )
+            status = advance(self._shape, self.slots.handle, self._lent, first, last, *self._how)
             if status == DONE:
                 break
             if status != NEED:
@@ -230,7 +261,7 @@ class Motion:
 
     def _where(self) -> tuple[float, str, dict[str, float]]:
         ic, fc = self.state.ic, self.state.fc
-        time = (self.tick + int(ic[TICK]) + float(fc[PLACE])) * self.step_ns * 1e-9
+        time = (self.tick + int(ic[TICK]) - self._first + float(fc[PLACE])) * self.step_ns * 1e-9
         return time, self.system.describe(self.key), dict(zip(self.system.names, self.state.x.tolist()))
 
     def _stop(self, status: int) -> None:

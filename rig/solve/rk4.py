@@ -77,7 +77,7 @@ def observe(shape, f, b, k, x, y, h, z, start, booking, energy, emitting, values
 
 
 @inner
-def stretch(shape, t, slot, ic, fc, x, w, ticks, substeps, out, modes, energy, booking, emitting, seg):
+def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, substeps, out, modes, energy, booking, emitting, seg):
     """Carry x until an event or the end of the ticks asked for, `substeps` steps a tick. Returns the guard or -1."""
     n = len(shape)
     full = t.step[0] / substeps
@@ -97,7 +97,7 @@ def stretch(shape, t, slot, ic, fc, x, w, ticks, substeps, out, modes, energy, b
             fallen = max(fell(f, x, y), 0)
         if booking or emitting:
             slope(shape, f, falling, y, k[1])
-            start = (ic[0] + fc[0]) * t.step[0]
+            start = (ic[0] - origin + fc[0]) * t.step[0]
             observe(shape, f, b, k, x, y, length, z, start, booking, energy, emitting, w.values, seg)
         for i in range(n):
             x[i] = y[i]
