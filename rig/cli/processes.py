@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -18,23 +19,35 @@ def plant(
     lockstep: Lockstep = False,
     duration: Duration = None,
     name: Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name for the run.")] = None,
+    wait: Annotated[float, typer.Option(metavar="SECONDS", help="Longest wait for the controllers.")] = 30.0,
 ) -> None:
     """Run the plant with its sensors; controllers, recorder and viewer join as they come."""
     factor, length, overrides = pace(speed), seconds(duration), changes(p)
-    from rig.bench.plant_process import run
+    from rig.bench.job import Job
+    from rig.bench.outcome import Outcome
+    from rig.bench.plant_process import carry_out, stop_signals
+    from rig.bench.status import Live
     from rig.scenes import load
     from rig.study.design import numbers
 
     loaded = load(scene, overrides)
-    outcome = run(
-        loaded,
-        numbers=numbers(loaded),
+    job = Job(
+        loaded.to_json(),
+        numbers(loaded),
+        run=name,
         pace=factor,
         lockstep=lockstep,
         duration=length,
-        name=name,
-        say=tell.note,
+        expect=tuple(("controller", each) for each in loaded.controllers) if wait > 0.0 else (),
+        wait=wait,
+        command=tuple(sys.argv),
     )
+    live = Live()
+    try:
+        with stop_signals() as stopping:
+            outcome = Outcome(carry_out(job, stopping, live.say, live.show))
+    finally:
+        live.done()
     tell.line(outcome.text())
     raise typer.Exit(outcome.exit_code)
 
