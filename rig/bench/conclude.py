@@ -78,8 +78,9 @@ def _verdict(plant: Plant, lost: dict[str, int]) -> Verdict:
             faults.append(f"safe values stepped in for {name} {line.counts.safe} times")
     if plant.fault:
         faults.append(plant.fault.partition("\n")[0])
-    clock = plant.scene.clock
-    return plant.timing.verdict(clock.late_share_valid, clock.late_share_degraded, lost, faults)
+    clock, pacer = plant.scene.clock, plant.attendant.pacer
+    broken = pacer is not None and pacer.stopped
+    return plant.timing.verdict(clock.late_share_valid, clock.late_share_degraded, lost, faults, broken)
 
 
 def _lost_elsewhere(plant: Plant) -> dict[str, int]:

@@ -197,9 +197,17 @@ class Timing:
         return (self.late + self.given_up) / due if due else 0.0
 
     def verdict(
-        self, valid: float, degraded: float, lost: Mapping[str, int] | None = None, faults: Sequence[str] = ()
+        self,
+        valid: float,
+        degraded: float,
+        lost: Mapping[str, int] | None = None,
+        faults: Sequence[str] = (),
+        broken: bool = False,
     ) -> Verdict:
-        """The verdict: shares of late frames up to which a run is valid or degraded, losses by topic, other faults."""
+        """The verdict: shares of late frames up to which a run is valid or degraded, losses by topic, other faults.
+
+        `broken`: an overrun has ended the run, so that it is invalid whatever the shares.
+        """
         share = self.late_share
         reasons = []
         if self.frames:
@@ -210,7 +218,7 @@ class Timing:
         missing = {topic: count for topic, count in (lost or {}).items() if count}
         reasons.append("lost " + ", ".join(f"{n} of {t}" for t, n in missing.items()) if missing else "nothing lost")
         reasons.extend(faults)
-        if share > degraded:
+        if broken or share > degraded:
             word = "INVALID"
         elif share > valid or missing or faults:
             word = "DEGRADED"

@@ -64,6 +64,7 @@ def test_a_loss_or_a_fault_degrades():
     assert "lost 2 of meas/laser" in timing.verdict(0.01, 0.05, {"meas/laser": 2}).reasons
     assert timing.verdict(0.01, 0.05, faults=["the controller nf died"]).word == "DEGRADED"
     assert timing.verdict(0.01, 0.05, {"meas/laser": 2}).exit_code == 0
+    assert timing.verdict(0.01, 0.05, broken=True).exit_code == 3
     assert kept([2 * MS] * 100).verdict(0.01, 0.05, {"meas/laser": 2}).exit_code == 3
 
 

@@ -1,0 +1,313 @@
+"""The plant as the others see it, on the twin of the bus: no process, but everything else is real."""
+
+import json
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import controllers
+from controllers.process import Worker
+from rig import scenes
+from rig.bench.exchange import Playback
+from rig.bench.job import Job
+from rig.bench.operation import Operation
+from rig.bench.plant_process import Plant
+from rig.bench.simulate import simulate
+from rig.bench.stand import Stand
+from rig.bus import encode, messages
+from rig.bus.setup import fetch
+from rig.bus.twin import Twin
+from rig.errors import BusError
+from rig.quantities import si
+from rig.record.run import Commands
+from rig.study import design
+
+SCENE = "belt_normal_force"
+
+
+@pytest.fixture(scope="module")
+def scene():
+    si("1 ms", "s")  # loads the units, as the process does before it begins
+    return scenes.load(SCENE)
+
+
+@pytest.fixture(scope="module")
+def numbers(scene):
+    return design.numbers(scene)
+
+
+class Bench:
+    """One run in a thread; the test plays everybody else."""
+
+    def __init__(self, scene, numbers, **job):
+        self.twin = Twin("test")
+        self.stopped = ""
+        self.job = Job(scene.to_json(), numbers, **{"wait": 5.0, **job})
+        self.session = self.twin.open("plant", "plant")
+        self.plant = Plant(self.session, self.job, lambda: self.stopped)
+        self.me = self.twin.open("operator", "test")
+        self.heard = self.me.subscribe("**", 1 << 20)
+        self.session.announce()
+        self.summary = None
+        self.threads = []
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.stopped = "by the test"
+        for thread in self.threads:
+            thread.join(20.0)
+        assert not any(thread.is_alive() for thread in self.threads)
+
+    def thread(self, function, *arguments):
+        thread = threading.Thread(target=function, args=arguments, daemon=True)
+        thread.start()
+        self.threads.append(thread)
+        return thread
+
+    def begin(self):
+        def run():
+            self.plant.gather(lambda _: None)
+            self.summary = self.plant.run(lambda _: None)
+            self.session.close()
+
+        return self.thread(run)
+
+    def controller(self, name="nf"):
+        """The controller of the scene, in a thread; returns what makes it leave."""
+        session = self.twin.open("controller", name)
+        gone = threading.Event()
+
+        def run():
+            described = fetch(session)
+            worker = Worker(session, described, controllers.restored(described.controllers[name]))
+            worker.follow(gone.is_set)
+            session.close()
+
+        self.thread(run)
+        return gone
+
+    def finish(self):
+        for thread in self.threads:
+            thread.join(20.0)
+        messages_of = {}
+        for message in self.heard.drain():
+            messages_of.setdefault(message.topic, []).append(message.payload)
+        return messages_of
+
+    def events(self, heard):
+        return [messages.decode("event/plant", payload) for payload in heard["event/plant"]]
+
+
+def samples(heard, name):
+    return np.concatenate([messages.decode(f"meas/{name}", p).v for p in heard[f"meas/{name}"]])
+
+
+def test_lockstep_gives_the_bits_of_a_run_in_one_process(scene, numbers):
+    with Bench(scene, numbers, pace=None, duration=1.0, expect=(("controller", "nf"),)) as bench:
+        bench.controller()
+        bench.begin()
+        heard = bench.finish()
+    built = {name: controllers.build(section, numbers[name]) for name, section in scene.controllers.items()}
+    run = simulate(scene, built, 10**9)
+    for name, known in run.measurements.items():
+        assert samples(heard, name).tobytes() == known.v.tobytes()
+    states = messages.state_type(bench.plant.stand.outputs)
+    last = states.FromString(heard["state"][-1])
+    assert last.t_ns == 10**9
+    assert last.velocity == run.signals["velocity"][-1]
+    applied = [messages.decode("applied/nf", payload) for payload in heard["applied/nf"]]
+    assert [a.tick for a in applied] == run.commands["nf"].tick.tolist()
+    assert np.array([list(a.values) for a in applied]).tobytes() == run.commands["nf"].values.tobytes()
+    assert bench.summary["verdict"] == "VALID"
+    assert bench.summary["exit_code"] == 0
+
+
+def test_a_paced_run_can_be_simulated_again_to_the_bit(scene, numbers):
+    with Bench(scene, numbers, duration=1.0, pace=2.0, expect=(("controller", "nf"),)) as bench:
+        bench.controller()
+        bench.begin()
+        time.sleep(0.2)
+        told = bench.me.ask("param/plant", {"set": {"friction.mu_static": 0.45}}, 2.0)
+        bench.me.ask("cmd/plant", {"do": "knock", "impulse": 0.2}, 2.0)
+        heard = bench.finish()
+    assert told["values"] == {"friction.mu_static": 0.45}
+    applied = [messages.decode("applied/nf", payload) for payload in heard["applied/nf"]]
+    commands = Commands(
+        *(np.array([getattr(a, f) for a in applied], np.int64) for f in ("tick", "answered", "status")),
+        np.array([list(a.values) for a in applied]),
+    )
+    events = [{"tick": e.tick, "kind": e.kind, "data": json.loads(e.data)} for e in bench.events(heard)]
+    again = played(scene, bench.summary["ticks"], {"nf": commands}, events)
+    for name, known in again.items():
+        assert samples(heard, name).tobytes() == np.concatenate(known).tobytes()
+    assert any(commands.answered < commands.tick)
+
+
+def played(scene, ticks, commands, events):
+    """Samples of every sensor when a run is simulated again from what came from outside."""
+    stand = Stand(scene)
+    operation = Operation(scene, stand, ticks * scene.frame_ns, None, exchange=Playback, events=events)
+    operation.exchange.play(commands)
+    found = {name: [] for name in stand.bank.names}
+    while True:
+        for i, name in enumerate(stand.bank.names):
+            found[name].append(stand.bank.samples(i).copy())
+        if not operation.begin():
+            return found
+        operation.take_over()
+        stand.frame()
+
+
+def test_operators_stop_pause_and_are_told_what_is_wrong(scene, numbers):
+    with Bench(scene, numbers, pace=1.0) as bench:
+        bench.begin()
+        ask = bench.me.ask
+        for topic, body, wrong in [
+            ("param/plant", {"set": {"friction.mu_statc": 0.4}}, "mu_statc"),
+            ("param/plant", {"set": {"load.force": "3 m"}}, "load.force"),
+            ("param/plant", {"set": {"load.force": -1.0}}, "must be"),
+            ("cmd/plant", {"do": "fly"}, "cannot 'fly'"),
+            ("cmd/plant", {"do": "knock"}, "needs 'impulse'"),
+            ("cmd/plant", {"do": "connect", "controller": "fn"}, "no controller is called fn"),
+            ("cmd/plant", {"do": "admit", "controller": "x", "drives": ["load.force"], "period_ns": 10**6}, "by nf"),
+        ]:
+            with pytest.raises(BusError, match=wrong):
+                ask(topic, body, 2.0)
+        ask("cmd/plant", {"do": "pause"}, 2.0)
+        first = ask("cmd/plant", {"do": "pause"}, 2.0)["tick"]
+        time.sleep(0.1)
+        assert ask("param/plant", {"get": ["load.force"]}, 2.0)["tick"] == first
+        ask("cmd/plant", {"do": "resume"}, 2.0)
+        time.sleep(0.1)
+        assert ask("cmd/plant", {"do": "stop"}, 2.0)["tick"] > first
+        heard = bench.finish()
+    assert bench.summary["ended"] == "stopped by an operator"
+    assert not any("passed without a frame" in fault for fault in bench.summary["faults"])
+    kinds = [event.kind for event in bench.events(heard)]
+    assert [kind for kind in kinds if kind in ("paused", "resumed", "stop")] == ["paused", "resumed", "stop"]
+
+
+def test_a_controller_that_leaves_is_missed_and_the_verdict_says_so(scene, numbers):
+    with Bench(scene, numbers, duration=1.0, expect=(("controller", "nf"),)) as bench:
+        gone = bench.controller()
+        bench.begin()
+        time.sleep(0.4)
+        gone.set()
+        heard = bench.finish()
+    assert bench.summary["ended"] == "done"
+    assert bench.summary["verdict"] != "VALID"
+    assert any("controller nf left at t = " in fault for fault in bench.summary["faults"])
+    assert bench.summary["loop"]["nf"]["safe"] == 1
+    assert {"joined", "left", "safe", "end", "verdict"} <= {event.kind for event in bench.events(heard)}
+
+
+def test_a_controller_that_hangs_is_evicted_from_lockstep(scene, numbers, monkeypatch):
+    monkeypatch.setattr("rig.bench.lockstep.EVICTED", 0.3)
+    with Bench(scene, numbers, pace=None, duration=0.2, expect=(("controller", "nf"),)) as bench:
+        hung = bench.twin.open("controller", "nf")
+        hung.announce()
+        bench.begin()
+        heard = bench.finish()
+        hung.close()
+    assert bench.summary["ended"] == "done"
+    assert any("evicted at tick 0" in fault for fault in bench.summary["faults"])
+    steps = [messages.decode("step", payload).tick for payload in heard["step"]]
+    assert steps.count(0) > 3
+    assert steps[-1] == 199
+
+
+def test_a_lost_answer_is_asked_for_again(scene, numbers):
+    with Bench(scene, numbers, pace=None, duration=0.3, expect=(("controller", "nf"),)) as bench:
+        deaf = bench.twin.open("controller", "nf")
+        steps, act = deaf.subscribe("step"), deaf.publisher("act/nf")
+        deaf.announce()
+        bench.begin()
+        seen, answered = {}, []
+        while (message := steps.get(1.0)) is not None:
+            step = messages.decode("step", message.payload)
+            seen[step.tick] = seen.get(step.tick, 0) + 1
+            if step.tick % 7 or seen[step.tick] > 1:
+                answered.append(step.tick)
+                act.put(encode.act(step.tick, step.t_ns, (20.0 + step.tick % 5,)), step.t_ns)
+            if step.tick == 299:
+                break
+        heard = bench.finish()
+        deaf.close()
+    assert answered == list(range(300))
+    assert [seen[tick] for tick in (0, 6, 7, 8, 14)] == [2, 1, 2, 1, 2]
+    applied = [messages.decode("applied/nf", payload) for payload in heard["applied/nf"]]
+    assert [a.tick for a in applied] == list(range(300))
+
+
+def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene, numbers):
+    with Bench(scene, numbers, duration=0.6) as bench:
+        bench.begin()
+        mine = bench.twin.open("controller", "mine")
+        act = mine.publisher("act/mine")
+        act.put(encode.act(0, 0, (0.5,)), 0)
+        time.sleep(0.1)
+        wanted = {"controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
+        tick = mine.ask("cmd/plant", {"do": "admit", **wanted}, 2.0)["tick"]
+        mine.announce()
+        act.put(encode.act(tick, 0, (0.5,)), 0)
+        heard = bench.finish()
+        mine.close()
+    kinds = [event.kind for event in bench.events(heard)]
+    assert "refused" in kinds
+    assert "admitted" in kinds
+    assert bench.summary["loop"]["refused"] == {"mine": 1}
+    assert bench.summary["loop"]["mine"]["taken"] == 1
+    assert bench.summary["loop"]["mine"]["safe"] == 1
+
+
+def test_numerics_that_stop_are_told_and_the_run_is_concluded(scene, numbers):
+    with Bench(scenes.load(SCENE, {"clock.limit": "1000"}), numbers, pace=1.0, duration=5.0) as bench:
+        bench.begin()
+        bench.me.ask("cmd/plant", {"do": "knock", "impulse": 1e5}, 2.0)
+        heard = bench.finish()
+    assert bench.summary["exit_code"] == 4
+    assert bench.summary["ended"] == "diverged"
+    (event,) = [e for e in bench.events(heard) if e.kind == "diverged"]
+    told = json.loads(event.data)
+    assert told["state"]
+    assert "t = " in event.text
+    assert "total/plant" in heard
+
+
+def test_a_limit_leads_to_the_safe_state(scene, numbers):
+    tight = scenes.load(SCENE, {"limits.displacement": "1 mm"})
+    with Bench(tight, numbers, pace=None, duration=5.0) as bench:
+        bench.begin()
+        heard = bench.finish()
+    assert bench.summary["exit_code"] == 4
+    assert "displacement" in bench.summary["ended"]
+    assert any(event.kind == "limit" for event in bench.events(heard))
+    assert bench.summary["seconds"] < 1.5
+
+
+def test_who_does_not_come_is_not_waited_for_forever(scene, numbers):
+    with Bench(scene, numbers, pace=None, duration=0.1, wait=0.2, expect=(("controller", "nf"),)) as bench:
+        bench.begin()
+        bench.finish()
+    assert "controller nf was not here when the run began" in bench.summary["faults"]
+    assert bench.summary["verdict"] == "DEGRADED"
+
+
+@pytest.mark.parametrize("policy", ["skip", "slow", "stop"])
+def test_every_policy_ends_with_a_verdict(scene, numbers, policy):
+    crowded = scenes.load(SCENE, {"clock.overrun": policy})
+    with Bench(crowded, numbers, duration=0.3, pace=100.0) as bench:
+        bench.begin()
+        bench.finish()
+    assert bench.summary["verdict"] == "INVALID"
+    assert bench.summary["exit_code"] == 3
+    assert bench.summary["timing"]["worst_us"] > 10.0
+    if policy == "stop":
+        assert "the scene asks to stop" in bench.summary["ended"]
+        assert bench.summary["ticks"] < 300
+    else:
+        assert bench.summary["timing"]["given_up"] > 0
