@@ -1,0 +1,313 @@
+"""What this machine can carry: how well it keeps time, what frames cost, which scenes would run VALID.
+
+A frame begins late when the wait before it ends late or the frame before it took too long, so the share of late frames
+is estimated as P(wait > frame) + P(compute > frame), with the bus counted into the compute. The scene's own
+thresholds turn it into a verdict. Measured now, under the load of now: a busier hour will give another answer.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from rig import bus, kernel, scenes
+from rig.bench import pace
+from rig.bench.stand import Stand
+from rig.errors import RigError
+from rig.scenes.scene import Scene
+from rig.study import warmup
+
+Say = Callable[[str], object]
+FRAME_NS = 1_000_000
+RECORDINGS = Path("recordings/runs")
+LEAST_DISK = 5.0  # MB/s; a run of all sensors at 10 kHz writes less than 1 MB/s
+_SHARE = 0.8  # of a frame: what compute may take at p99
+_MEGABYTES = 16
+_ECHO = "import sys; from rig.study.doctor import echo; echo(sys.argv[1])"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A duration measured many times, in us; `beyond`: share of them longer than a frame of 1 ms."""
+
+    count: int
+    p50: float
+    p95: float
+    p99: float
+    worst: float
+    beyond: float
+
+    @classmethod
+    def of(cls, found: NDArray[np.int64]) -> Spread:
+        """From nanoseconds."""
+        p50, p95, p99 = (float(v) / 1e3 for v in np.quantile(found, (0.5, 0.95, 0.99)))
+        return cls(len(found), p50, p95, p99, float(found.max()) / 1e3, float(np.mean(found > FRAME_NS)))
+
+    def __str__(self) -> str:
+        return f"p50 {self.p50:.0f}, p95 {self.p95:.0f}, p99 {self.p99:.0f}, worst {self.worst:.0f} us"
+
+
+@dataclass(frozen=True)
+class Fitness:
+    """Whether one scene would run VALID here. `frame` is None where its kernels are not compiled yet."""
+
+    scene: str
+    verdict: str
+    reason: str
+    frame: Spread | None = None
+
+
+@dataclass(frozen=True)
+class Report:
+    """What `doctor` found. `waiting`: how frames would be paced here, of `sleep` and `hybrid`, and why.
+
+    `bus`: plant -> controller -> plant over a private socket between two processes; None with the reason in `fault`.
+    """
+
+    machine: dict[str, Any]
+    warm: bool
+    sleep: Spread
+    hybrid: Spread
+    waiting: str
+    realtime: str
+    bus: Spread | None
+    put: Spread | None
+    fault: str
+    disk: float
+    scenes: tuple[Fitness, ...]
+    seconds: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether every shipped scene would run VALID."""
+        return all(one.verdict == "VALID" for one in self.scenes)
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        spreads = {n: None if (v := getattr(self, n)) is None else vars(v) for n in ("sleep", "hybrid", "bus", "put")}
+        fit = [{**vars(one), "frame": None if one.frame is None else vars(one.frame)} for one in self.scenes]
+        return {**vars(self), **spreads, "scenes": fit, "ok": self.ok}
+
+    def text(self) -> str:
+        """For a reader."""
+        m = self.machine
+        lines = [
+            f"machine     {m['processor']}, {m['cores']} cores usable, load {m['load']:.2f}, {m['system']}",
+            f"software    Python {m['python']}, numba {m['numba']}",
+            f"kernels     {'compiled' if self.warm else 'not all compiled yet: rig warmup'}",
+            f"waiting     sleep:  {self.sleep}; {100 * self.sleep.beyond:.2g} % beyond 1 ms",
+            f"            hybrid: {self.hybrid}; {100 * self.hybrid.beyond:.2g} % beyond 1 ms",
+            f"            {self.waiting}",
+            f"scheduling  {self.realtime or 'real-time scheduling is to be had: rig run --realtime'}",
+            f"bus         {f'round trip {self.bus}' if self.bus else self.fault}",
+            f"disk        {self.disk:.0f} MB/s where recordings go{'' if self.disk >= LEAST_DISK else ': too slow'}",
+            "",
+        ]
+        width = max(len(one.scene) for one in self.scenes)
+        lines += [f"{one.scene:<{width}}  {one.verdict:<9} {one.reason}" for one in self.scenes]
+        if any(one.verdict in ("DEGRADED", "INVALID") for one in self.scenes):
+            lines += [
+                "",
+                "frames are late where the machine is busy or wakes late: close other programs, or --realtime",
+            ]
+        return "\n".join(lines)
+
+
+def doctor(seconds: float = 8.0, report: Say | None = None) -> Report:
+    """Measure this machine for about `seconds`; `report` gets a line for each thing that is measured."""
+    say = report or (lambda _: None)
+    begin = time.perf_counter()
+    say("waiting for frames of 1 ms")
+    waiting, slept, spun = _waits(0.3 * seconds)
+    late = spun if waiting.spin_ns else slept
+    say("a round trip over the bus, between two processes")
+    trip, put, fault = _bus(0.15 * seconds)
+    say("writing where recordings go")
+    disk = _disk()
+    say("frames of every scene")
+    ready = warmup.ready()
+    loaded = [scenes.load(name) for name in scenes.names()]
+    each = max(0.3 * seconds, 0.5) / len(loaded)
+    fit = []
+    with pace.no_garbage():
+        for scene in loaded:
+            costs = _frames(scene, each) if warmup.shape(scene) in ready else None
+            fit.append(judge(scene, costs, late, put))
+    return Report(
+        machine=_machine(),
+        warm=all(one.frame is not None for one in fit),
+        sleep=Spread.of(slept),
+        hybrid=Spread.of(spun),
+        waiting=f"{waiting.method}: {waiting.why}",
+        realtime=_scheduling(),
+        bus=trip,
+        put=put,
+        fault=fault,
+        disk=disk,
+        scenes=tuple(fit),
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def judge(scene: Scene, costs: NDArray[np.int64] | None, late: NDArray[np.int64], put: Spread | None) -> Fitness:
+    """Whether `scene` would run VALID, from what its frames cost and how late waits end [ns]; `put`: on the bus."""
+    if costs is None:
+        return Fitness(scene.name, "unknown", "its kernels are not compiled yet: rig warmup, then rig doctor again")
+    frame = scene.frame_ns
+    puts = 2 + sum(s.period_ns >= FRAME_NS for s in scene.sensors.values())
+    whole = costs + round(1e3 * (put.p50 if put is not None else 0.0) * puts)
+    p99 = float(np.quantile(whole, 0.99))
+    share = min(float(np.mean(late > frame) + np.mean(whole > frame)), 1.0)
+    used = f"compute {p99 / 1e3:.0f} us at p99, {100.0 * p99 / frame:.2g} % of a frame"
+    told = f"{used}; {100.0 * share:.2g} % of frames late"
+    clock = scene.clock
+    if p99 > _SHARE * frame:
+        verdict, told = "INVALID", f"{used}: too much; a longer clock.frame, or a looser clock.tolerance"
+    elif share <= clock.late_share_valid:
+        verdict = "VALID"
+    else:
+        verdict = "DEGRADED" if share <= clock.late_share_degraded else "INVALID"
+    return Fitness(scene.name, verdict, told, Spread.of(costs))
+
+
+def _waits(seconds: float) -> tuple[pace.Waiting, NDArray[np.int64], NDArray[np.int64]]:
+    """The choice between sleep and hybrid, and the lateness of both [ns], measured in turns."""
+    waiting = pace.choose(FRAME_NS)
+    spin = waiting.spin_ns or int(min(1.5 * waiting.sleep_p95, FRAME_NS / 5))
+    sleep, hybrid = pace.WallClock(), pace.WallClock(spin)
+    slept, spun = [], []
+    with pace.no_garbage():
+        for _ in range(max(int(seconds * 1e9 / FRAME_NS / 200), 1)):
+            slept.append(pace.lateness(sleep, FRAME_NS, 100))
+            spun.append(pace.lateness(hybrid, FRAME_NS, 100))
+    return waiting, np.concatenate(slept), np.concatenate(spun)
+
+
+def _frames(scene: Scene, seconds: float) -> NDArray[np.int64]:
+    """What frames of the plant with its sensors cost [ns], for about `seconds`."""
+    stand = Stand(scene)
+    found: list[int] = []
+    stand.frame()  # loads what was compiled
+    end = time.perf_counter_ns() + int(seconds * 1e9)
+    while (begin := time.perf_counter_ns()) < end or len(found) < 50:
+        stand.frame()
+        found.append(time.perf_counter_ns() - begin)
+        if len(found) == 4000:
+            break
+    return np.array(found, dtype=np.int64)
+
+
+def _bus(seconds: float) -> tuple[Spread | None, Spread | None, str]:
+    """Round trips and single publications on the bus between two processes, or why there are none."""
+    name = f"doctor-{os.getpid()}"
+    payload = b"\0" * 64
+    try:
+        with bus.host(name, "doctor") as session:
+            answers, present, step = (
+                session.subscribe("act/*"),
+                session.watch("controller/*"),
+                session.publisher("step"),
+            )
+            session.announce()
+            with contextlib.closing(_Child([sys.executable, "-c", _ECHO, name])):
+                if not present.wait_for("controller", "echo", 8.0):
+                    return None, None, "the other process did not come"
+                trips, puts = [], []
+                for number in range(max(int(seconds * 1e9 / FRAME_NS), 50)):
+                    begin = time.perf_counter_ns()
+                    step.put(payload, number)
+                    puts.append(time.perf_counter_ns() - begin)
+                    if answers.get(timeout=0.5) is None:
+                        return None, None, "an answer did not come within 0.5 s"
+                    trips.append(time.perf_counter_ns() - begin)
+                    time.sleep(0.0005)
+    except RigError as error:
+        return None, None, str(error)
+    return Spread.of(np.array(trips)), Spread.of(np.array(puts)), ""
+
+
+class _Child:
+    """The process at the other end."""
+
+    def __init__(self, command: list[str]) -> None:
+        self._process = subprocess.Popen(command)
+
+    def close(self) -> None:
+        """End it."""
+        self._process.terminate()
+        try:
+            self._process.wait(3.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+def echo(run: str) -> None:
+    """The other process: answers every step, until none has come for two seconds."""
+    with bus.join(run, role="controller", name="echo", wait=5.0) as session:
+        steps, act = session.subscribe("step"), session.publisher("act/echo")
+        session.announce()
+        while (step := steps.get(timeout=2.0)) is not None:
+            act.put(step.payload, step.t_ns)
+
+
+def _disk() -> float:
+    """MB/s that reach the disk where recordings go, or, before there are any, where the user stands."""
+    where = next(path for path in (RECORDINGS, Path()) if path.is_dir())
+    block = os.urandom(1 << 20)
+    try:
+        with tempfile.TemporaryFile(dir=where) as file:
+            begin = time.perf_counter()
+            for _ in range(_MEGABYTES):
+                file.write(block)
+            file.flush()
+            os.fsync(file.fileno())
+            return _MEGABYTES * 1.048576 / (time.perf_counter() - begin)
+    except OSError:
+        return 0.0
+
+
+def _scheduling() -> str:
+    """Why real-time scheduling is not to be had, "" if it is; this process goes on as it was."""
+    before = getattr(os, "sched_getscheduler", lambda _: 0)(0)
+    why = pace.take_priority()
+    if not why:
+        os.sched_setscheduler(0, before, os.sched_param(0))
+    return why
+
+
+def _machine() -> dict[str, Any]:
+    try:
+        cores = len(os.sched_getaffinity(0))
+    except AttributeError:
+        cores = os.cpu_count() or 1
+    return {
+        "processor": _processor(),
+        "cores": cores,
+        "load": os.getloadavg()[0],
+        "system": f"{platform.system()} {platform.release()}",
+        "python": platform.python_version(),
+        "numba": numba.__version__,
+        "kernels": str(kernel.CACHE),
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()

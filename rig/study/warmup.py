@@ -1,0 +1,96 @@
+"""Compiling ahead: every kernel shape of the shipped scenes, once for these sources.
+
+A kernel is compiled for the number of states and for what a method brings (adaptive steps, fixed steps), never for a
+value: many scenes share one shape. What is done is noted beside the compiled kernels, in the directory that belongs to
+exactly these sources, so that it goes when they change.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Iterable
+from pathlib import Path
+from typing import NamedTuple
+
+import llvmlite.binding
+
+from rig import kernel, scenes
+from rig.bench.stand import Stand
+from rig.scenes.scene import Scene
+
+FRAMES = 3
+TYPICAL = 25.0  # s for one shape on one core, measured; only the first estimate
+
+
+class Shape(NamedTuple):
+    """What a compiled kernel depends on."""
+
+    states: int
+    adaptive: bool
+    fixed: bool
+
+
+def shape(scene: Scene) -> Shape:
+    """The kernel shape of a scene."""
+    system = scene.assemble().system()
+    falling = any(not p.law.constant for p in system.patches)
+    method = scene.clock.method if scene.clock.method != "auto" else "dopri5" if falling else "exact"
+    return Shape(system.n, falling and method == "dopri5", method == "rk4")
+
+
+def warmup(report: Callable[[str], object] | None = None, names: Iterable[str] | None = None) -> dict[Shape, float]:
+    """Compile the kernels of the scenes `names`, of all shipped ones by default; seconds for each shape compiled.
+
+    `report` gets a line before and after each shape, with an estimate of what is left.
+    """
+    say = report or (lambda _: None)
+    wanted: dict[Shape, list[Scene]] = {}
+    for name in names if names is not None else scenes.names():
+        scene = scenes.load(name)
+        wanted.setdefault(shape(scene), []).append(scene)
+    done = ready()
+    missing = [one for one in wanted if one not in done]
+    say(f"{len(wanted)} kernel shapes in {sum(map(len, wanted.values()))} scenes, {len(missing)} to prepare")
+    spent: dict[Shape, float] = {}
+    for number, one in enumerate(missing, 1):
+        scene = wanted[one][0]
+        each = max(spent.values(), default=TYPICAL)
+        left = len(missing) - len(spent)
+        say(f"{number} of {len(missing)}: {scene.name}, {one.states} states; at most {each * left:.0f} s left")
+        begin = time.perf_counter()
+        _run(scene)
+        spent[one] = time.perf_counter() - begin
+        _note(one)
+        say(f"{number} of {len(missing)}: ready after {spent[one]:.1f} s")
+    return spent
+
+
+def _run(scene: Scene) -> None:
+    """Call what a run calls."""
+    stand = Stand(scene)
+    for _ in range(FRAMES):
+        stand.frame()
+        stand.output_values()
+    stand.statistics()
+
+
+def ready() -> set[Shape]:
+    """Shapes that have been compiled for these sources and this processor."""
+    try:
+        noted = json.loads(_notes().read_text())
+    except (OSError, ValueError):
+        return set()
+    return {Shape(*one) for one in noted}
+
+
+def _notes() -> Path:
+    return kernel.CACHE / f"warm-{llvmlite.binding.get_host_cpu_name()}.json"
+
+
+def _note(one: Shape) -> None:
+    noted = sorted(ready() | {one})
+    try:
+        _notes().write_text(json.dumps(noted))
+    except OSError:  # a read-only cache: the next start compiles again
+        return

@@ -1,0 +1,130 @@
+"""What the doctor says of a machine, and what the warm-up compiles."""
+
+import json
+import os
+
+import numpy as np
+import pytest
+
+import rig
+from rig import kernel
+from rig.bench.stand import Stand
+from rig.solve.carry import advance
+from rig.study import warmup
+from rig.study.doctor import Spread, doctor, judge
+
+PUNCTUAL = np.full(1000, 60_000)
+
+
+def late(share):
+    found = PUNCTUAL.copy()
+    found[: round(share * len(found))] = 5_000_000
+    return found
+
+
+@pytest.fixture(scope="module")
+def report():
+    before = os.sched_getscheduler(0)
+    told = []
+    found = doctor(1.0, told.append)
+    assert os.sched_getscheduler(0) == before
+    assert len(told) == 4
+    return found
+
+
+def test_an_examination_is_short_and_plain(report):
+    assert report.seconds < 15.0
+    told = json.loads(json.dumps(report.to_json()))
+    assert {one["scene"] for one in told["scenes"]} == set(rig.scenes.names())
+    assert all(one.scene in report.text() for one in report.scenes)
+
+
+def test_a_message_goes_to_another_process_and_back(report):
+    assert report.fault == ""
+    assert report.bus.count >= 50
+    assert 5.0 < report.bus.p50 < 50_000.0
+    assert report.put.p50 < report.bus.p50
+
+
+def test_waits_end_after_their_deadline(report):
+    assert report.sleep.p50 > 0.0
+    assert report.hybrid.p50 >= 0.0
+    assert report.disk > 0.0
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.0, "VALID"), (0.01, "VALID"), (0.03, "DEGRADED"), (0.06, "INVALID")])
+def test_the_verdict_follows_the_share_of_late_frames(share, verdict):
+    assert judge(rig.load("belt"), np.full(100, 30_000), late(share), None).verdict == verdict
+
+
+def test_the_thresholds_are_those_of_the_scene():
+    strict = rig.load("belt", {"clock.late_share_valid": 0.0, "clock.late_share_degraded": 0.001})
+    assert judge(strict, np.full(100, 30_000), late(0.01), None).verdict == "INVALID"
+
+
+def test_frames_that_fill_their_time_are_invalid_and_a_longer_frame_helps():
+    costs = np.full(100, 900_000)
+    tight = judge(rig.load("belt"), costs, PUNCTUAL, None)
+    assert tight.verdict == "INVALID"
+    assert "too much" in tight.reason
+    assert judge(rig.load("belt", {"clock.frame": "2 ms"}), costs, PUNCTUAL, None).verdict == "VALID"
+
+
+def test_what_is_published_counts():
+    put = Spread.of(np.full(10, 200_000))
+    assert judge(rig.load("belt"), np.full(100, 30_000), PUNCTUAL, put).verdict == "INVALID"
+
+
+def test_a_scene_without_kernels_is_not_judged():
+    found = judge(rig.load("belt"), None, PUNCTUAL, None)
+    assert found.verdict == "unknown"
+    assert "rig warmup" in found.reason
+
+
+@pytest.fixture
+def compiled(tmp_path, monkeypatch):
+    called = []
+    monkeypatch.setattr(kernel, "CACHE", tmp_path)
+    monkeypatch.setattr(warmup, "_run", lambda scene: called.append(scene.name))
+    return called
+
+
+def test_a_shape_is_compiled_once(compiled):
+    told = []
+    names = ["belt", "belt_b", "belt_c", "belt_c_damped"]
+    assert set(warmup.warmup(told.append, names)) == {(3, True, False), (3, False, False)}
+    assert compiled == ["belt", "belt_c"]
+    assert "2 kernel shapes in 4 scenes, 2 to prepare" in told[0]
+    assert "s left" in told[1]
+    assert warmup.warmup(names=names) == {}
+    assert compiled == ["belt", "belt_c"]
+
+
+def test_every_shipped_scene_is_ready_after_a_warm_up(compiled):
+    warmup.warmup()
+    assert {warmup.shape(rig.load(name)) for name in rig.scenes.names()} == warmup.ready()
+
+
+def test_other_sources_are_compiled_anew(compiled, tmp_path, monkeypatch):
+    warmup.warmup(names=["belt"])
+    monkeypatch.setattr(kernel, "CACHE", tmp_path / "other")
+    (tmp_path / "other").mkdir()
+    assert warmup.ready() == set()
+    warmup.warmup(names=["belt"])
+    assert compiled == ["belt", "belt"]
+
+
+def test_unreadable_notes_are_no_notes(compiled, tmp_path):
+    warmup.warmup(names=["belt"])
+    for note in tmp_path.iterdir():
+        note.write_text("{")
+    assert warmup.ready() == set()
+
+
+def test_scenes_of_one_shape_share_their_kernels():
+    first, second = rig.load("belt"), rig.load("belt_b")
+    assert warmup.shape(first) == warmup.shape(second)
+    Stand(first).frame()
+    known = len(advance.signatures)
+    Stand(second).frame()
+    assert len(advance.signatures) == known
