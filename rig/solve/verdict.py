@@ -217,9 +217,7 @@ def _stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: f
             remedy = "nothing to do; a lower gain keeps the drive out of its limit"
             return "info", f"the limits of {limiter.name} stop it", remedy
     q = 2 * len(system.coordinates)
-    alone = at.moving[at.moving < q]
-    structural = _largest(np.linalg.eigvals(at.A[np.ix_(alone, alone)])) > least
-    if not structural and value.imag == 0.0:
+    if value.imag == 0.0 and q < system.n - 1 and _largest(_undriven(at).eigenvalues()) <= least:
         driver = system.names[q + int(np.abs(shape[q:]).argmax())]
         remedy = "give the drive limits (speed_min, speed_max, force_max), or lower the gain of what feeds it"
         return "error", f"{driver} runs away and nothing limits it", remedy
@@ -244,6 +242,15 @@ def _guard(at: Steady, g: int) -> str:
     kind, owner, system = int(at.modes.kinds[g]), int(at.modes.owners[g]), at.system
     owners = system.patches if kind < G_OPEN else system.normals if kind < G_LIMIT_LOW else system.limiters
     return f"{owners[owner].name} {GUARD_NAMES[kind]}"
+
+
+def _undriven(at: Steady) -> Steady:
+    """The same mode set with the network and all signals held as they are."""
+    system = at.system
+    signals, network = np.zeros_like(system.signals), np.zeros_like(system.network)
+    held = replace(system, signals=signals, network=network, limiters=(), start=at.x)
+    patch_modes, normal_modes, _ = system.modes(at.modes.key)
+    return steady(held, held.key(patch_modes, normal_modes, []))
 
 
 def _flat(at: Steady) -> Steady:
