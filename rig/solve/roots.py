@@ -88,13 +88,13 @@ def first_fall(c, degree, zero, work):
         size = 0.0
         for k in range(1, degree + 1):
             size += abs(c[k])
+        if size <= zero:  # too short a cell to tell; the next one will
+            return NONE
         low = 1
         while low < 3 and low < degree and abs(c[low]) <= max(1e-13 * size, zero):
             low += 1
         if c[low] < 0.0:
             return 0.0
-        if size <= zero:
-            return NONE
     elif c[0] < 0.0:
         return 0.0
     lowest = c[low]
