@@ -1,0 +1,91 @@
+"""`make bench`: every figure of the README, on this machine. `--json FILE` keeps them, `--quick` takes less time."""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+from pathlib import Path
+from typing import Any
+
+from rig.record.provenance import provenance
+from rig.study.bench import kernels, loop, whole
+
+FLOORS = {
+    "kernel_rtf": 1e4,
+    "whole_rtf": 100.0,
+    "twin": 1.15,
+    "scipy": 200.0,
+    "start": 2.0,
+    "step_to_command_ms": 0.5,
+}
+
+
+def main() -> int:
+    """Measure, print, and leave with 1 where a floor was missed."""
+    quick = "--quick" in sys.argv
+    found: dict[str, Any] = {"machine": provenance(0, tuple(sys.argv)), "python": platform.python_version()}
+    missed: list[str] = []
+
+    def say(text: str) -> None:
+        sys.stdout.write(text + "\n")
+        sys.stdout.flush()
+
+    def judged(what: str, value: float, floor: str, at_most: bool = False) -> str:
+        good = value <= FLOORS[floor] if at_most else value >= FLOORS[floor]
+        if not good:
+            missed.append(what)
+        return f"{'ok' if good else 'MISSED'} (floor {FLOORS[floor]:g})"
+
+    say(f"machine: {found['machine']}")
+    say("\nreal-time factor of the pendulum, 1 ms samples, over event-time error (of a period)")
+    found["precision"] = rows = kernels.precision()
+    for row in rows:
+        how = f"tol {row['tolerance']:.0e}" if row["method"] == "dopri5" else f"{row['substeps']} steps/ms"
+        how = "" if row["method"] == "exact" else how
+        say(f"  {row['law']:9}{row['method']:8}{how:12} error {row['error']:8.1e}   {row['rtf']:9.0f} x real time")
+    for target in (1e-4, 1e-6, 1e-8):
+        for method in ("exact", "dopri5", "rk4"):
+            enough = [r["rtf"] for r in rows if r["method"] == method and r["error"] <= target]
+            say(f"  error {target:.0e}  {method:8}{max(enough, default=0.0):9.0f} x real time")
+    best = max((r["rtf"] for r in rows if r["law"] == "stribeck" and r["error"] <= 1e-6), default=0.0)
+    say(f"  kernel at 1e-6 (Stribeck): {best:.0f} x  {judged('kernel', best, 'kernel_rtf')}")
+
+    say("\nC twins, gcc -O3 -march=native, interleaved, best of rounds")
+    found["twins"] = twins = kernels.twins()
+    if "skipped" in twins:
+        say(f"  {twins['skipped']}")
+    else:
+        for name, unit in (("quiet", "tick"), ("rk4", "step")):
+            t = twins[name]
+            verdict = judged(f"C twin {name}", t["ratio"], "twin", at_most=True)
+            ours, theirs = t[f"ns_per_{unit}"], t[f"ns_per_{unit}_c"]
+            say(f"  {name:6} {ours:6.1f} ns/{unit}, C {theirs:6.1f}: ratio {t['ratio']:.2f} {verdict}; "
+                f"largest difference of results {t['largest_difference']:.1e}")  # fmt: skip
+    found["scipy"] = versus = kernels.scipy_ratio()
+    verdict = judged("scipy", versus["ratio"], "scipy")
+    say(f"  exact over scipy solve_ivp (DOP853, rtol 1e-9, events): {versus['ratio']:.0f} x faster {verdict}; "
+        f"scipy's event error {versus['scipy_event_error']:.1e} s")  # fmt: skip
+
+    say("\nwhole rig simulate pendulum: sensors, controller, protocol, truth kept")
+    found["whole"] = w = whole.simulate(3 if quick else 7)
+    verdict = judged("whole", w["rtf"], "whole_rtf")
+    say(f"  {w['seconds']:.0f} s in {w['wall']:.3f} s: {w['rtf']:.0f} x real time {verdict}")
+    found["start"] = s = whole.start(3 if quick else 7)
+    say(f"  new process, 10 s simulated: {s['wall']:.2f} s wall (worst {s['worst']:.2f}) "
+        f"{judged('start', s['wall'], 'start', at_most=True)}")  # fmt: skip
+
+    seconds = 10.0 if quick else 60.0
+    say(f"\npaced, 1 kHz, vibrometer 10 kHz in blocks, controller, recorder, viewer bridge, {seconds:.0f} s")
+    found["loop"] = paced = loop.paced(seconds)
+    say(json.dumps({k: paced[k] for k in ("timing", "loop", "bare_us") if k in paced}, indent=1, default=str))
+
+    if "--json" in sys.argv:
+        Path(sys.argv[sys.argv.index("--json") + 1]).write_text(json.dumps(found, indent=1, default=str))
+    if missed:
+        say(f"\nfloors missed: {', '.join(missed)}")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
