@@ -4,6 +4,8 @@ design      plant matrices in, controller numbers out
 modes       eigenvalues at the sliding equilibrium
 averaged    friction under a fast vibration, averaged
 cycle       the limit cycle
+dense       quantities between samples
 doctor      this machine: how well it keeps time, which scenes it carries
+round_trip  what the bus costs here
 warmup      compiling every kernel shape of the shipped scenes
 """

@@ -20,6 +20,7 @@ from rig.solve.assembly import Assembly
 from rig.solve.formulation import CLOSED, STICK, System
 from rig.solve.linear import sliding_key, steady
 from rig.solve.motion import Event, Motion
+from rig.study.dense import Dense
 
 Array = NDArray[np.float64]
 REPEAT = 1e-9
@@ -196,7 +197,7 @@ class _Runner:
         step_ns = scene.frame_ns
         times = [_time(event, last[0].tick, step_ns * 1e-9) for event in last]
         period = times[-1] - times[-1 - count]
-        dense, ledger_ = _Dense(), _Ledger(self.motion)
+        dense, ledger_ = Dense(), _Ledger(self.motion)
         whole, rest = divmod(round(period * 1e9), step_ns)
         events: list[tuple[float, Event]] = []
         done = 0
@@ -253,49 +254,8 @@ class _Runner:
         end = changes.index((True, False)) if (True, False) in changes else -1
         return start, end
 
-    def _at(self, dense: _Dense, events: list[tuple[float, Event]], number: int, after: bool) -> dict[str, float]:
+    def _at(self, dense: Dense, events: list[tuple[float, Event]], number: int, after: bool) -> dict[str, float]:
         return dict(zip(self.outputs, dense.at(events[number][0], after).tolist())) if number >= 0 else {}
-
-
-class _Dense:
-    """Outputs over a cycle as the polynomials that the plant wrote for its sensors."""
-
-    def __init__(self) -> None:
-        self._start: list[float] = []
-        self._length: list[float] = []
-        self._coef: list[Array] = []
-
-    def add(self, offset: float, motion: Motion) -> None:
-        """Keep the segments of the last call of `advance`, which began at `offset` s."""
-        segments = motion.segments
-        n = int(segments.count[0])
-        self._start += (offset + segments.start[:n]).tolist()
-        self._length += segments.length[:n].tolist()
-        self._coef += [one.copy() for one in segments.coef[:n]]
-
-    def at(self, t: float, after: bool) -> Array:
-        """Every output at t [s], just after it or just before."""
-        ends = np.array(self._start) + np.array(self._length)
-        slack = 1e-9 * min(self._length[0], float(ends[-1]))
-        i = int(np.searchsorted(ends, t + slack if after else t - slack))
-        i = min(i, len(ends) - 1)
-        u = min(max((t - self._start[i]) / self._length[i], 0.0), 1.0)
-        return np.asarray(np.polynomial.polynomial.polyval(u, self._coef[i].T), dtype=np.float64)
-
-    def extremes(self, output: int) -> tuple[float, float]:
-        """Lowest and highest value of an output: at ends of segments, or where its polynomial is level."""
-        coef = np.array([one[output] for one in self._coef])
-        values = np.polynomial.polynomial.polyval(np.linspace(0.0, 1.0, 9), coef.T)
-        low, high = float(values.min()), float(values.max())
-        near = {int(v.argmin()) // 9 for v in (values, -values)}
-        for i in {j for n in near for j in (n - 1, n, n + 1) if 0 <= j < len(coef)}:
-            slope = np.trim_zeros(np.polynomial.polynomial.polyder(coef[i]), "b")
-            if len(slope) > 1:
-                level = np.polynomial.polynomial.polyroots(slope)
-                level = level[(np.abs(level.imag) < 1e-9) & (level.real >= 0.0) & (level.real <= 1.0)].real
-                found = np.polynomial.polynomial.polyval(level, coef[i])
-                low, high = min([low, *found.tolist()]), max([high, *found.tolist()])
-        return low, high
 
 
 class _Ledger:

@@ -7,11 +7,8 @@ thresholds turn it into a verdict. Measured now, under the load of now: a busier
 
 from __future__ import annotations
 
-import contextlib
 import os
 import platform
-import subprocess
-import sys
 import tempfile
 import time
 from collections.abc import Callable
@@ -23,12 +20,12 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rig import bus, kernel, scenes
+from rig import kernel, scenes
 from rig.bench import pace
 from rig.bench.stand import Stand
-from rig.errors import RigError
 from rig.scenes.scene import Scene
 from rig.study import warmup
+from rig.study.round_trip import round_trips
 
 Say = Callable[[str], object]
 FRAME_NS = 1_000_000
@@ -36,7 +33,6 @@ RECORDINGS = Path("recordings/runs")
 LEAST_DISK = 5.0  # MB/s; a run of all sensors at 10 kHz writes less than 1 MB/s
 _SHARE = 0.8  # of a frame: what compute may take at p99
 _MEGABYTES = 16
-_ECHO = "import sys; from rig.study.doctor import echo; echo(sys.argv[1])"
 
 
 @dataclass(frozen=True)
@@ -134,7 +130,8 @@ def doctor(seconds: float = 8.0, report: Say | None = None) -> Report:
     waiting, slept, spun = _waits(0.3 * seconds)
     late = spun if waiting.spin_ns else slept
     say("a round trip over the bus, between two processes")
-    trip, put, fault = _bus(0.15 * seconds)
+    trips, puts, fault = round_trips(0.15 * seconds)
+    trip, put = (Spread.of(found) if len(found) else None for found in (trips, puts))
     say("writing where recordings go")
     disk = _disk()
     say("frames of every scene")
@@ -208,60 +205,6 @@ def _frames(scene: Scene, seconds: float) -> NDArray[np.int64]:
         if len(found) == 4000:
             break
     return np.array(found, dtype=np.int64)
-
-
-def _bus(seconds: float) -> tuple[Spread | None, Spread | None, str]:
-    """Round trips and single publications on the bus between two processes, or why there are none."""
-    name = f"doctor-{os.getpid()}"
-    payload = b"\0" * 64
-    try:
-        with bus.host(name, "doctor") as session:
-            answers, present, step = (
-                session.subscribe("act/*"),
-                session.watch("controller/*"),
-                session.publisher("step"),
-            )
-            session.announce()
-            with contextlib.closing(_Child([sys.executable, "-c", _ECHO, name])):
-                if not present.wait_for("controller", "echo", 8.0):
-                    return None, None, "the other process did not come"
-                trips, puts = [], []
-                for number in range(max(int(seconds * 1e9 / FRAME_NS), 50)):
-                    begin = time.perf_counter_ns()
-                    step.put(payload, number)
-                    puts.append(time.perf_counter_ns() - begin)
-                    if answers.get(timeout=0.5) is None:
-                        return None, None, "an answer did not come within 0.5 s"
-                    trips.append(time.perf_counter_ns() - begin)
-                    time.sleep(0.0005)
-    except RigError as error:
-        return None, None, str(error)
-    return Spread.of(np.array(trips)), Spread.of(np.array(puts)), ""
-
-
-class _Child:
-    """The process at the other end."""
-
-    def __init__(self, command: list[str]) -> None:
-        self._process = subprocess.Popen(command)
-
-    def close(self) -> None:
-        """End it."""
-        self._process.terminate()
-        try:
-            self._process.wait(3.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-
-
-def echo(run: str) -> None:
-    """The other process: answers every step, until none has come for two seconds."""
-    with bus.join(run, role="controller", name="echo", wait=5.0) as session:
-        steps, act = session.subscribe("step"), session.publisher("act/echo")
-        session.announce()
-        while (step := steps.get(timeout=2.0)) is not None:
-            act.put(step.payload, step.t_ns)
 
 
 def _disk() -> float:
