@@ -53,6 +53,7 @@ _COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4
 _STIFF = 50.0  # |lambda| step: dopri5 takes more than 15 steps for stability alone
 _ZERO = 1e-6  # of the largest eigenvalue: what a stuck contact carries along comes out as a rounded zero
 _NEUTRAL = 1e-10
+_FAST = 1e6  # m/s: every law is flat by then
 
 
 @dataclass(frozen=True)
@@ -163,7 +164,7 @@ def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
                 continue
             d, patch, mode = normal.direction.copy(), system.patches[normal.patch], patch_modes[normal.patch]
             if mode != STICK:
-                mu = patch.law.mu(0.0 if at_rest else math.inf) if not patch.law.constant else patch.law.numbers[0]
+                mu = patch.law.mu(0.0 if at_rest else _FAST) if not patch.law.constant else patch.law.numbers[0]
                 d += (1.0 if mode == SLIP_PLUS else -1.0) * mu * patch.direction
             Me -= np.outer(d, normal.inertia)
         worst = min(worst, float(np.linalg.det(Me) / np.linalg.det(M)))

@@ -91,3 +91,10 @@ def test_a_report_is_plain():
     assert told["frequency"] == pytest.approx(1.0 / found.period)
     assert told["stick_share"]["contact"] == pytest.approx(0.11376, rel=1e-3)
     assert "limit cycle" in found.text()
+
+
+def test_a_belt_that_runs_backwards_mirrors_the_cycle():
+    forth, back = limit_cycle(rig.load("belt")), limit_cycle(rig.load("belt", {"drive.speed": -0.06}))
+    assert back.period == pytest.approx(forth.period, rel=1e-10)
+    low, high = forth.extremes["displacement"]
+    assert back.extremes["displacement"] == pytest.approx((-high, -low), rel=1e-8)
