@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 ANSWERS_S = 1.0
 """Longest wait for the totals of the others."""
+LAST_ANSWER_S = 0.1
+"""Longest wait for the answers to the last steps."""
 JUDGED = ("recorder", "controller")
 """Roles whose losses count. A viewer may drop what it cannot draw."""
 
@@ -30,12 +32,13 @@ def conclude(plant: Plant) -> dict[str, Any]:
     wall = time.perf_counter_ns() - plant.begun_ns if plant.begun_ns else 0
     hub.put_gathered()
     hub.put_rest()
-    hub.receive()
     ended = "diverged" if plant.fault else operation.over or "failed"
     operation.journal.note("end", ended)
     hub.put_events()
     plant.attendant.tell_health(time.perf_counter_ns())
-    lost = hub.lost() | _lost_elsewhere(plant)
+    lost = _lost_elsewhere(plant) | _unanswered(plant)
+    hub.receive()
+    lost |= hub.lost()
     verdict = _verdict(plant, lost)
     statistics = stand.statistics()
     t = stand.t_ns / 1e9
@@ -81,6 +84,23 @@ def _verdict(plant: Plant, lost: dict[str, int]) -> Verdict:
     clock, pacer = plant.scene.clock, plant.attendant.pacer
     broken = pacer is not None and pacer.stopped
     return plant.timing.verdict(clock.late_share_valid, clock.late_share_degraded, lost, faults, broken)
+
+
+def _unanswered(plant: Plant) -> dict[str, int]:
+    """Steps that did not reach a controller, or their answers the plant: of those who were here from first to last."""
+    hub, found = plant.hub, {}
+    if plant.job.in_lockstep:  # asked again until they are answered
+        return {}
+    here = plant.from_start & hub.watch.present
+    deadline = time.monotonic() + LAST_ANSWER_S
+    for name in sorted(name for role, name in here if role == "controller" and name in plant.scene.controllers):
+        while hub.unanswered(name) > 0 and (left := deadline - time.monotonic()) > 0.0:
+            message = hub.acts.get(left)
+            if message is not None:
+                hub.read(message)
+        if (count := hub.unanswered(name)) > 0:
+            found[f"step to {name}"] = count
+    return found
 
 
 def _lost_elsewhere(plant: Plant) -> dict[str, int]:

@@ -81,6 +81,8 @@ class Hub:
         """From the put of a step to the arrival of an answer to it."""
         self._trips: list[int] = []
         self._put_at = [(-1, 0)] * _REMEMBERED
+        self.asked = -1
+        """Tick of the last step sent."""
 
     def receive(self) -> None:
         """Hand on the commands that have arrived."""
@@ -103,6 +105,7 @@ class Hub:
         tick, t_ns, bank = stand.tick, stand.t_ns, stand.bank
         if self._put_at[tick % _REMEMBERED][0] != tick:
             self._put_at[tick % _REMEMBERED] = (tick, time.monotonic_ns())
+            self.asked = tick
         self._step.put(encode.step(tick, t_ns, bank.latest, bank.fresh), t_ns)
 
     def gather(self) -> None:
@@ -168,6 +171,12 @@ class Hub:
         """Count the round trips noted so far."""
         trips, self._trips = self._trips, []
         self.round_trip.add(np.array(trips, np.int64))
+
+    def unanswered(self, name: str) -> int:
+        """Steps that a controller has not answered, of all since the first."""
+        line, count = self.operation.exchange.lines[name], self.acts.counts.get(f"act/{name}")
+        answers = count.received + count.lost if count is not None else 0
+        return self.asked // line.period + 1 - answers
 
     def lost(self) -> dict[str, int]:
         """Commands that were sent and did not arrive, by topic."""

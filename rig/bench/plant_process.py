@@ -132,6 +132,8 @@ class Plant:
             sys.setswitchinterval(1e-4)  # who waits for the interpreter, waits for a tenth of a frame, not for five
             self.begun_ns = time.perf_counter_ns()
             self.attendant.begin(self.begun_ns, pacer)
+            others = [name for role, name in sorted(self.from_start) if role != "plant"]
+            self.operation.journal.note("begin", f"begins with {', '.join(others) or 'nobody else'}")
             if pacer is not None:
                 pacer.anchor()
             if job.in_lockstep:
@@ -247,12 +249,12 @@ def carry_out(
     `stopping` says why the run is to end, "" while it is not; `say` gets a line now and then before the first frame,
     `show` the health while the run goes on.
     """
-    if job.realtime and (why := pace.take_priority()):
-        say(why)
     scene = Scene.from_json(job.scene)
     if not kernel.is_warm():
         say("compiling the kernels, once for these sources; it takes a minute or two")
     warm(scene)
+    if job.realtime and (why := pace.take_priority()):  # the threads of the bus inherit it
+        say(why)
     with bus.host(job.run, scene.name, job.endpoint) as session:
         plant = Plant(session, job, stopping)
         session.announce()

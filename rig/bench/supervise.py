@@ -32,7 +32,9 @@ JOIN_S = 30.0
 """Longest wait of a process for the run, and of the plant for the processes."""
 LEAVE_S = 3.0
 """Time in which everybody has left after the plant."""
-TOLD = ("mark", "limit", "diverged", "safe", "back", "refused", "evicted", "pause", "missing", "timeout", "not finite")
+TOLD = frozenset(
+    "begin mark limit diverged fault safe back refused overruled evicted pause missing timeout parameter knock".split()
+)
 """Kinds of events that are shown while the run goes on."""
 
 

@@ -1,0 +1,232 @@
+"""Whole runs: plant, controller and recorder as processes over a private unix socket."""
+
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+import controllers
+import rig
+from rig import scenes
+from rig.bench import supervise
+from rig.bench.simulate import simulate
+from rig.bus import address
+from rig.errors import UsageError
+from rig.study import design
+
+SCENE = "belt_normal_force"
+
+
+@pytest.fixture
+def folder(monkeypatch):
+    """A directory of live runs that belongs to this test alone; short, for socket paths are."""
+    here = tempfile.mkdtemp(prefix="rig-")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", here)
+    yield Path(here)
+    left = [one for one in psutil.Process().children(recursive=True) if one.is_running()]
+    for one in left:
+        one.kill()
+    shutil.rmtree(here)
+    assert not left
+
+
+class Going:
+    """A supervised run in a thread of its own."""
+
+    def __init__(self, scene, numbers=None, **options):
+        self.outcome, self.fault, self.lines = None, None, []
+        self.before = {child.pid for child in psutil.Process().children()}
+        self.numbers = design.numbers(scene) if numbers is None else numbers
+        self.thread = threading.Thread(target=self._run, args=(scene, options), daemon=True)
+        self.thread.start()
+
+    def _run(self, scene, options):
+        try:
+            self.outcome = supervise.run(scene, numbers=self.numbers, say=self.lines.append, **options)
+        except UsageError as fault:
+            self.fault = fault
+
+    def wait(self, seconds):
+        self.thread.join(seconds)
+        assert not self.thread.is_alive(), self.lines
+        return self.outcome
+
+    def process(self, words, seconds=60.0):
+        """The process of this run whose command line has all the `words`."""
+        deadline = time.monotonic() + seconds
+        while time.monotonic() < deadline:
+            for child in psutil.Process().children():
+                if child.pid not in self.before and set(words.split()) <= set(child.cmdline()):
+                    return child
+            time.sleep(0.02)
+        raise AssertionError(f"no process has {words}: {self.lines}")
+
+    def line(self, text, seconds=60.0):
+        """Wait until a line with `text` has been said."""
+        deadline = time.monotonic() + seconds
+        while not any(text in line for line in self.lines):
+            assert time.monotonic() < deadline, self.lines
+            assert self.thread.is_alive(), self.lines
+            time.sleep(0.01)
+
+
+def ended(processes, seconds):
+    """How long it took until none of the processes lived [s]."""
+    begin = time.monotonic()
+    _, alive = psutil.wait_procs(processes, seconds)
+    assert not alive
+    return time.monotonic() - begin
+
+
+def same_bits(log, run):
+    for name, known in run.measurements.items():
+        assert log.measurements[name].v.tobytes() == known.v.tobytes()
+        assert np.array_equal(log.measurements[name].t_ns, known.t_ns)
+    at = np.searchsorted(run.time, log.time - 1e-9)
+    for name, values in log.signals.items():
+        assert values.tobytes() == run.signals[name][at].tobytes()
+    for name, known in run.commands.items():
+        assert log.commands[name].values.tobytes() == known.values.tobytes()
+        assert np.array_equal(log.commands[name].tick, known.tick)
+
+
+@pytest.mark.parametrize("load", [0, 3])
+def test_lockstep_gives_the_bits_of_a_run_in_one_process(folder, load):
+    scene = scenes.load(SCENE)
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(load)]
+    try:
+        outcome = Going(scene, pace=None, duration=2.0, out=folder / "run.mcap").wait(100.0)
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    assert outcome.exit_code == 0, outcome.text()
+    assert outcome.summary["lost"] == {}
+    built = {
+        name: controllers.build(section, design.numbers(scene)[name]) for name, section in scene.controllers.items()
+    }
+    same_bits(rig.open(folder / "run.mcap"), simulate(scene, built, 2 * 10**9))
+
+
+def test_a_paced_run_loses_nothing(folder):
+    scene = scenes.load(SCENE, {"sensors.vibrometer.rate": "10 kHz"})
+    outcome = Going(scene, duration=5.0, out=folder / "run.mcap").wait(100.0)
+    assert outcome.summary["lost"] == {}, outcome.text()
+    assert outcome.died == ()
+    assert outcome.summary["verdict"] in ("VALID", "DEGRADED", "INVALID")
+    assert outcome.summary["timing"]["frames"] == 5001
+    log = rig.open(folder / "run.mcap")
+    assert not log.fault
+    assert len(log.measurements["vibrometer"].v) == 50_001
+    assert log.summary["verdict"] == outcome.summary["verdict"]
+    assert log.summary["timing"] == outcome.summary["timing"]
+    again = simulate(scene, {}, 5 * 10**9, log.commands)
+    same_bits(log, again)
+
+
+def test_the_plant_goes_on_without_the_others_and_a_second_run_beside_is_not_touched(folder):
+    first = Going(scenes.load(SCENE), duration=4.0, out=folder / "first.mcap", name="first")
+    second = Going(scenes.load("belt"), duration=4.0, out=folder / "second.mcap", name="second")
+    first.line("begins with nf, recorder")
+    controller = first.process("controllers.process first")
+    controller.send_signal(signal.SIGKILL)
+    first.line("controller nf was killed by SIGKILL; the plant goes on")
+    time.sleep(0.5)
+    first.process("record first").send_signal(signal.SIGKILL)
+    first.line("recorder recorder was killed by SIGKILL; the plant goes on")
+    outcome, other = first.wait(60.0), second.wait(60.0)
+    assert outcome.summary["ended"] == "done"
+    assert outcome.summary["seconds"] == 4.0
+    assert outcome.summary["verdict"] != "VALID"
+    told = " ".join(outcome.summary["faults"])
+    assert "controller nf left at t = " in told
+    assert "recorder recorder left at t = " in told
+    assert outcome.summary["loop"]["nf"]["safe"] == 1
+    assert rig.open(folder / "first.mcap").time[-1] > 0.0
+    assert (other.summary["ended"], other.died, other.summary["lost"]) == ("done", (), {})
+    assert rig.open(folder / "second.mcap").time[-1] == 4.0
+
+
+def test_nobody_outlives_the_plant(folder):
+    going = Going(scenes.load(SCENE), duration=60.0, out=folder / "run.mcap", name="killed")
+    going.line("begins with nf, recorder")
+    begun = time.monotonic()
+    others = [going.process("controllers.process killed"), going.process("record killed")]
+    plant = going.process("rig.bench.plant_process")
+    time.sleep(2.0)
+    plant.send_signal(signal.SIGKILL)
+    lived = time.monotonic() - begun
+    assert ended(others, 5.0) < 3.0
+    outcome = going.wait(20.0)
+    assert outcome.exit_code == 1
+    assert outcome.summary["verdict"] == "INVALID"
+    assert "killed by SIGKILL" in outcome.text()
+    assert rig.open(folder / "run.mcap").time[-1] > lived - 0.5
+    assert address.list_runs() == []
+
+
+def test_a_plant_that_was_held_up_says_so(folder):
+    going = Going(scenes.load(SCENE), duration=2.0, out=folder / "run.mcap", name="held")
+    going.line("begins with nf, recorder")
+    plant = going.process("rig.bench.plant_process")
+    plant.suspend()
+    time.sleep(1.0)
+    plant.resume()
+    outcome = going.wait(20.0)
+    assert outcome.summary["verdict"] == "INVALID"
+    assert outcome.exit_code == 3
+    assert outcome.summary["timing"]["given_up"] > 900
+    assert any("s of the wall clock passed without a frame" in fault for fault in outcome.summary["faults"])
+    assert outcome.summary["wall_seconds"] > 2.9  # no burst to make up for it
+    assert outcome.summary["ticks"] == 2000
+
+
+def test_ctrl_c_ends_a_run_in_order(folder):
+    code = (
+        "import sys; from pathlib import Path; from rig import scenes; from rig.bench import supervise; "
+        "from rig.study import design; scene = scenes.load(sys.argv[1]); "
+        "out = supervise.run(scene, numbers=design.numbers(scene), duration=60.0, out=Path(sys.argv[2])); "
+        "print(out.text()); sys.exit(out.exit_code)"
+    )
+    path = os.pathsep.join([str(Path(rig.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
+    process = subprocess.Popen(
+        [sys.executable, "-c", code, SCENE, str(folder / "run.mcap")],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+    for line in process.stderr:
+        if "begins with" in line:
+            break
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=20.0)
+    assert process.returncode in (0, 3), (out, err)
+    assert "stopped by SIGINT" in out
+    assert "none lost" in out
+    assert not rig.open(folder / "run.mcap").fault
+
+
+def test_a_plant_that_cannot_begin_says_why(folder):
+    scene = scenes.load(SCENE, {"clock.limit": "1e-3"})
+    with pytest.raises(UsageError, match="the state has left the limit") as fault:
+        supervise.run(scene, numbers=design.numbers(scene), duration=1.0, say=lambda _: None)
+    assert fault.value.exit_code == 4
+
+
+def test_a_controller_that_cannot_begin_is_not_waited_for(folder):
+    going = Going(scenes.load(SCENE), numbers={}, duration=0.5, out=folder / "run.mcap")
+    outcome = going.wait(60.0)
+    assert outcome.summary["ended"] == "done"
+    assert outcome.summary["faults"] == ["controller nf was not here when the run began"]
+    assert any("nominal: is not stated" in line for line in going.lines)
