@@ -57,6 +57,6 @@ def view_log(path: Path | str, save: Path | str | None = None, web: bool = False
     drawing = drawing_of(run)
     with sink(Path(path).stem, drawing, live=False, save=save, web=web) as (rec, shown):
         write_run(run, rec, drawing)
-        rec.flush(timeout_sec=60.0)
+        rec.flush(timeout_sec=60.0)  # all of it, however long it takes
         if shown is not None and web:
             shown.wait()

@@ -173,7 +173,7 @@ class Pendulum(Picture):
         log("rig/pendulum/arm", arm, static=True)
         shoe = rr.Boxes3D(half_sizes=[(0.07, 0.06, 0.075)], centers=[(_ARM, 0, 0.1)], fill_mode="solid")
         log("rig/pendulum/shoe", shoe, static=True)
-        log("rig/pendulum/friction", rr.Arrows3D(vectors=[(0, 0, 0)], origins=[(_ARM + 0.1, 0, 0.06)],
+        log("rig/pendulum/friction", rr.Arrows3D.from_fields(origins=[(_ARM + 0.1, 0, 0.06)],
                                                  colors=[_FRICTION], radii=[0.016]), static=True)  # fmt: skip
         post = rr.Boxes3D(half_sizes=[(0.04, 0.04, 0.15)], centers=[_POST - (0, 0, 0.05)], colors=[_STEEL],
                           fill_mode="solid")  # fmt: skip
@@ -229,7 +229,7 @@ class Belt(Picture):
         log("rig/marks", rr.LineStrips3D(lines, colors=[_MARK], radii=[0.006]), static=True)
         log("rig/mass/body", rr.Boxes3D(half_sizes=[(0.2, 0.2, 0.17)], centers=[(0, 0, 0.19)], fill_mode="solid"),
             static=True)  # fmt: skip
-        log("rig/mass/friction", rr.Arrows3D(vectors=[(0, 0, 0)], origins=[(0, -0.27, 0.04)], colors=[_FRICTION],
+        log("rig/mass/friction", rr.Arrows3D.from_fields(origins=[(0, -0.27, 0.04)], colors=[_FRICTION],
                                              radii=[0.018]), static=True)  # fmt: skip
         wall = rr.Boxes3D(half_sizes=[(0.03, 0.35, 0.3)], centers=[(-1.25, 0, 0.32)], colors=[_STEEL],
                           fill_mode="solid")  # fmt: skip

@@ -55,7 +55,9 @@ class Portrait:
         cuts = [0, *(np.flatnonzero(np.diff(modes)) + 1).tolist(), len(modes)]
         strips = [table[begin : end + 1] for begin, end in pairwise(cuts)]
         colours = [contact.rgb(contact.COLOURS[modes[begin]]) for begin in cuts[:-1]]
-        curve = rr.LineStrips2D.columns(strips=strips, colors=colours).partition([len(strips)])
+        curve = rr.LineStrips2D.columns(strips=strips, colors=colours, radii=[0.012] * len(strips)).partition(
+            [len(strips)]
+        )
         dot = rr.Points2D.columns(positions=table[-1:], colors=colours[-1:], radii=[0.035])
         return [*found, Columns("portrait/curve", now, curve), Columns("portrait/now", now, dot)]
 
@@ -66,16 +68,23 @@ class Portrait:
         self._scale = (scale[0], scale[1])
         import rerun as rr
 
-        words = [f"x = {scale[0]:g} {self._units[0]}", f"v = {scale[1]:g} {self._units[1]}"]
-        frame = rr.LineStrips2D.columns(strips=_FRAME, colors=[_GREY] * 3).partition([3])
+        words = [_with_unit(scale[0], self._units[0]), _with_unit(scale[1], self._units[1])]
+        frame = rr.LineStrips2D.columns(strips=_FRAME, colors=[_GREY] * 3, radii=[0.004] * 3).partition([3])
         labels = rr.Points2D.columns(
-            positions=[(0.8, 0.08), (0.0, -1.08)], labels=words, colors=[_GREY] * 2, radii=[0.0] * 2
+            positions=[(1.0, 0.0), (0.0, -1.0)], labels=words, colors=[_GREY] * 2, radii=[0.0] * 2
         ).partition([2])
         return [Columns("portrait/frame", now, frame), Columns("portrait/edges", now, labels)]
 
 
+def _with_unit(value: float, unit: str) -> str:
+    """A length of millimetres in millimetres."""
+    return f"{1e3 * value:g} m{unit}" if unit in ("m", "rad") and value < 1.0 else f"{value:g} {unit}"
+
+
 def _round_up(value: float) -> float:
-    """To 1, 2 or 5 times a power of ten; at least a hundred-thousandth."""
+    """To a number of one or two digits; at least a hundred-thousandth."""
     value = max(value, 1e-5)
     base = 10.0 ** math.floor(math.log10(value))
-    return next(step * base for step in (1.0, 2.0, 5.0, 10.0) if value <= step * base * (1.0 + 1e-9))
+    return next(
+        step * base for step in (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0) if value <= step * base * (1.0 + 1e-9)
+    )

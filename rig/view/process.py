@@ -193,10 +193,11 @@ class Sender:
 
     def finish(self, batch: list[Columns]) -> None:
         """Send a last batch, and wait a moment for all to arrive."""
+        deadline = time.monotonic() + _LEAVING_S
         if self._idle.wait(_LEAVING_S):
             self.offer(batch)
             self._batches.put(None)
-        self._thread.join(_LEAVING_S)
+        self._thread.join(max(deadline - time.monotonic(), 0.0))
 
     def _work(self) -> None:
         while (batch := self._batches.get()) is not None:

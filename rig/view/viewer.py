@@ -11,6 +11,7 @@ import os
 import socket
 import subprocess
 import tempfile
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     import rerun as rr
 
 _OPENING_S = 15.0
+_LEAVING_S = 0.5
 _SETTLED_S = 0.4
 """A viewer that finds no display gives up within a tenth of this, after it has begun to listen."""
 _MEMORY, _SERVED = "2GB", "256MB"
@@ -160,7 +162,17 @@ def sink(
     try:
         rec.send_recording_name(name)
         yield rec, viewer
-        rec.flush(timeout_sec=1.0)
     finally:
+        _leave(rec)
         if viewer is not None and (web or headless):
             viewer.stop()
+
+
+def _leave(rec: rr.RecordingStream) -> None:
+    """Send what is on its way and close, within a moment: a viewer that hangs would hold it for ever."""
+    import rerun as rr
+
+    rr.unregister_shutdown()
+    leaving = threading.Thread(target=rec.disconnect, name="rerun-leaves", daemon=True)
+    leaving.start()
+    leaving.join(_LEAVING_S)

@@ -1,0 +1,147 @@
+"""Private runs, processes that never outlive their test, a made-up plant on the bus, what stands in an .rrd file."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rig
+from rig.bus import encode, messages
+from rig.bus.setup import Setup
+from rig.bus.twin import Twin
+from rig.scenes.scene import Scene
+from rig.solve.formulation import SLIP_PLUS, STICK
+
+OUTPUTS = {
+    "displacement": "m",
+    "velocity": "m/s",
+    "friction_force": "N",
+    "normal_force": "N",
+    "surface_speed": "m/s",
+}
+SENSORS = {"laser": ("m/s", 100_000), "gauge": ("1", 1_000_000)}
+
+
+@pytest.fixture
+def runs(monkeypatch):
+    """A directory of live runs that belongs to this test alone; short, for socket paths are."""
+    here = tempfile.mkdtemp(prefix="rig-")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", here)
+    yield Path(here)
+    shutil.rmtree(here)
+
+
+@pytest.fixture
+def script(runs):
+    """Starts Python code in a process of its own; each is gone after 25 s, or after the test."""
+    started = []
+
+    def start(code, *args):
+        process = subprocess.Popen(
+            [sys.executable, "-c", code, *map(str, args)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
+        )
+        started.append((process, threading.Timer(25.0, process.kill)))
+        started[-1][1].start()
+        return process
+
+    yield start
+    for process, deadline in started:
+        deadline.cancel()
+        process.kill()
+        process.communicate()
+
+
+@pytest.fixture(scope="session")
+def scene():
+    """The belt with normal-force feedback, a vibrometer of 10 kHz and a strain gauge of 1e-5 per newton."""
+    told = json.loads(rig.load("belt_normal_force").to_json())
+    laser = {**told["sensors"]["vibrometer"], "rate": 1e4}
+    gauge = {**json.loads(rig.load("pendulum").to_json())["sensors"]["strain_gauge"], "strain_per_newton": 1e-5}
+    return Scene.from_json(json.dumps({**told, "sensors": {"laser": laser, "gauge": gauge}}))
+
+
+class Plant:
+    """Says on an in-process bus what a plant says: states of 200 Hz, a laser of 10 kHz in blocks, a gauge."""
+
+    def __init__(self, hub, scene):
+        self.session = hub.open("plant", "plant")
+        self.setup = Setup(hub.run, scene.to_json(), 1_000_000, 100_000, OUTPUTS, SENSORS)
+        self._scene = self.session.serve("scene", lambda body: self.setup.to_json())
+        self.session.announce()
+        self._state = encode.StateEncoder(len(OUTPUTS))
+        system = scene.assemble().system()
+        self._keys = [system.key([mode], [0], [0] * len(system.limiters)) for mode in (STICK, SLIP_PLUS)]
+        self.sent = 0
+
+    def serve(self, seconds=5.0):
+        threading.Thread(target=self._scene.poll, args=(seconds,), daemon=True).start()
+
+    def put(self, topic, payload, t_ns):
+        self.session.publisher(topic).put(payload, t_ns)
+        self.sent += 1
+
+    def speak(self, first, frames):
+        """Frames of 1 ms: the mass swings, and sticks in the first half of every second."""
+        for k in range(first, first + frames):
+            now = k * 1_000_000
+            if k % 5 == 0:
+                key = self._keys[k % 1000 >= 500]
+                swing = np.array([1e-3 * np.sin(k / 50), 0.02 * np.cos(k / 50), 3.0, 20.0, 0.06])
+                self.put("state", self._state(now, k, key, swing), now)
+            if k % 20 == 0:
+                self.put("meas/laser", encode.block(k, now, 100_000, np.full(200, float(k))), now)
+            self.put("meas/gauge", encode.block(k, now, 1_000_000, [1e-6 * k]), now)
+            self.put("applied/nf", encode.applied(k, now, k - 1, 0, [20.0 + k]), now)
+            if k % 100 == 0:
+                health = messages.TYPES["Health"](t_ns=now, tick=k, rate=1.0, stick_share=0.5, energy_error=1e-12)
+                self.put("health", health.SerializeToString(), now)
+
+    def event(self, kind, text, t_ns=0, **data):
+        self.put("event/plant", messages.event(t_ns, 0, "plant", kind, text, data), t_ns)
+
+
+@pytest.fixture
+def hub():
+    return Twin("viewed")
+
+
+@pytest.fixture
+def plant(hub, scene):
+    return Plant(hub, scene)
+
+
+@pytest.fixture(scope="module")
+def stage(scene):
+    """A hub and a plant for all tests of a module."""
+    hub = Twin("viewed")
+    return hub, Plant(hub, scene)
+
+
+@pytest.fixture(scope="session")
+def contents():
+    """What an .rrd file holds: entity -> (sorted times [ns], {component: values by row}); static rows apart."""
+
+    def read(path):
+        import rerun.chunk
+
+        moving, static = defaultdict(list), defaultdict(list)
+        for chunk in rerun.chunk.RrdReader(path).stream().to_chunks():
+            batch = chunk.to_record_batch().to_pydict()
+            rows = static if chunk.is_static else moving
+            count = chunk.num_rows
+            rows[chunk.entity_path] += [{name: column[i] for name, column in batch.items()} for i in range(count)]
+        return dict(moving), dict(static)
+
+    return read

@@ -1,0 +1,261 @@
+"""The bridge from the bus to rerun: what it shows is what was said, what it leaves out is counted, nobody waits."""
+
+import os
+import re
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from rig.errors import LogError, UsageError
+from rig.view import feed, viewer
+from rig.view.process import Bridge, Sender
+
+SECONDS = 2
+
+
+def times(rows):
+    """Simulated times of rows [ns], sorted."""
+    return sorted(int(np.timedelta64(row["sim_time"], "ns").astype(np.int64)) for row in rows)
+
+
+def values(rows, component):
+    """Values of a component in the order of time; each row holds a list."""
+    return [v for row in sorted(rows, key=lambda row: row["sim_time"]) for v in row[component]]
+
+
+@pytest.fixture(scope="module")
+def shown(stage, contents, tmp_path_factory):
+    """Two seconds on the bus and the file that the bridge made of them."""
+    hub, plant = stage
+    path = tmp_path_factory.mktemp("shown") / "new" / "run.rrd"
+    plant.serve()
+    found = []
+    with hub.open("viewer", "viewer") as session:
+        bridge = Bridge(session)
+        session.announce()
+        with viewer.sink("viewed", bridge.drawing, live=True, save=path) as (rec, process):
+            assert process is None
+            working = threading.Thread(target=lambda: found.append(bridge.run(rec, threading.Event())))
+            working.start()
+            plant.event("step", "hold for 2 s")
+            plant.event("connected", "nf is connected", 1_000_000_000, controller="nf")
+            for k in range(0, 1000 * SECONDS, 250):
+                plant.speak(k, 250)
+                time.sleep(0.12)
+            totals = plant.session.subscribe("total/*")
+            plant.put("total/plant", plant.session.totals(), 0)
+            assert totals.get(2.0) is not None
+            plant.event("verdict", "VALID", SECONDS * 1_000_000_000)
+            plant.session.close()
+            working.join(5.0)
+    return found[0], *contents(path)
+
+
+def test_the_file_holds_what_was_said(shown, stage):
+    (viewing, rows, static), (_, plant) = shown, stage
+    assert (viewing.ended, viewing.messages, viewing.lost, viewing.dropped) == ("the plant left", plant.sent, {}, 0)
+    states = list(range(0, SECONDS * 1_000_000_000, 5_000_000))
+    for output in plant.setup.outputs:
+        assert times(rows[f"/plant/{output}"]) == states
+    k = np.arange(0, 1000 * SECONDS, 5)
+    assert np.array_equal(values(rows["/plant/velocity"], "Scalars:scalars"), 0.02 * np.cos(k / 50))
+    assert times(rows["/sensor/gauge"]) == list(range(0, SECONDS * 1_000_000_000, 1_000_000))
+    assert np.allclose(values(rows["/sensor/gauge"], "Scalars:scalars"), 0.1 * np.arange(1000 * SECONDS))  # newtons
+    assert times(rows["/command/nf"]) == list(range(0, SECONDS * 1_000_000_000, 1_000_000))
+    assert values(rows["/health/energy_error"], "Scalars:scalars")[0] == pytest.approx(-12.0, abs=1e-5)
+    assert [row["SeriesLines:names"] for row in static["/plant/surface_speed"]] == [["surface speed"]]
+    assert values(rows["/event/plant"], "TextLog:text") == [
+        "step: hold for 2 s", "connected: nf is connected", "verdict: VALID",
+    ]  # fmt: skip
+
+
+def test_a_fast_sensor_is_thinned_to_a_kilohertz(shown):
+    viewing, rows, _ = shown
+    at = np.array(times(rows["/sensor/laser"]))
+    assert np.all(at % 100_000 == 0)
+    assert 900 * SECONDS <= at.size <= 1000 * SECONDS + 20
+    assert viewing.thinned == 10_000 * SECONDS - at.size
+
+
+def test_contact_protocol_and_controllers_are_strips(shown):
+    _, rows, _ = shown
+    contact = rows["/strip/contact"]
+    assert times(contact) == [0, 500_000_000, 1_000_000_000, 1_500_000_000]
+    assert values(contact, "StateChange:state") == ["stick", "slip+", "stick", "slip+"]
+    assert values(rows["/strip/nf"], "StateChange:state") == ["connected"]
+    assert values(rows["/strip/protocol"], "StateChange:state") == ["hold for 2 s"]
+
+
+def test_the_picture_moves_with_the_mass(shown):
+    _, rows, static = shown
+    moved = rows["/rig/mass"]
+    assert 30 * SECONDS <= len(moved) <= 50 * SECONDS
+    x = np.array(values(moved, "Transform3D:translation"))[:, 0]
+    true = 1e-3 * np.sin(np.array(times(moved)) / 50e6)
+    gain = x[true > 5e-4] / true[true > 5e-4]
+    assert np.allclose(gain, gain[0], rtol=1e-6)
+    assert {"/rig/belt", "/rig/wall", "/rig/rollers"} <= set(static)
+    arrows = np.array(values(rows["/rig/mass/friction"], "Arrows3D:vectors"))
+    assert np.all(arrows[:, 0] > 0.0)
+
+
+def test_the_portrait_is_the_last_two_seconds(shown):
+    _, rows, _ = shown
+    curve = sorted(rows["/portrait/curve"], key=lambda row: row["sim_time"])
+    assert len(curve) >= 4
+    last = curve[-1]["LineStrips2D:strips"]
+    assert sum(map(len, last)) >= 398
+    assert np.abs(np.concatenate([np.array(strip) for strip in last])).max() <= 1.0
+
+
+def test_what_nobody_takes_is_dropped_and_counted(plant, hub):
+    plant.serve()
+    bridge = Bridge(hub.open("viewer", "viewer"))
+    kept = bridge._feed
+    plant.speak(0, 100)
+    bridge._listen()
+    assert kept.dropped == 0
+    for second in range(1, 31):  # the viewer hangs
+        plant.speak(1000 * second, 1000)
+        bridge._listen()
+    assert kept.messages == plant.sent
+    assert kept.dropped > 0
+    curves = {path: t_ns for path, t_ns, _ in kept.take()}
+    assert curves["plant/velocity"].size <= feed.KEPT
+    assert curves["sensor/gauge"].size <= feed.KEPT
+    assert kept.dropped + len(kept._states) < kept.messages
+
+
+def test_what_the_bridge_is_too_slow_for_is_counted_by_topic(plant, hub, monkeypatch):
+    monkeypatch.setattr("rig.view.process._DEPTH", 50)
+    plant.serve()
+    bridge = Bridge(hub.open("viewer", "viewer"))
+    plant.speak(0, 10)
+    bridge._listen()
+    plant.speak(10, 1000)
+    bridge._listen()
+    heard = next(receiver for receiver in bridge._heard if "meas/gauge" in receiver.counts)
+    count = heard.counts["meas/gauge"]
+    assert count.lost > 0
+    assert count.received + count.lost == 1010
+    assert bridge.lost >= count.lost
+
+
+def test_a_viewer_that_hangs_delays_nobody():
+    release = threading.Event()
+
+    class Hung:
+        def send_columns(self, *_, **__):
+            release.wait(10.0)
+
+        def flush(self, **_):
+            release.wait(10.0)
+
+    from rig.view.picture import Columns
+
+    sender = Sender(Hung())
+    sender.offer([Columns("x", np.array([0]), [])])
+    time.sleep(0.05)
+    assert not sender.free
+    begun = time.perf_counter()
+    sender.finish([])
+    assert time.perf_counter() - begun < 1.5
+    release.set()
+
+
+def test_a_file_that_cannot_be_written_is_told(plant, hub, tmp_path):
+    plant.serve()
+    bridge = Bridge(hub.open("viewer", "viewer"))
+    (tmp_path / "file").write_text("")
+    with (
+        pytest.raises(LogError, match=r"run\.rrd cannot be written: "),
+        viewer.sink("viewed", bridge.drawing, live=True, save=tmp_path / "file" / "run.rrd"),
+    ):
+        pass
+
+
+def test_without_a_display_the_window_says_so(monkeypatch):
+    for name in ("DISPLAY", "WAYLAND_DISPLAY", "WAYLAND_SOCKET"):
+        monkeypatch.delenv(name, raising=False)
+    with pytest.raises(UsageError, match="there is no display; try --web"):
+        viewer.start()
+
+
+def test_a_page_is_served_on_loopback_only_and_ends_with_its_viewer():
+    shown = viewer.start(web=True)
+    try:
+        assert shown.alive
+        assert re.fullmatch(
+            r"http://127\.0\.0\.1:\d+/\?url=rerun%2Bhttp%3A%2F%2F127\.0\.0\.1%3A\d+%2Fproxy", shown.page
+        )
+        assert listeners(shown.process.pid) == {"0100007F"}
+    finally:
+        shown.stop()
+    assert not shown.alive
+
+
+def listeners(pid):
+    """Addresses (hexadecimal) that a process listens on."""
+    inodes = set()
+    for entry in os.listdir(f"/proc/{pid}/fd"):
+        target = os.readlink(f"/proc/{pid}/fd/{entry}")
+        inodes |= {target[8:-1]} if target.startswith("socket:[") else set()
+    found = set()
+    for table in ("tcp", "tcp6"):
+        with open(f"/proc/{pid}/net/{table}") as lines:
+            rows = [line.split() for line in list(lines)[1:]]
+        found |= {row[1].split(":")[0] for row in rows if row[3] == "0A" and row[9] in inodes}
+    return found
+
+
+HUB = """
+import time
+import numpy as np
+from rig import bus
+from rig.bus import encode
+from rig.bus.setup import Setup
+outputs = {"displacement": "m", "velocity": "m/s"}
+with bus.host("shown") as me:
+    told = Setup(me.run, '{"plant": "other"}', 1_000_000, 1_000_000, outputs, {"laser": ("m/s", 1_000_000)})
+    scene, watch, state = me.serve("scene", lambda body: told.to_json()), me.watch(), encode.StateEncoder(2)
+    me.announce()
+    while ("viewer", "viewer") not in watch.present:
+        scene.poll(0.02); watch.poll()
+    for tick in range(20_000):
+        me.publisher("meas/laser").put(encode.block(tick, tick * 1_000_000, 1_000_000, [1.0]), tick * 1_000_000)
+        me.publisher("state").put(state(tick * 1_000_000, tick, 0, np.array([1e-3, 0.0])), tick * 1_000_000)
+        time.sleep(0.001)
+        if tick == 500: print("half a second", flush=True)
+"""
+
+BRIDGE = """
+import sys
+from rig.view.process import view
+view("shown", save=sys.argv[1], wait=10.0, say=lambda text: print(text, flush=True))
+"""
+
+
+def test_a_killed_plant_ends_the_bridge_with_a_whole_file(script, contents, tmp_path):
+    plant, bridge = script(HUB), script(BRIDGE, tmp_path / "run.rrd")
+    assert plant.stdout.readline() == "half a second\n"
+    plant.kill()
+    begun = time.monotonic()
+    said, complaint = bridge.communicate(timeout=10)
+    assert time.monotonic() - begun < 3.0
+    assert (bridge.returncode, complaint) == (0, "")
+    assert said.startswith("the plant left; ")
+    assert len(contents(tmp_path / "run.rrd")[0]["/sensor/laser"]) >= 500
+
+
+def test_a_bridge_that_is_told_to_stop_ends_at_once(script, tmp_path):
+    plant, bridge = script(HUB), script(BRIDGE, tmp_path / "run.rrd")
+    assert plant.stdout.readline() == "half a second\n"
+    bridge.send_signal(signal.SIGINT)
+    begun = time.monotonic()
+    said, _ = bridge.communicate(timeout=10)
+    assert time.monotonic() - begun < 3.0
+    assert said.startswith("told to stop; ")
+    assert plant.poll() is None

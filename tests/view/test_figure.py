@@ -1,0 +1,128 @@
+"""The figure of a run, and the story that it tells."""
+
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+import rig
+from rig.record.run import Commands, Run, Samples
+from rig.record.save import save
+from rig.view import story
+from rig.view.figure import draw, thinned
+from rig.view.log import view_log
+
+
+NOTHING = Samples(np.empty(0, np.int64), np.empty(0))
+
+
+def ink(path):
+    """Width, height and share of pixels that are not white."""
+    from matplotlib.image import imread
+
+    picture = imread(path)
+    return picture.shape[1], picture.shape[0], float((picture[..., :3] < 0.97).any(axis=2).mean())
+
+
+@pytest.fixture(scope="module")
+def run():
+    """Half a second of the belt."""
+    return rig.simulate("belt", 0.5)
+
+
+def made_up(seconds, step_ns, **told):
+    """A run of a plant that nobody knows, with one controller."""
+    time = np.arange(round(seconds * 1e9 / step_ns) + 1) * step_ns * 1e-9
+    told_at = [
+        (0, "step", "ramp drive.speed to 2 m/s within 1 s"),
+        (1, "step", "hold for 2 s"),
+        (1, "mark", "on"),
+        (1, "connected", "c is connected"),
+        (2, "disconnected", "c is disconnected"),
+    ]
+    events = [
+        {
+            "t_ns": t * 10**9,
+            "tick": t * 1000,
+            "source": "plant",
+            "kind": kind,
+            "text": text,
+            "data": {"controller": "c"},
+        }
+        for t, kind, text in told_at
+    ]
+    at = np.arange(10, dtype=np.int64)
+    return Run(
+        scene='{"plant": "other"}',
+        step_ns=step_ns,
+        frame_ns=1_000_000,
+        time=time,
+        signals={"displacement": 1e-3 * np.sin(20 * time), "velocity": 0.02 * np.cos(20 * time)},
+        units={"displacement": "m", "velocity": "m/s"},
+        commands={"c": Commands(at, at, at * 0, np.zeros((10, 1)))},
+        events=events,
+        **told,
+    )
+
+
+def test_a_simulated_run_becomes_a_picture_of_1600_pixels(run, tmp_path):
+    path = tmp_path / "new" / "belt.png"
+    draw(run, path)
+    width, height, share = ink(path)
+    assert width == 1600
+    assert 900 <= height <= 1200
+    assert 0.05 < share < 0.8
+
+
+@pytest.mark.parametrize("kind", ["empty", "short", "long and fine", "stopped"])
+def test_any_run_can_be_drawn(kind, tmp_path):
+    runs = {
+        "empty": lambda: Run("", 1_000_000, 1_000_000, np.empty(0), {}, {}),
+        "short": lambda: made_up(0.003, 1_000_000),
+        "long and fine": lambda: made_up(140.0, 100_000, measurements={"laser": NOTHING}),
+        "stopped": lambda: made_up(2.5, 1_000_000, fault="diverged\n at t = 2.5 s", summary={"verdict": "INVALID"}),
+    }  # fmt: skip
+    draw(runs[kind](), tmp_path / "run.png")
+    assert ink(tmp_path / "run.png")[0] == 1600
+
+
+def test_phases_marks_and_controllers_are_told_in_spans():
+    run = made_up(3.0, 1_000_000)
+    assert story.phases(run) == [(0.0, 1.0, "drive.speed to 2 m/s"), (1.0, 3.0, "hold")]
+    assert story.marks(run) == [(1.0, "on")]
+    assert story.controlled(run) == [(1.0, 2.0, "c")]
+    assert [section.text for section in story.sections(run)] == ["free", "c", "free"]
+
+
+def test_a_controller_without_a_protocol_works_from_when_it_is_enabled():
+    run = made_up(3.0, 1_000_000)
+    run.events = []
+    run.scene = json.dumps({"controllers": {"c": {"enable_at": 2.0}}})
+    assert story.controlled(run) == [(2.0, 3.0, "c")]
+
+
+@settings(max_examples=30, deadline=None)
+@given(arrays(np.float64, st.integers(50, 400), elements=st.floats(-1e6, 1e6)), st.integers(2, 10))
+def test_a_thinned_line_keeps_its_extremes(v, columns):
+    t = np.arange(v.size) * 1.0
+    size = -(-v.size // columns)
+    whole = v[: v.size // size * size] if v.size > 4 * columns else v
+    at, drawn = thinned(t, v, columns)
+    assert (drawn.min(), drawn.max()) == (whole.min(), whole.max())
+    assert np.all(np.diff(at) >= 0.0)
+    assert at.size <= max(4 * columns, 2 * columns)
+
+
+def test_a_recording_is_shown_sample_by_sample(run, contents, tmp_path):
+    save(run, tmp_path / "belt.mcap")
+    view_log(tmp_path / "belt.mcap", save=tmp_path / "belt.rrd")
+    rows, static = contents(tmp_path / "belt.rrd")
+    assert len(rows["/plant/velocity"]) == run.time.size
+    assert len(rows["/sensor/vibrometer"]) == run.measurements["vibrometer"].v.size
+    seen = sorted((row["sim_time"], row["Scalars:scalars"][0]) for row in rows["/plant/friction_force"])
+    assert np.array_equal([v for _, v in seen], run.signals["friction_force"])
+    assert [row["StateChange:state"][0] for row in rows["/strip/contact"]][:2] == ["stick", "slip+"]
+    assert "/rig/belt" in static

@@ -1,0 +1,90 @@
+"""The moving picture: in stick all move as one, and scales are round."""
+
+import math
+
+import numpy as np
+import pytest
+
+import rig
+from rig.view import contact
+from rig.view.blueprint import blueprint
+from rig.view.channels import channels, plots
+from rig.view.drawing import Drawing
+from rig.view.picture import picture_of, scale_of
+
+
+def outputs(scene):
+    return {name: output.unit for name, output in scene.assemble().outputs.items()}
+
+
+def moving(columns, path, component):
+    """Values that a frame list gives an entity."""
+    found = next(c for c in columns if c.path == path)
+    column = next(c for c in found.columns if c.component_descriptor().component.endswith(component))
+    return np.array(column.as_arrow_array().to_pylist(), float).reshape(len(found.t_ns), -1)
+
+
+def test_in_stick_arm_and_disc_turn_as_one():
+    scene = rig.load("pendulum")
+    picture = picture_of(scene.assemble().system(), outputs(scene))
+    t_ns = np.arange(0, 500_000_000, 5_000_000)
+    speed = np.full(t_ns.size, 0.03)
+    signals = {name: np.zeros(t_ns.size) for name in outputs(scene)}
+    signals |= {"disc_speed": speed, "angle": 0.03 * t_ns * 1e-9, "friction_force": speed, "normal_force": speed}
+    frames = []
+    for part in np.split(np.arange(t_ns.size), 4):  # as it comes, batch by batch
+        cut = {name: v[part] for name, v in signals.items()}
+        frames.append(picture.frames(t_ns[part], cut, np.zeros(part.size, int), np.arange(0, part.size, 4)))
+    for columns in frames:
+        disc, arm = (moving(columns, path, "quaternion") for path in ("rig/disc", "rig/pendulum"))
+        assert np.allclose(disc, arm, atol=1e-7)
+        assert np.ptp(arm[:, 2]) > 0.0
+
+
+@pytest.mark.parametrize("name", ["belt", "pendulum", "belt_dither", "belt_c_damped"])
+def test_motion_is_magnified_by_a_round_number_that_keeps_it_in_the_picture(name):
+    scene = rig.load(name)
+    system = scene.assemble().system()
+    scale = scale_of(system)
+    mantissa = scale.motion / 10 ** math.floor(math.log10(scale.motion) + 1e-9)
+    assert min(abs(mantissa - step) for step in (1, 2, 5)) < 1e-9
+    reach = system.patches[0].law.static * 20.0 * system.patches[0].direction[0] / system.stiffness[0, 0]
+    assert 0.05 < scale.motion * reach < 0.5
+
+
+def test_modes_have_names_for_each_state_of_the_contact():
+    system = rig.load("belt").assemble().system()
+    modes = contact.Modes(system)
+    limits = [0] * len(system.limiters)
+    names = {
+        "stick": system.key([2], [0], limits),
+        "slip+": system.key([0], [0], limits),
+        "slip-": system.key([1], [0], limits),
+        "open": system.key([0], [1], limits),
+    }
+    for name, key in names.items():
+        assert contact.NAMES[modes.index(key)] == name
+    keys = np.array(list(names.values()))
+    assert [contact.NAMES[i] for i in modes.indices(np.tile(keys, 3))] == [*names] * 3
+
+
+def test_a_strain_is_laid_over_the_force_that_it_means_and_a_stranger_gets_a_plot_of_its_own():
+    scene = rig.load("pendulum")
+    text = scene.to_json()
+    sensors = {"vibrometer": "m/s", "strain_gauge": "1", "normal_force": "N", "microphone": "Pa"}
+    placed = channels(text, outputs(scene), sensors)
+    assert placed["strain_gauge"] == ("friction_force", pytest.approx(5e4))
+    titles = {plot.title: plot for plot in plots(text, outputs(scene), sensors)}
+    assert titles["forces [N]"].sensors == ("strain_gauge", "normal_force")
+    assert titles["microphone [Pa]"].sensors == ("microphone",)
+    assert {name for plot in titles.values() for name in plot.outputs} == set(outputs(scene))
+
+
+@pytest.mark.parametrize("live", [True, False])
+@pytest.mark.parametrize("name", ["pendulum", "belt", None])
+def test_every_rig_has_a_window(name, live):
+    scene = rig.load(name).to_json() if name else "{}"
+    told = outputs(rig.load(name)) if name else {"velocity": "m/s"}
+    drawing = Drawing(scene, told, {})
+    assert (drawing.picture is None) == (name is None)
+    blueprint(drawing, plots(scene, told, {}), live)
