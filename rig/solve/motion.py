@@ -316,10 +316,10 @@ class Motion:
         return int(self.state.ic[EVENTS])
 
     def energy(self) -> dict[str, float]:
-        """The ledger so far [J], and `error`: what does not close, relative to the largest term."""
+        """The ledger so far [J], and `error`: what does not close, relative to the largest term or to what was stored."""
         terms = self.state.energy
         stored = ledger.stored(self.system, self.state.x) - self._stored
-        largest = max(float(np.abs(terms).max()), abs(stored), 1e-30)
+        largest = max(float(np.abs(terms).max()), abs(stored), abs(self._stored), 1e-30)
         out = dict(zip(ledger.NAMES, terms.tolist()))
         out |= {"impulses": self._jumps, "stored": stored}
         out["error"] = (float(terms @ ledger.SIGNS) + self._jumps - stored) / largest
