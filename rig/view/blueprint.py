@@ -22,7 +22,7 @@ def blueprint(drawing: Drawing, plots: list[Plot], live: bool) -> rrb.Blueprint:
         _curves(plots[0], live),
         _curves(plots[1], live) if len(plots) > 1 else _strips(live),
         _strips(live),
-        rrb.Horizontal(_health(live), _more(plots[2:], live)) if live else _more(plots[2:], live),
+        rrb.Horizontal(_health(live), _more(drawing, plots[2:], live)) if live else _more(drawing, plots[2:], live),
         row_shares=[3, 3, 2.0, 2.2],
     )
     left: list[rrb.View] = [view for view in (_picture(drawing), _portrait()) if view is not None]
@@ -65,11 +65,12 @@ def _curves(plot: Plot, live: bool) -> rrb.TimeSeriesView:
     return _series(plot.title, paths, live)
 
 
-def _more(plots: list[Plot], live: bool) -> rrb.Tabs:
+def _more(drawing: Drawing, plots: list[Plot], live: bool) -> rrb.Tabs:
     import rerun.blueprint as rrb
 
-    views = [_series("commands", ["/command/**"], live), *(_curves(plot, live) for plot in plots)]
-    return rrb.Tabs(*views, active_tab=0)
+    views = [_curves(plot, live) for plot in plots]
+    commands = _series("commands", ["/command/**"], live)  # controllers that the scene does not know may join
+    return rrb.Tabs(*([commands, *views] if drawing.controllers else [*views, commands]), active_tab=0)
 
 
 def _strips(live: bool) -> rrb.StateTimelineView:

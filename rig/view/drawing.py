@@ -64,7 +64,9 @@ class Drawing:
         """What stands on the bench."""
         return str(self._told().get("plant", "rig"))
 
-    def _controllers(self) -> list[str]:
+    @property
+    def controllers(self) -> list[str]:
+        """Those of the scene."""
         return list(self._told().get("controllers", {}))
 
     def _told(self) -> dict[str, Any]:
@@ -92,7 +94,7 @@ class Drawing:
         colours = [contact.rgb(colour) for colour in contact.COLOURS]
         lanes = rr.StateConfiguration(values=contact.NAMES, labels=contact.NAMES, colors=colours)
         rec.log("strip/contact", lanes, static=True)
-        for name in self._controllers():
+        for name in self.controllers:
             states = rr.StateConfiguration(values=list(_SWITCH), labels=list(_SWITCH), colors=list(_SWITCH.values()))
             rec.log(f"strip/{name}", states, static=True)
         if self.picture is not None:

@@ -134,12 +134,12 @@ def _along(axis: int, lengths: Reals) -> Reals:
     return vectors
 
 
-def _zigzag(begin: Reals, end: Reals) -> Reals:
-    """Springs [frame, point, xyz] between points [frame, xyz], wound in the horizontal plane."""
+def _zigzag(begin: Reals, end: Reals, flat: bool) -> Reals:
+    """Springs [frame, point, xyz] between points [frame, xyz], wound in the horizontal plane or upright."""
     share = np.array([0.0, 0.1, *np.linspace(0.15, 0.85, 11), 0.9, 1.0])
     side = np.array([0.0, 0.0, *np.where(np.arange(11) % 2, 0.05, -0.05), 0.0, 0.0])
     span = end - begin
-    across = np.cross([0.0, 0.0, 1.0], span)
+    across = np.cross([0.0, 0.0, 1.0] if flat else [0.0, 1.0, 0.0], span)
     across /= np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-9)
     points: Reals = begin[:, None] + share[:, None] * span[:, None] + side[:, None] * across[:, None]
     return points
@@ -193,7 +193,7 @@ class Pendulum(Picture):
             Columns("rig/pendulum/shoe", t_ns, rr.Boxes3D.columns(colors=colours)),
             Columns("rig/pendulum/friction", t_ns, rr.Arrows3D.columns(vectors=friction)),
             _load(t_ns, heads, s["normal_force"] / self.scale.force * 0.25),
-            _spring(t_ns, _zigzag(np.broadcast_to(_POST, tips.shape), tips)),
+            _spring(t_ns, _zigzag(np.broadcast_to(_POST, tips.shape), tips, flat=True)),
             _word(t_ns, (0.0, 0.0, 0.72), self._said(modes, s), colours),
         ]
 
@@ -205,8 +205,8 @@ class Belt(Picture):
     """The mass on the belt, from the side; x is the way of the belt."""
 
     surface = "surface_speed"
-    eye = (0.25, -3.1, 1.25)
-    target = (0.0, 0.0, 0.05)
+    eye = (0.2, -2.5, 1.3)
+    target = (0.0, 0.0, 0.12)
 
     def static(self, rec: rr.RecordingStream) -> None:
         """See `Picture.static`."""
@@ -250,7 +250,7 @@ class Belt(Picture):
             Columns("rig/mass/friction", t_ns,
                     rr.Arrows3D.columns(vectors=_along(0, s["friction_force"] / self.scale.force * 0.6))),
             _load(t_ns, heads, s["normal_force"] / self.scale.force * 0.25),
-            _spring(t_ns, _zigzag(np.broadcast_to((-1.22, 0.0, 0.2), tips.shape), tips)),
+            _spring(t_ns, _zigzag(np.broadcast_to((-1.22, 0.0, 0.2), tips.shape), tips, flat=False)),
             _word(t_ns, (0.0, 0.0, 1.02), self._said(modes, s), colours),
         ]  # fmt: skip
 

@@ -35,7 +35,7 @@ TOPICS = ("state", "meas/*", "applied/*", "health", "event/*", "total/plant")
 _DEPTH = 4096
 _NICE = 10
 _LAST_WORDS_S = 0.3
-_LEAVING_S = 1.0
+_LEAVING_S = 0.5
 
 
 @dataclass(frozen=True)

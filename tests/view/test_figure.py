@@ -15,7 +15,6 @@ from rig.view import story
 from rig.view.figure import draw, thinned
 from rig.view.log import view_log
 
-
 NOTHING = Samples(np.empty(0, np.int64), np.empty(0))
 
 
