@@ -316,7 +316,7 @@ class Motion:
         return int(self.state.ic[EVENTS])
 
     def energy(self) -> dict[str, float]:
-        """The ledger so far [J], and `error`: what does not close, relative to the largest term or to what was stored."""
+        """The ledger so far [J], and `error`: what does not close, relative to the largest term or store."""
         terms = self.state.energy
         stored = ledger.stored(self.system, self.state.x) - self._stored
         largest = max(float(np.abs(terms).max()), abs(stored), abs(self._stored), 1e-30)
