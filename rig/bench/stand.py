@@ -17,6 +17,7 @@ from rig.errors import SceneError, UsageError
 from rig.scenes.scene import Scene
 from rig.solve.assembly import Input
 from rig.solve.motion import Motion
+from rig.solve.verdict import verdict
 from sensors.bank import Bank
 
 Array = NDArray[np.float64]
@@ -45,6 +46,11 @@ class Stand:
         method = clock.method
         if method == "auto":
             method = "exact" if all(p.law.constant for p in system.patches) else "dopri5"
+        substeps = max(1, self.step_ns // clock.rk4_step)
+        self.findings = verdict(system, method, self.step_ns * 1e-9, substeps)
+        faults = [f"{one.what} ({one.number:.4g}): {one.remedy}" for one in self.findings if one.level == "error"]
+        if faults and clock.unstable == "refuse":
+            raise SceneError(scene.name, [*faults, 'clock.unstable = "run" runs it all the same, up to clock.limit'])
         self.motion = Motion(
             system,
             self.step_ns,
@@ -52,7 +58,7 @@ class Stand:
             outputs=[assembly.outputs[name].row for name in self.outputs],
             read=len(needs),
             tolerance=clock.tolerance,
-            substeps=max(1, self.step_ns // clock.rk4_step),
+            substeps=substeps,
             cap=clock.events_per_frame,
             limit=clock.limit,
             longest=ROWS if truthful else self.steps,
@@ -156,6 +162,7 @@ class Stand:
             "method": self.motion.method,
             **self.motion.counts(),
             "stick_share": self.motion.stick_share(),
+            "findings": [one.to_json() for one in self.findings if one.level != "info"],
             "energy": energy,
             "energy_error": energy["error"],
         }

@@ -60,6 +60,7 @@ class Clock(Section):
     hold_frames: Count = 50
     events_per_frame: Count = 200
     limit: Large = 1e6
+    unstable: Literal["refuse", "run"] = "refuse"
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
