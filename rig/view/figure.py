@@ -155,7 +155,7 @@ def _curves(axes: Axes, run: Run, outputs: tuple[tuple[str, str], ...]) -> None:
 
 
 def _velocity(axes: Axes, run: Run) -> None:
-    _curves(axes, run, (("velocity", _BODY), ("surface_speed", _SURFACE)))
+    _curves(axes, run, (("surface_speed", _SURFACE), ("velocity", _BODY)))
     axes.set_ylabel(f"velocity [{run.units.get('velocity', '')}]")
     axes.set_xlim(0.0, story.end_of(run) or 1.0)
 
@@ -183,7 +183,7 @@ def _fitting(text: str, width: float) -> str:
 def _phases(axes: Axes, run: Run) -> None:
     """Two lines of words above the curves: marks, and the steps of the protocol as a band."""
     end = story.end_of(run) or 1.0
-    letters = 126.0 / end  # characters that fit into a second
+    letters = 140.0 / end  # characters that fit into a second
     axes.set_ylim(0.0, 2.0)
     axes.grid(False)
     axes.set_axis_off()
@@ -192,7 +192,7 @@ def _phases(axes: Axes, run: Run) -> None:
         room = letters * (span.end - span.begin) - 1
         shorter = (span.text, "to" + span.text.partition(" to")[2])
         text = next((t for t in shorter if len(t) <= room and t != "to"), _fitting(span.text, room))
-        axes.text((span.begin + span.end) / 2, 0.48, text, ha="center", va="center", fontsize=9, color="#333333")
+        axes.text((span.begin + span.end) / 2, 0.48, text, ha="center", va="center", fontsize=8.5, color="#333333")
     marks = story.marks(run)
     for mark, after in zip(marks, [m.time for m in marks[1:]] + [end]):
         axes.plot([mark.time, mark.time], [0.0, 1.9], color="#777777", lw=0.8, ls=(0, (4, 3)), clip_on=False)
