@@ -101,8 +101,6 @@ class Plant:
             self.hub.serve_scene()
             self.desk.poll()
         self.from_start = set(present)
-        for role, name in sorted(self.from_start - {("plant", "plant")}):
-            self.operation.journal.note("joined", f"{role} {name} is here", role=role, name=name)
 
     def run(self, show: Show) -> dict[str, Any]:
         """All frames, then the summary; `show` gets the health five times a second."""
@@ -133,7 +131,7 @@ class Plant:
             self.begun_ns = time.perf_counter_ns()
             self.attendant.begin(self.begun_ns, pacer)
             others = [name for role, name in sorted(self.from_start) if role != "plant"]
-            self.operation.journal.note("begin", f"begins with {', '.join(others) or 'nobody else'}")
+            self.operation.journal.note("begin", f"begins with {', '.join(others) or 'nobody else'}", here=others)
             if pacer is not None:
                 pacer.anchor()
             if job.in_lockstep:
@@ -250,9 +248,7 @@ def carry_out(
     `show` the health while the run goes on.
     """
     scene = Scene.from_json(job.scene)
-    if not kernel.is_warm():
-        say("compiling the kernels, once for these sources; it takes a minute or two")
-    warm(scene)
+    warm(scene, say)
     if job.realtime and (why := pace.take_priority()):  # the threads of the bus inherit it
         say(why)
     with bus.host(job.run, scene.name, job.endpoint) as session:
@@ -279,8 +275,10 @@ def stop_signals() -> Iterator[Callable[[], str]]:
             signal.signal(number, handler)
 
 
-def warm(scene: Scene) -> None:
+def warm(scene: Scene, say: Say) -> None:
     """Compile, or load what was compiled, on a stand of its own: it must not happen while time counts."""
+    if not kernel.is_warm():
+        say("compiling the kernels, once for these sources; it takes a minute or two")
     stand = Stand(scene)
     for _ in range(3):
         stand.frame()
@@ -294,10 +292,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("job", type=Path, help="file with the job as JSON")
     parser.add_argument("--summary", type=Path, help="file for the summary as JSON")
     given = parser.parse_args(arguments)
+
+    def say(text: str) -> None:
+        sys.stdout.write(f"{text}\n")
+        sys.stdout.flush()
+
     try:
+        job = Job.from_json(given.job.read_text())
+        warm(Scene.from_json(job.scene), say)  # Ctrl-C may break this off, but nothing after it
         with stop_signals() as stopping:
-            job = Job.from_json(given.job.read_text())
-            summary = carry_out(job, stopping, lambda text: print(text, flush=True))  # noqa: T201
+            summary = carry_out(job, stopping, say)
+    except KeyboardInterrupt:
+        return 130
     except RigError as error:
         sys.stderr.write(f"{error}\n")
         return error.exit_code

@@ -30,10 +30,12 @@ from rig.scenes.scene import Scene
 
 JOIN_S = 30.0
 """Longest wait of a process for the run, and of the plant for the processes."""
+VIEWER = ("viewer", "viewer")
 LEAVE_S = 3.0
 """Time in which everybody has left after the plant."""
 TOLD = frozenset(
-    "begin mark limit diverged fault safe back refused overruled evicted pause missing timeout parameter knock".split()
+    "begin joined left mark timeout parameter knock limit diverged fault "
+    "missing safe back refused overruled evicted pause".split()
 )
 """Kinds of events that are shown while the run goes on."""
 
@@ -60,7 +62,7 @@ def run(
     """
     expect = [("controller", controller) for controller in scene.controllers]
     expect += [("recorder", "recorder")] if record else []
-    expect += [("viewer", "viewer")] if view or web else []
+    expect += [VIEWER] if view or web else []
     job = Job(
         scene.to_json(),
         numbers,
@@ -126,7 +128,6 @@ class Team:
                     self._hear()
                     self._show(health, live)
                 self._tell(events)
-        self.plant.wait(JOIN_S if session is None else 0.0)
         killed = end(self.others.values(), LEAVE_S)
         self._hear()
         self.died += [f"{name} did not end by itself" for name in killed]
@@ -146,18 +147,23 @@ class Team:
 
     def _join(self) -> Session | None:
         """A seat at the bus; None if the plant is gone already."""
-        try:
-            return bus.join(self.name, role="operator", name="supervisor", wait=2.0)
-        except BusError:
-            return None
+        while not self.plant.wait(0.0):
+            try:
+                return bus.join(self.name, role="operator", name="supervisor", wait=0.5)
+            except BusError:
+                continue
+        return None
 
     def _hear(self) -> None:
-        """Hand on what the plant says; it names its run."""
+        """Hand on what the plant says, which names its run, and what the viewer says."""
         for text in self.plant.said():
             word, _, rest = text.partition(" ")
             if word == "run" and not self.name:
                 self.name = rest
             self._say(text)
+        if (viewer := self.others.get(VIEWER)) is not None:
+            for text in viewer.said():
+                self._say(text)
 
     def _look(self, session: Session) -> None:
         """Report those that have died before the end; the plant need not wait for them."""
@@ -165,9 +171,8 @@ class Team:
             if child.code is None or self._over:
                 continue
             del self.others[who]
-            text = f"{child.told}; the plant goes on"
             self.died.append(child.told)
-            self._say(text)
+            self._say(f"{child.told}; the plant goes on")
             try:
                 session.ask("cmd/plant", {"do": "begin"}, timeout=1.0)
             except RigError:
