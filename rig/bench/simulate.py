@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +29,13 @@ def simulate(
     duration_ns: int | None = None,
     commands: Mapping[str, Commands] | None = None,
     report: Report | None = None,
+    events: Iterable[Mapping[str, Any]] = (),
 ) -> Run:
     """Run `scene` with `controllers` (by name; those of the scene) for `duration_ns`, or as long as its protocol takes.
 
-    `commands`: of a recorded run; they take effect when and as they did then, and no controller is asked. `report` is
-    called ten times a simulated second. A run that the numerics had to stop is returned as far as it came, with
-    `fault`; what happened stands in its events.
+    `commands` and `events`: of a recorded run; what came from controllers and operators takes effect when and as it did
+    then, and no controller is asked. `report` is called ten times a simulated second. A run that the numerics had to
+    stop is returned as far as it came, with `fault`; what happened stands in its events.
     """
     if duration_ns is None and scene.duration_ns is None:
         raise UsageError(f"{scene.name} has no protocol that ends; say how long: --duration 10")
@@ -48,6 +50,7 @@ def simulate(
         duration_ns,
         lambda name, changes: loops[name].retune(changes),
         exchange=Exchange if commands is None else Playback,
+        events=events,
     )
     if isinstance(operation.exchange, Playback):
         assert commands is not None

@@ -15,6 +15,7 @@ from rig.errors import NumericsError
 
 if TYPE_CHECKING:
     from rig.record.run import Run
+    from rig.scenes.scene import Scene
 
 View = Annotated[bool, typer.Option("--view", help="Show it live in rerun.")]
 Web = Annotated[bool, typer.Option("--web", help="Show it live in a browser page.")]
@@ -100,13 +101,12 @@ def simulate(
         overrides["clock.method"] = method
     import rig
 
+    loaded = rig.load(scene, overrides)
     begin = time.perf_counter()
-    found = rig.simulate(rig.load(scene, overrides), length)
+    found = rig.simulate(loaded, length)
     wall = time.perf_counter() - begin
     if out is not None:
-        from rig.record.save import save
-
-        save(found, out)
+        _save(found, loaded, out)
     if figure is not None:
         from rig.view.figure import draw
 
@@ -119,6 +119,18 @@ def simulate(
     if found.fault:
         tell.note(found.fault)
         raise typer.Exit(NumericsError.exit_code)
+
+
+def _save(run: Run, scene: Scene, out: Path) -> None:
+    """Write a run of this process, with what a replay into its controllers needs."""
+    from controllers import described
+    from rig.record.provenance import provenance
+    from rig.record.save import save
+    from rig.study.design import numbers
+
+    designed = numbers(scene)
+    run.provenance = provenance(scene.seed)
+    save(run, out, controllers={name: described(s, designed[name]) for name, s in scene.controllers.items()})
 
 
 def _told(run: Run, wall: float, out: Path | None, figure: Path | None) -> Iterator[tuple[str, str]]:

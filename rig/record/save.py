@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,11 @@ Stamped = tuple[int, str, bytes]
 """Simulated time, topic, payload."""
 
 
-def save(run: Run, path: Path, name: str = "simulate") -> None:
-    """Write `run` to `path`; simulated time stands for the clock, so that equal runs make equal messages."""
+def save(run: Run, path: Path, name: str = "simulate", controllers: Mapping[str, Any] | None = None) -> None:
+    """Write `run` to `path`; simulated time stands for the clock, so that equal runs make equal messages.
+
+    `controllers`: what the process of each would need (`controllers.described`), for a replay into them.
+    """
     setup = Setup(
         run=name,
         scene=run.scene,
@@ -29,7 +32,7 @@ def save(run: Run, path: Path, name: str = "simulate") -> None:
         step_ns=run.step_ns,
         outputs={signal: run.units.get(signal, "") for signal in run.signals},
         sensors={s: (run.units.get(f"meas/{s}", ""), _period(t_ns)) for s, (t_ns, _) in run.measurements.items()},
-        controllers={name: {} for name in run.commands},
+        controllers=dict(controllers or {name: {} for name in run.commands}),
         provenance=run.provenance,
     )
     writer = Writer(path, setup, "saved")

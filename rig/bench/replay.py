@@ -1,0 +1,43 @@
+"""A recording on the bus once more, with the controllers that are to hear it as processes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from rig import bus
+from rig.bench.child import Child, end
+from rig.errors import BusError
+from rig.record import replay as recorded
+
+JOIN_S = 30.0
+LEAVE_S = 3.0
+
+
+def replay(
+    log: Path, into: Sequence[str] = (), pace: float | None = None, tell: Callable[[str], object] = lambda _: None
+) -> recorded.Replayed:
+    """Host the replay of `log`; controllers `into` (names of the scene or Python files) are started and compared.
+
+    `pace`: simulated seconds for each second of the clock; None as fast as the controllers answer. Raises BusError when
+    one of them does not join, or leaves.
+    """
+    names = [Path(one).stem if one.endswith(".py") else one for one in into]
+    with bus.host(scene="replay") as session:
+        tell(f"run {session.run}")
+        children = [
+            Child(f"controller {one}", ["controllers.process", one, "--run", session.run, "--wait", str(JOIN_S)])
+            for one in into
+        ]
+        try:
+            return recorded.replay(session, log, names, pace, JOIN_S, lambda seconds: _at(tell, seconds))
+        except BusError as fault:
+            died = [child.told for child in children if child.code]
+            raise BusError("\n".join([str(fault), *died])) from None
+        finally:
+            session.close()
+            end(children, LEAVE_S)
+
+
+def _at(tell: Callable[[str], object], seconds: float) -> None:
+    tell(f"t {seconds:.1f} s")

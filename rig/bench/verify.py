@@ -1,0 +1,116 @@
+"""A recording checked: it is whole, nothing is missing, and it comes out the same when it is simulated again.
+
+The plant is simulated once more from the scene in the file; commands and whatever else came from outside take effect
+at the ticks at which they did. On the sources and the processor of the recording every bit must be the same; elsewhere
+kernels round otherwise, and the signals must agree to `ELSEWHERE` of their range.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.bench.simulate import simulate
+from rig.kernel import source_key
+from rig.record import reader
+from rig.record.provenance import provenance
+from rig.record.run import Integers, Reals, Run
+from rig.scenes.scene import Scene
+
+ELSEWHERE = 1e-6
+"""Largest deviation, as a share of the range of a signal, where sources or processor are others. # chosen"""
+PLACE = ("kernel", "processor", "numba", "python")
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What the check of a recording found."""
+
+    log: str
+    seconds: float
+    """Simulated time."""
+    compared: int
+    """Numbers compared."""
+    identical: bool
+    deviation: float
+    """Largest deviation of a signal as a share of its range."""
+    elsewhere: tuple[str, ...]
+    """What is different here from where it was recorded."""
+    faults: tuple[str, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether the recording holds."""
+        return not self.faults
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {**vars(self), "passed": self.passed}
+
+    def text(self) -> str:
+        """For a reader."""
+        lines = [f"{self.log}: {'holds' if self.passed else 'does not hold'}", *(f"  {fault}" for fault in self.faults)]
+        told = "bit by bit" if self.identical else f"to {self.deviation:.1e} of their range"
+        lines.append(f"  {self.seconds:g} s simulated again, {self.compared} numbers agree {told}")
+        if self.elsewhere and not self.identical:
+            lines.append(f"  recorded elsewhere: other {', '.join(self.elsewhere)}")
+        return "\n".join(lines)
+
+
+def verify(log: Path) -> Verification:
+    """Check the recording `log`. Raises rig.errors.LogError for a file that is no recording of a run."""
+    run = reader.open(log)
+    scene = Scene.from_json(run.scene)
+    again = simulate(scene, {}, _duration_ns(run), run.commands, events=run.events)
+    here = provenance(scene.seed)
+    elsewhere = tuple(key for key in PLACE if run.provenance.get(key) != {**here, "kernel": source_key()}[key])
+    compared, deviation, first = 0, 0.0, ""
+    for name, t_ns, recorded, simulated in _pairs(run, again):
+        compared += recorded.size
+        apart = recorded.view(np.uint64) != simulated.view(np.uint64)
+        if apart.any():
+            size = float(np.nanmax(np.abs(recorded - simulated))) / (float(np.nanmax(np.abs(recorded))) or 1.0)
+            if not first:
+                at = int(np.argmax(apart))
+                first = f"{name} parts at t = {t_ns[at] * 1e-9:.9g} s: {recorded[at]!r} and {simulated[at]!r}"
+            deviation = max(deviation, size if np.isfinite(size) else np.inf)
+    identical = not first
+    faults = list(_gaps(run, again))
+    if run.fault and run.fault != again.fault:
+        faults.insert(0, run.fault)
+    if not identical and (not elsewhere or deviation > ELSEWHERE):
+        faults.append(first)
+    return Verification(str(log), _duration_ns(run) * 1e-9, compared, identical, deviation, elsewhere, tuple(faults))
+
+
+def _duration_ns(run: Run) -> int:
+    """Simulated time of the recording: whole frames up to its last sample."""
+    last = [int(t_ns[-1]) for t_ns, _ in run.measurements.values() if t_ns.size]
+    last += [round(float(run.time[-1]) * 1e9)] if run.time.size else []
+    return -(-max(last, default=0) // run.frame_ns) * run.frame_ns
+
+
+def _pairs(run: Run, again: Run) -> Iterator[tuple[str, Integers, Reals, Reals]]:
+    """What both have at the same instant: name, times [ns], recorded and simulated values."""
+    for name, (t_ns, v) in run.measurements.items():
+        yield _common(f"meas/{name}", t_ns, v, *again.measurements[name])
+    recorded, simulated = (np.rint(one.time * 1e9).astype(np.int64) for one in (run, again))
+    for name, v in run.signals.items():
+        yield _common(name, recorded, v, simulated, again.signals[name])
+
+
+def _common(name: str, t_ns: Integers, v: Reals, u_ns: Integers, u: Reals) -> tuple[str, Integers, Reals, Reals]:
+    shared, one, other = np.intersect1d(t_ns, u_ns, assume_unique=True, return_indices=True)
+    return name, shared, np.ascontiguousarray(v[one]), np.ascontiguousarray(u[other])
+
+
+def _gaps(run: Run, again: Run) -> Iterator[str]:
+    """Samples that a sensor published and that are not in the file."""
+    for name, (t_ns, _) in run.measurements.items():
+        missing = again.measurements[name].t_ns.size - t_ns.size
+        if missing:
+            yield f"{missing} samples of {name} are missing"

@@ -1,0 +1,96 @@
+"""A recording that is made, checked, tampered with, and played into a controller once more, all by commands."""
+
+import json
+
+import numpy as np
+import pytest
+
+import rig as lab
+from rig.cli import app
+from rig.record.save import save
+
+SCENE = "belt_normal_force"
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("log") / "run.mcap"
+    with pytest.raises(SystemExit) as left:
+        app.run(["simulate", SCENE, "-p", "controllers.nf.enable_at=0.2", "--duration", "0.5", "--out", str(path)])
+    assert not left.value.code
+    return path
+
+
+@pytest.fixture
+def rig(capsys):
+    """Runs a command in this process: exit code, standard output, standard error."""
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as left:
+            app.run([str(a) for a in arguments])
+        said = capsys.readouterr()
+        return left.value.code or 0, said.out, said.err
+
+    return call
+
+
+def test_a_recording_holds_to_the_bit(rig, log):
+    code, out, err = rig("verify", log, "--json")
+    assert code == 0, out + err
+    told = json.loads(out)
+    assert told["passed"]
+    assert told["identical"]
+    assert told["seconds"] == 0.5
+    assert told["compared"] == 501 * 9  # seven outputs, two sensors
+    assert told["elsewhere"] == []
+
+
+def test_one_flipped_bit_is_found(rig, log, tmp_path):
+    run = lab.open(log)
+    run.signals["velocity"][300] = np.nextafter(run.signals["velocity"][300], 1.0)
+    save(run, tmp_path / "bent.mcap")
+    code, out, _ = rig("verify", tmp_path / "bent.mcap")
+    assert code == 1
+    assert "velocity parts at t = 0.3 s" in out
+
+
+def test_a_recording_of_other_sources_may_round_otherwise_but_not_differ(rig, log, tmp_path):
+    run = lab.open(log)
+    run.provenance["kernel"] = "0" * 16
+    run.signals["velocity"] *= 1.0 + 1e-12
+    save(run, tmp_path / "rounded.mcap")
+    code, out, _ = rig("verify", tmp_path / "rounded.mcap")
+    assert code == 0
+    assert "recorded elsewhere: other kernel" in out
+    run.signals["velocity"] *= 1.0 + 1e-4
+    save(run, tmp_path / "other.mcap")
+    code, out, _ = rig("verify", tmp_path / "other.mcap")
+    assert code == 1
+    assert "velocity parts at" in out
+
+
+def test_missing_samples_are_counted(rig, log, tmp_path):
+    run = lab.open(log)
+    t_ns, v = run.measurements["vibrometer"]
+    keep = np.arange(v.size) != 100
+    run.measurements["vibrometer"] = type(run.measurements["vibrometer"])(t_ns[keep], v[keep])
+    save(run, tmp_path / "holed.mcap")
+    code, out, _ = rig("verify", tmp_path / "holed.mcap")
+    assert code == 1
+    assert "1 samples of vibrometer are missing" in out
+
+
+def test_replay_into_a_controller_gives_the_recorded_answers(rig, log, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    code, out, err = rig("replay", log, "--into", "nf", "--pace", "max", "--json")
+    assert code == 0, out + err
+    told = json.loads(out)
+    assert told["compared"] == {"nf": 500}
+    assert told["divergence"] is None
+
+
+def test_replay_says_which_controllers_there_are(rig, log, tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    code, _, err = rig("replay", log, "--into", "fn", "--pace", "max")
+    assert code == 2
+    assert "nf" in err
