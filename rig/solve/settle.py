@@ -167,20 +167,11 @@ def transition(kind, owner, P, K, key):
 def disagreement(t, slot, key, x, T, slack):
     """The first mode that the state contradicts, as the key that mends it; -1 when all agree.
 
-    A patch that slips with w inside rounding agrees: it has just been released.
+    A patch that slips with w inside rounding agrees: it has just been released. Friction is asked before the normal
+    forces: where N depends on the acceleration, a stuck contact that would pull lets go and then presses; opened first,
+    it would press in the open, stick again, and never be done.
     """
     P, K = t.slip.shape[0], t.of_patch.shape[0]
-    for k in range(K):
-        N = dot(t.normal[slot, k], x) + dot(t.normal_t[slot, k], T)
-        size = rounding(t.normal[slot, k], x)
-        base, p = of_normal(P, k), t.of_patch[k]
-        if digit(key, base, 2) == 0:
-            if N < -size:
-                return with_digit(key, base, 2, 1)
-        elif N > size:
-            was_loaded = loaded(t.of_patch, P, key, p)
-            new = with_digit(key, base, 2, 0)
-            return new if was_loaded else choose(t.slip, new, p, x)
     for p in range(P):
         if not loaded(t.of_patch, P, key, p):
             continue
@@ -196,6 +187,17 @@ def disagreement(t, slot, key, x, T, slack):
                 return with_digit(key, base, 3, SLIP_PLUS if need > 0.0 else SLIP_MINUS)
         elif (w if mode == SLIP_PLUS else -w) < -size:
             return with_digit(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
+    for k in range(K):
+        N = dot(t.normal[slot, k], x) + dot(t.normal_t[slot, k], T)
+        size = rounding(t.normal[slot, k], x)
+        base, p = of_normal(P, k), t.of_patch[k]
+        if digit(key, base, 2) == 0:
+            if N < -size:
+                return with_digit(key, base, 2, 1)
+        elif N > size:
+            was_loaded = loaded(t.of_patch, P, key, p)
+            new = with_digit(key, base, 2, 0)
+            return new if was_loaded else choose(t.slip, new, p, x)
     for g in range(t.count[slot]):
         if t.kind[slot, g] > G_CLOSE and dot(t.G[slot, g], x) < -rounding(t.G[slot, g], x):
             return transition(t.kind[slot, g], t.owner[slot, g], P, K, key)
