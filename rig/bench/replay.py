@@ -7,8 +7,9 @@ from pathlib import Path
 
 from rig import bus
 from rig.bench.child import Child, end
-from rig.errors import BusError
+from rig.errors import BusError, UsageError
 from rig.record import replay as recorded
+from rig.record.reader import head
 
 JOIN_S = 30.0
 LEAVE_S = 3.0
@@ -19,10 +20,15 @@ def replay(
 ) -> recorded.Replayed:
     """Host the replay of `log`; controllers `into` (names of the scene or Python files) are started and compared.
 
-    `pace`: simulated seconds for each second of the clock; None as fast as the controllers answer. Raises BusError when
-    one of them does not join, or leaves.
+    `pace`: simulated seconds for each second of the clock; None as fast as the controllers answer. Raises UsageError for
+    a name that is not in the recording, BusError when one of them does not join, or leaves.
     """
     names = [Path(one).stem if one.endswith(".py") else one for one in into]
+    there = head(log).setup().controllers
+    unknown = [one for one in into if not one.endswith(".py") and one not in there]
+    if unknown:
+        known = ", ".join(there) or "none"
+        raise UsageError(f"the recording has no controller {', '.join(unknown)}; it has: {known}. A file ends in .py")
     with bus.host(scene="replay") as session:
         tell(f"run {session.run}")
         children = [
