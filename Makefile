@@ -43,7 +43,7 @@ check: install
 	@$(RUN) mypy
 
 bench: install
-	@$(RUN) pytest -m bench -s --timeout=0
+	@$(RUN) rig.study.bench
 
 docs: install
 	@mkdir -p docs/gallery
