@@ -8,5 +8,7 @@ simulate        everything in one process
 plant_process   the plant as a process: lockstep or paced
 pace, timing    the pace of the wall clock, and how well it was kept
 supervise       the processes of one run, from start to end
+replay          a recording on the bus once more, with controllers to hear it
+verify          a recording simulated again, to the bit
 status          the line during a run and the summary after it
 """

@@ -20,7 +20,7 @@ def replay(
 ) -> recorded.Replayed:
     """Host the replay of `log`; controllers `into` (names of the scene or Python files) are started and compared.
 
-    `pace`: simulated seconds for each second of the clock; None as fast as the controllers answer. Raises UsageError for
+    `pace`: simulated seconds for each second of the clock; None as fast as they answer. Raises UsageError for
     a name that is not in the recording, BusError when one of them does not join, or leaves.
     """
     names = [Path(one).stem if one.endswith(".py") else one for one in into]
