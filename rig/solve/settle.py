@@ -142,10 +142,10 @@ def loaded(patch_of, P, key, p):
 
 
 @inner
-def choose(slip, key, p, x):
+def choose(slip, key, p, x, size):
     """The key with patch p in stick where it does not slip, else in slip along its speed."""
     w = dot(slip[p], x)
-    if abs(w) <= rounding(slip[p], x):
+    if abs(w) <= rounding(slip[p], size):
         return with_digit(key, of_patch(p), 3, STICK)
     return with_digit(key, of_patch(p), 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
 
@@ -164,7 +164,7 @@ def transition(kind, owner, P, K, key):
 
 
 @inlined
-def disagreement(t, slot, key, x, T, slack):
+def disagreement(t, slot, key, x, size, T, slack):
     """The first mode that the state contradicts, as the key that mends it; -1 when all agree.
 
     A patch that slips with w inside rounding agrees: it has just been released. Friction is asked before the normal
@@ -176,28 +176,28 @@ def disagreement(t, slot, key, x, T, slack):
         if not loaded(t.of_patch, P, key, p):
             continue
         base = of_patch(p)
-        w, size = dot(t.slip[p], x), rounding(t.slip[p], x)
+        w, noise = dot(t.slip[p], x), rounding(t.slip[p], size)
         mode = digit(key, base, 3)
         if mode == STICK:
-            if abs(w) > size:
+            if abs(w) > noise:
                 return with_digit(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
             need = dot(t.friction[slot, p], x) + dot(t.friction_t[slot, p], T)
             limit = t.static[p] * (dot(t.load[slot, p], x) + dot(t.load_t[slot, p], T))
             if abs(need) > limit * (1.0 + slack):
                 return with_digit(key, base, 3, SLIP_PLUS if need > 0.0 else SLIP_MINUS)
-        elif (w if mode == SLIP_PLUS else -w) < -size:
+        elif (w if mode == SLIP_PLUS else -w) < -noise:
             return with_digit(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
     for k in range(K):
         N = dot(t.normal[slot, k], x) + dot(t.normal_t[slot, k], T)
-        size = rounding(t.normal[slot, k], x)
+        noise = rounding(t.normal[slot, k], x)
         base, p = of_normal(P, k), t.of_patch[k]
         if digit(key, base, 2) == 0:
-            if N < -size:
+            if N < -noise:
                 return with_digit(key, base, 2, 1)
-        elif N > size:
+        elif N > noise:
             was_loaded = loaded(t.of_patch, P, key, p)
             new = with_digit(key, base, 2, 0)
-            return new if was_loaded else choose(t.slip, new, p, x)
+            return new if was_loaded else choose(t.slip, new, p, x, size)
     for g in range(t.count[slot]):
         if t.kind[slot, g] > G_CLOSE and dot(t.G[slot, g], x) < -rounding(t.G[slot, g], x):
             return transition(t.kind[slot, g], t.owner[slot, g], P, K, key)
@@ -205,15 +205,19 @@ def disagreement(t, slot, key, x, T, slack):
 
 
 @inner
-def settle(t, ic, x, T, scratch, copy, repeat):
+def settle(t, ic, x, size, T, scratch, copy, repeat):
     """Bring the modes of `ic` (see motion: key, pending work) into agreement with x. Returns DONE, NEED or JAM.
 
-    `repeat`: the same contact has just changed twice in one instant; sticking may then hold a little more.
+    `size` holds the largest sizes of the states so far: a slip speed that is only their rounding is none, also where
+    belt and body have come to rest. `repeat`: the same contact has just changed twice in one instant; sticking may
+    then hold a little more.
     """
     key, pending = ic[1], ic[2]
+    for i in range(x.shape[0]):
+        size[i] = max(size[i], abs(x[i]))
     if pending == START:
         for p in range(t.slip.shape[0]):
-            key = choose(t.slip, key, p, x)
+            key = choose(t.slip, key, p, x, size)
         pending = LAND
     slack = _SLACK if repeat else 0.0
     for _ in range(4 * (t.slip.shape[0] + t.of_patch.shape[0]) + 12):
@@ -231,7 +235,7 @@ def settle(t, ic, x, T, scratch, copy, repeat):
         else:
             for p in range(T.shape[0]):
                 T[p] = 0.0
-        new = disagreement(t, slot, key, x, T, slack)
+        new = disagreement(t, slot, key, x, size, T, slack)
         if new < 0:
             ic[1], ic[2] = key, READY
             return DONE
