@@ -197,7 +197,7 @@ def assemble(system: System, key: int) -> ModeSet:
         if mode == LINEAR:
             signals[at] += limiter.gain * limiter.row
         else:
-            signals[at, 0] += limiter.gain * (limiter.low if mode == LOW else limiter.high)
+            signals[at, first] += limiter.gain * (limiter.low if mode == LOW else limiter.high)
 
     # dw/dt of the stuck patches: W_v a + (the rest, over x)
     rest = np.zeros((len(stuck), n))
