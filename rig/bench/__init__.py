@@ -5,10 +5,9 @@ protocol        the steps of an experiment, due on ticks
 exchange        commands: taken over, held, clamped, refused, replaced by safe values
 operation       what happens at a tick between measurement and integration; the same in every mode
 simulate        everything in one process
-plant_process   the plant as a process: lockstep or paced
+plant_process   the plant as a process: lockstep or paced; hub, desk, attend and conclude are its parts
 pace, timing    the pace of the wall clock, and how well it was kept
 supervise       the processes of one run, from start to end
-replay          a recording on the bus once more, with controllers to hear it
-verify          a recording simulated again, to the bit
 status          the line during a run and the summary after it
+replay, verify  a recording on the bus once more, and simulated once more
 """

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from math import isfinite
 from typing import Any
 
-from rig.bench.exchange import Exchange
+from rig.bench.exchange import Exchange, Playback
 from rig.bench.journal import Journal
 from rig.bench.line import Line
 from rig.bench.protocol import Apply, Change, Finish, Move, Note, Progress, Protocol, Strike, Switch
@@ -64,7 +64,7 @@ class Operation:
         """Why the experiment has ended; empty while it goes on."""
         self.aborted = ""
         """The limit that was passed; empty otherwise."""
-        self._retune = retune
+        self._retune = retune if exchange is not Playback else _nobody
         self._end = None if duration_ns is None else -(-duration_ns // stand.frame_ns)
         self._outside = deque(event for event in events if event["data"].get("by") == OPERATOR)
 
@@ -231,3 +231,7 @@ class Operation:
         phase = "safe state" if self.aborted else told.phase
         fraction = min(self.stand.tick / self._end, 1.0) if self._end else 1.0
         return told._replace(phase=phase, fraction=fraction, left_ns=left * self.stand.frame_ns)
+
+
+def _nobody(controller: str, changes: dict[str, Any]) -> None:
+    """In a run that is simulated again no controller works: its commands are known."""

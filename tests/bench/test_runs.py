@@ -210,16 +210,25 @@ def test_a_plant_that_was_held_up_says_so(folder):
     assert outcome.summary["ticks"] == 2000
 
 
-def test_ctrl_c_ends_a_run_in_order(folder):
-    code = (
-        "import sys; from pathlib import Path; from rig import scenes; from rig.bench import supervise; "
-        "from rig.study import design; scene = scenes.load(sys.argv[1]); "
-        "out = supervise.run(scene, numbers=design.numbers(scene), duration=60.0, out=Path(sys.argv[2])); "
-        "print(out.text()); sys.exit(out.exit_code)"
-    )
+CODE = """
+import sys
+from pathlib import Path
+from rig import scenes
+from rig.bench import supervise
+from rig.study import design
+scene = scenes.load(sys.argv[1])
+outcome = supervise.run(scene, numbers=design.numbers(scene), duration=60.0, out=Path(sys.argv[2]))
+print(outcome.text())
+sys.exit(outcome.exit_code)
+"""
+
+
+@pytest.fixture
+def supervisor(folder):
+    """A supervisor in a process of its own, once its run has begun."""
     path = os.pathsep.join([str(Path(rig.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     process = subprocess.Popen(
-        [sys.executable, "-c", code, SCENE, str(folder / "run.mcap")],
+        [sys.executable, "-c", CODE, SCENE, str(folder / "run.mcap")],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -228,12 +237,25 @@ def test_ctrl_c_ends_a_run_in_order(folder):
     for line in process.stderr:
         if "begins with" in line:
             break
-    time.sleep(0.5)
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=20.0)
-    assert process.returncode in (0, 3), (out, err)
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def test_ctrl_c_ends_a_run_in_order(folder, supervisor):
+    supervisor.send_signal(signal.SIGINT)
+    out, err = supervisor.communicate(timeout=20.0)
+    assert supervisor.returncode in (0, 3), (out, err)
     assert "stopped by SIGINT" in out
     assert "none lost" in out
+    assert not rig.open(folder / "run.mcap").fault
+
+
+def test_nobody_outlives_the_supervisor(folder, supervisor):
+    others = psutil.Process(supervisor.pid).children(recursive=True)
+    assert len(others) == 3
+    supervisor.kill()
+    assert ended(others, 10.0) < 5.0
     assert not rig.open(folder / "run.mcap").fault
 
 
