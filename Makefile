@@ -4,6 +4,7 @@
 #   make check      formatting, lint, import rules, types
 #   make bench      figures for this machine
 #   make docs       the figures of docs/gallery, made again
+#   make golden     recordings/golden, made again
 #   make lock       requirements.lock, made again from pyproject.toml (needs uv)
 
 PYTHON ?= python3
@@ -14,7 +15,7 @@ PIP := $(RUN) pip install --quiet --disable-pip-version-check
 GALLERY := $(basename $(notdir $(wildcard rig/scenes/*.toml)))
 
 .DEFAULT_GOAL := install
-.PHONY: install demo test test-slow check bench docs lock clean
+.PHONY: install demo test test-slow check bench docs golden lock clean
 
 install: $(VENV)/.installed
 
@@ -48,6 +49,12 @@ bench: install
 docs: install
 	@mkdir -p docs/gallery
 	@for scene in $(GALLERY); do echo $$scene; $(BIN)/rig simulate $$scene --figure docs/gallery/$$scene.png >/dev/null || exit 1; done
+
+golden: install
+	@rm -f recordings/golden/pendulum.mcap
+	@$(BIN)/rig run pendulum -p sensors.strain_gauge.rate="100 Hz" -p sensors.normal_force.rate="100 Hz" \
+	  -p sensors.disc_speed.rate="100 Hz" --duration 9 --pace max --out recordings/golden/pendulum.mcap
+	@$(BIN)/rig verify recordings/golden/pendulum.mcap
 
 lock:
 	uv pip compile --quiet --universal --python-version 3.11 --generate-hashes --no-header --no-annotate \

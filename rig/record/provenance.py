@@ -22,7 +22,7 @@ def provenance(seed: int, command: Sequence[str] = tuple(sys.argv)) -> dict[str,
 
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
-        "command": shlex.join(command),
+        "command": shlex.join([Path(command[0]).name, *command[1:]]) if command else "",
         "seed": str(seed),
         "kernel": source_key(),
         "commit": _commit(),
