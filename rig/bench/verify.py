@@ -2,7 +2,8 @@
 
 The plant is simulated once more from the scene in the file; commands and whatever else came from outside take effect
 at the ticks at which they did. On the sources and the processor of the recording every bit must be the same; elsewhere
-kernels round otherwise, and the signals must agree to `ELSEWHERE` of their range.
+kernels round otherwise, and the signals must agree to `ELSEWHERE` of their range, samples of an instrument to its
+resolution.
 """
 
 from __future__ import annotations
@@ -73,7 +74,8 @@ def verify(log: Path) -> Verification:
         compared += recorded.size
         apart = recorded.view(np.uint64) != simulated.view(np.uint64)
         if apart.any():
-            size = float(np.nanmax(np.abs(recorded - simulated))) / (float(np.nanmax(np.abs(recorded))) or 1.0)
+            size = float(np.nanmax(np.abs(recorded - simulated))) - (_resolution(scene, name) if elsewhere else 0.0)
+            size = max(size, 0.0) / (float(np.nanmax(np.abs(recorded))) or 1.0)
             if not first:
                 at = int(np.argmax(apart))
                 first = f"{name} parts at t = {t_ns[at] * 1e-9:.9g} s: {recorded[at]!r} and {simulated[at]!r}"
@@ -85,6 +87,12 @@ def verify(log: Path) -> Verification:
     if not identical and (not elsewhere or deviation > ELSEWHERE):
         faults.append(first)
     return Verification(str(log), _duration_ns(run) * 1e-9, compared, identical, deviation, elsewhere, tuple(faults))
+
+
+def _resolution(scene: Scene, name: str) -> float:
+    """Step of the instrument that `name` ("meas/<sensor>") comes from; 0 for what no instrument has rounded."""
+    kind, _, sensor = name.partition("/")
+    return float(scene.sensors[sensor].front_end().resolution) * (1.0 + 1e-9) if kind == "meas" else 0.0
 
 
 def _duration_ns(run: Run) -> int:
