@@ -95,9 +95,7 @@ def _unanswered(plant: Plant) -> dict[str, int]:
     deadline = time.monotonic() + LAST_ANSWER_S
     for name in sorted(name for role, name in here if role == "controller" and name in plant.scene.controllers):
         while hub.unanswered(name) > 0 and (left := deadline - time.monotonic()) > 0.0:
-            message = hub.acts.get(left)
-            if message is not None:
-                hub.read(message)
+            hub.command(left)
         if (count := hub.unanswered(name)) > 0:
             found[f"step to {name}"] = count
     return found

@@ -12,10 +12,14 @@ Every answer carries the tick at which it holds.
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from typing import Any
 
+from pydantic import BaseModel
+
 from rig.bench.hub import Hub
-from rig.errors import UsageError
+from rig.errors import RigError, UsageError
 
 
 class Desk:
@@ -47,23 +51,37 @@ class Desk:
         self._cmd.poll()
 
     def _parameters(self, body: dict[str, Any]) -> dict[str, Any]:
-        stand = self._stand
+        return self._done(body, self._tuned)
+
+    def _command(self, body: dict[str, Any]) -> dict[str, Any]:
+        return self._done(body, self._carried_out)
+
+    def _done(self, body: dict[str, Any], how: Callable[[dict[str, Any]], dict[str, Any]]) -> dict[str, Any]:
+        """The answer to a request; one that makes no sense is refused, whatever it breaks: the run goes on."""
+        try:
+            found = how(body)
+        except RigError:
+            raise
+        except KeyError as fault:
+            raise UsageError(f"{body.get('do', 'the request')} needs {fault}") from None
+        except Exception as fault:
+            raise UsageError(f"{body!r} cannot be done: {type(fault).__name__}: {fault}") from None
+        return {"tick": self._stand.tick, "t_ns": self._stand.t_ns, **found}
+
+    def _tuned(self, body: dict[str, Any]) -> dict[str, Any]:
         values: dict[str, Any] = {}
         if (changes := body.get("set")) is not None:
             values |= self._operation.change(changes)
         for key in body.get("get", ()):
-            values[key] = stand.values[key] if key in stand.inputs else stand.parameter(key)
-        return {"tick": stand.tick, "t_ns": stand.t_ns, "values": values}
+            values[key] = self._operation.value(key)
+        return {"values": json.loads(json.dumps(values, default=_plain))}
 
-    def _command(self, body: dict[str, Any]) -> dict[str, Any]:
+    def _carried_out(self, body: dict[str, Any]) -> dict[str, Any]:
         what = str(body.get("do"))
         if what not in self._does:
             raise UsageError(f"the plant cannot {what!r}; it can: {', '.join(self._does)}")
-        try:
-            self._does[what](body)
-        except KeyError as fault:
-            raise UsageError(f"{what} needs {fault}") from None
-        return {"tick": self._stand.tick, "t_ns": self._stand.t_ns}
+        self._does[what](body)
+        return {}
 
     def _begin(self, _: dict[str, Any]) -> None:
         self.begun = True
@@ -91,3 +109,7 @@ class Desk:
             if ("controller", other) not in here and set(lines[other].drives) & set(drives):
                 self._operation.dismiss(other)
         self._operation.admit(name, drives, int(body["period_ns"]))
+
+
+def _plain(value: Any) -> Any:
+    return value.model_dump(mode="json") if isinstance(value, BaseModel) else str(value)

@@ -98,6 +98,9 @@ class Exchange:
                 line.counts.refused += 1
                 text = f"a command of {sender} has {len(values)} values for its {len(line.drives)} actuators"
                 self._journal.repeated("refused", text)
+        elif answered > self._stand.tick:
+            line.counts.refused += 1
+            self._journal.repeated("refused", f"{sender} answers a step that was not sent yet")
         elif line.connected:
             tick = self._stand.tick
             due = answered + line.delay

@@ -19,8 +19,9 @@ from rig.bench.line import Line
 from rig.bench.operation import Operation
 from rig.bench.timing import Spread
 from rig.bus import encode, messages
-from rig.bus.port import Message, Publisher, Session
+from rig.bus.port import Publisher, Session
 from rig.bus.setup import Setup
+from rig.errors import BusError
 
 BLOCK_NS = 20_000_000
 STATE_NS = 5_000_000
@@ -86,18 +87,25 @@ class Hub:
 
     def receive(self) -> None:
         """Hand on the commands that have arrived."""
-        get = self.acts.get
-        while (message := get()) is not None:
-            name, act = self.read(message)
+        while (found := self.command()) is not None:
+            name, act = found
             self.operation.exchange.receive(name, act.tick, tuple(act.values))
 
-    def read(self, message: Message) -> tuple[str, Any]:
-        """Sender and content of a command; its round trip is noted."""
-        act = messages.decode(message.topic, message.payload)
-        tick, put_at = self._put_at[act.tick % _REMEMBERED]
-        if tick == act.tick:
-            self._trips.append(message.arrived_ns - put_at)
-        return message.topic[4:], act
+    def command(self, timeout: float = 0.0) -> tuple[str, Any] | None:
+        """Sender and content of the oldest command, waited for at most `timeout` [s]; its round trip is noted."""
+        while True:
+            try:
+                message = self.acts.get(timeout)
+                if message is None:
+                    return None
+                act = messages.decode(message.topic, message.payload)
+            except BusError as fault:  # whoever says what cannot be understood must not end the run
+                self.operation.journal.repeated("refused", str(fault))
+                continue
+            tick, put_at = self._put_at[act.tick % _REMEMBERED]
+            if tick == act.tick:
+                self._trips.append(message.arrived_ns - put_at)
+            return message.topic[4:], act
 
     def put_step(self) -> None:
         """Tell the controllers what the sensors say at this tick; again if nobody answered the first time."""

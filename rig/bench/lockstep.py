@@ -48,9 +48,9 @@ class Lockstep:
         again, looked = AGAIN, begun
         found = {}
         while self._due:
-            message = self._hub.acts.get(again)
-            if message is not None:
-                name, act = self._hub.read(message)
+            command = self._hub.command(again)
+            if command is not None:
+                name, act = command
                 if act.tick == tick:
                     found[name] = tuple(act.values)
                     self._due.discard(name)

@@ -23,8 +23,9 @@ from rig.bench.protocol import Apply, Change, Finish, Move, Note, Progress, Prot
 from rig.bench.stand import Stand
 from rig.errors import RigError, UsageError
 from rig.quantities import si
+from rig.scenes.faults import near
 from rig.scenes.protocol import Connect, flat
-from rig.scenes.scene import Scene, controller_drives
+from rig.scenes.scene import Scene, controller_drives, leaves
 
 RUN_DOWN_NS = 500_000_000
 """Time that the drive gets to stop when a limit has ended the experiment. # chosen"""
@@ -112,13 +113,15 @@ class Operation:
 
     def change(self, changes: Mapping[str, Any], by: str = OPERATOR) -> dict[str, Any]:
         """Change actuators and parameters of the rig at this tick: all, or with a RigError none. The new values."""
-        inputs = self.stand.inputs
+        inputs, known = self.stand.inputs, dict(leaves(self.scene.parameters))
         actuators: dict[str, float] = {}
         parameters: dict[str, Any] = {}
         faults = []
         for key, value in changes.items():
             if key not in inputs:
                 parameters[key] = value
+                if key not in known:
+                    faults.append(f"{key}: unknown key; {near(key, [*inputs, *known])}")
                 continue
             one = inputs[key]
             try:
@@ -131,11 +134,15 @@ class Operation:
         if faults:
             raise UsageError("\n".join(faults))
         self._set(parameters)
-        for key, value in actuators.items():
-            self.exchange.ask(key, value)
-        new = {**{key: self.stand.parameter(key) for key in parameters}, **actuators}
+        for key, number in actuators.items():
+            self.exchange.ask(key, number)
+        new = {key: self.value(key) for key in parameters} | actuators
         self.journal.note("parameter", ", ".join(f"{k} = {v}" for k, v in new.items()), by=by, set=new)
         return new
+
+    def value(self, key: str) -> Any:
+        """An actuator or a parameter of the rig as it is now."""
+        return self.stand.values[key] if key in self.stand.inputs else self.stand.parameter(key)
 
     def _set(self, parameters: Mapping[str, Any]) -> None:
         before: dict[str, Any] = {}

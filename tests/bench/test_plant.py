@@ -191,7 +191,12 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene, numbers):
         bench.begin()
         ask = bench.me.ask
         for topic, body, wrong in [
-            ("param/plant", {"set": {"friction.mu_statc": 0.4}}, "mu_statc"),
+            ("param/plant", {"set": {"friction.mu_statc": 0.4}}, "did you mean friction.mu_static"),
+            ("param/plant", {"set": {"friction.mu_static": "x"}}, "mu_static"),
+            ("param/plant", {"set": {"load.force": 5.0, "friction.mu_static": -1.0}}, "mu_static"),
+            ("param/plant", {"set": 5}, "cannot be done"),
+            ("param/plant", {"get": ["nothing"]}, "nothing"),
+            ("cmd/plant", {"do": "knock", "impulse": "hard"}, "cannot be done"),
             ("param/plant", {"set": {"load.force": "3 m"}}, "load.force"),
             ("param/plant", {"set": {"load.force": -1.0}}, "must be"),
             ("cmd/plant", {"do": "fly"}, "cannot 'fly'"),
@@ -201,6 +206,7 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene, numbers):
         ]:
             with pytest.raises(BusError, match=wrong):
                 ask(topic, body, 2.0)
+        assert ask("param/plant", {"get": ["friction", "load.force"]}, 2.0)["values"]["load.force"] == 20.0
         ask("cmd/plant", {"do": "pause"}, 2.0)
         first = ask("cmd/plant", {"do": "pause"}, 2.0)["tick"]
         time.sleep(0.1)
@@ -274,11 +280,13 @@ def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene, num
         mine = bench.twin.open("controller", "mine")
         act = mine.publisher("act/mine")
         act.put(encode.act(0, 0, (0.5,)), 0)
+        act.put(b"garbage", 0)
         time.sleep(0.1)
         wanted = {"controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
         tick = mine.ask("cmd/plant", {"do": "admit", **wanted}, 2.0)["tick"]
         mine.announce()
         act.put(encode.act(tick, 0, (0.5,)), 0)
+        act.put(encode.act(10**9, 0, (0.7,)), 0)
         heard = bench.finish()
         mine.close()
     kinds = [event.kind for event in bench.events(heard)]
@@ -286,6 +294,7 @@ def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene, num
     assert "admitted" in kinds
     assert bench.summary["loop"]["refused"] == {"mine": 1}
     assert bench.summary["loop"]["mine"]["taken"] == 1
+    assert bench.summary["loop"]["mine"]["refused"] == 1
     assert bench.summary["loop"]["mine"]["safe"] == 1
 
 
