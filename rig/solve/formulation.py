@@ -298,7 +298,7 @@ def assemble(system: System, key: int) -> ModeSet:
         sigma=sigma,
         nonlinear=nonlinear,
         guards=np.array(guards).reshape(-1, n),
-        guards_t=np.array(guards_t).reshape(-1, P),
+        guards_t=np.array(guards_t).reshape(len(guards), P),
         kinds=np.array(kinds, dtype=np.int64),
         owners=np.array(owners, dtype=np.int64),
         jam=float(np.linalg.det(Me) / np.linalg.det(system.mass)) if nq else 1.0,
