@@ -1,0 +1,142 @@
+"""Small rigs for the solver, written as rows, and how they are run."""
+
+import json
+import math
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from rig.solve import laws
+from rig.solve.assembly import Assembly
+from rig.solve.motion import Motion
+
+NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
+
+
+def oscillator(belt=None, load=None, law=None, start=None, **changes):
+    """P1 of num.json, or one with other numbers: a mass on a belt, as an assembly that may be added to."""
+    p = NUM["P1"]["params"] | changes
+    a = Assembly("oscillator")
+    a.coordinate("x", p["m"], p["c"], p["k"])
+    a.patch("contact", {"x": 1.0}, belt or {"one": p["vb"]}, law or laws.coulomb(p["mus"], p["mud"]))
+    a.normal("load", "contact", load or {"one": p["N"]})
+    a.start |= NUM["P1"]["start"] if start is None else start
+    return a
+
+
+def p1(**changes):
+    return oscillator(**changes).system()
+
+
+def p2():
+    p = NUM["P2"]["params"]
+    return oscillator(law=laws.stribeck(p["mus"], p["mud"], p["vs"])).system()
+
+
+def p3():
+    """Mode coupling: x along the belt, z towards it from the preloaded position, N = F0 + k3 z may open."""
+    p = NUM["P3"]["params"]
+    a = Assembly("P3")
+    a.coordinate("x", p["m"], p["cx"], p["kxx"])
+    a.coordinate("z", p["m"], p["cz"], p["kzz"])
+    a.stiffness["x", "z"] = a.stiffness["z", "x"] = p["kxz"]
+    a.push("z", {"one": p["F0"]})
+    a.patch("contact", {"x": 1.0}, {"one": p["vb"]}, laws.coulomb(p["mu"], p["mu"]))
+    a.normal("load", "contact", {"one": p["F0"], "z": p["k3"]}, {"z": -1.0})
+    a.start |= NUM["P3"]["start"]
+    return a.system()
+
+
+def p4():
+    """P1 with a piezo stack: loop voltage U and current i of a series shunt with negative capacitance Cp / delta."""
+    p = NUM["P4"]["params"]
+    a = oscillator()
+    delta, e, Cp = p["delta"], p["theta"], p["Cp"]
+    a.stiffness["x", "x"] += e * e / Cp * delta / (1.0 + delta)
+    a.push("x", {"U": e / (1.0 + delta)})
+    a.network["U"] = {"i": (1.0 + delta) / Cp, "x'": -e / Cp}
+    a.network["i"] = {"U": -1.0 / p["L"], "i": -p["R"] / p["L"]}
+    return a.system()
+
+
+def sine(a, name, amplitude, omega, phase=0.0):
+    """A signal amplitude sin(omega t + phase), as two states; `name` is the sine."""
+    a.signal(name, {f"{name}.cos": omega}, amplitude * math.sin(phase), "test")
+    a.signal(f"{name}.cos", {name: -omega}, amplitude * math.cos(phase), "test")
+
+
+def hc1():
+    """P1 on a belt that runs to and fro."""
+    case = NUM["HC1"]
+    a = oscillator(belt={"belt": case["amplitude"]}, start={})
+    sine(a, "belt", 1.0, case["omega"])
+    return a.system()
+
+
+def run(system, step_ms, duration, method="exact", outputs=None, **how):
+    """One run in one call; event times [s], what they are, states at the ends of the steps, and the motion."""
+    ticks = round(duration * 1e3 / step_ms)
+    motion = Motion(system, round(step_ms * 1e6), method, outputs=outputs, **({"longest": ticks} | how))
+    motion.advance(ticks)
+    events = motion.events()
+    return SimpleNamespace(
+        motion=motion,
+        times=np.array([(e.tick + e.place) * step_ms * 1e-3 for e in events]),
+        what=[e.what for e in events],
+        states=motion.states,
+        slots=motion.slots_of_states,
+        outputs=motion.outputs_at(motion.states, motion.slots_of_states) if outputs else None,
+        energy=motion.energy(),
+    )
+
+
+def chain(rate, guards, follow, mode, y, duration):
+    """Event times by scipy's DOP853, phase by phase: the solver's independent witness, good to about 1e-12 s.
+
+    rate(mode, t, y) -> y'; guards(mode): functions g(t, y), positive while the mode holds; follow(mode, guard, t, y) ->
+    mode and y after the event.
+    """
+    how = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-15}
+    t, times = 0.0, []
+    while True:
+
+        def flow(t, y, mode=mode):
+            return rate(mode, t, y)
+
+        events = list(guards(mode))
+        for event in events:
+            event.terminal, event.direction = True, -1.0
+        shortly = min(t + 1e-9, duration)  # a guard that has just begun at zero is positive then
+        y = solve_ivp(flow, (t, shortly), y, **how).y[:, -1]
+        part = solve_ivp(flow, (shortly, duration), y, events=events, max_step=duration / 100.0, **how)
+        if part.status != 1:
+            return np.array(times)
+        which = next(i for i, found in enumerate(part.t_events) if len(found))
+        t, y = part.t_events[which][0], part.y_events[which][0]
+        times.append(t)
+        mode, y = follow(mode, which, t, y)
+
+
+@pytest.fixture(scope="session")
+def num():
+    """Reference numbers."""
+    return NUM
+
+
+@pytest.fixture(scope="session")
+def rigs():
+    """Systems by name, and the parts to build others."""
+    return SimpleNamespace(p1=p1, p2=p2, p3=p3, p4=p4, hc1=hc1, oscillator=oscillator, sine=sine)
+
+
+@pytest.fixture(scope="session", name="run")
+def run_fixture():
+    return run
+
+
+@pytest.fixture(scope="session", name="chain")
+def chain_fixture():
+    return chain

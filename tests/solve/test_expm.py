@@ -1,0 +1,89 @@
+"""Propagators against scipy's, also where they are hard: stiff, defective, badly scaled, constant."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rig.solve import expm
+
+
+def relative(ours, reference, scale):
+    """Error of exp(A h) in the balanced coordinates, in which its entries are of one size."""
+    d = scale
+    return np.abs((ours - reference) * d[:, None] / d[None, :]).max() / max(
+        1.0, np.abs(reference * d[:, None] / d[None, :]).max()
+    )
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    n=st.integers(1, 8),
+    size=st.floats(-4.0, 3.0),
+    spread=st.floats(0.0, 3.0),
+)
+@settings(max_examples=60, deadline=None)
+def test_every_level_of_the_ladder_is_an_exponential(seed, n, size, spread):
+    rng = np.random.default_rng(seed)
+    scaling = 10.0 ** rng.uniform(-spread, spread, n)
+    A = rng.normal(size=(n, n)) * 10.0**size / max(1, n) * scaling[:, None] / scaling[None, :]
+    A -= max(0.0, np.linalg.eigvals(A).real.max() * 1e-2) * np.eye(n)
+    h = 1e-2
+    ladder = expm.ladder(A, h)
+    d = expm.balance(A)
+    for level, less_one in enumerate(ladder):
+        reference = scipy.linalg.expm(A * d[:, None] / d[None, :] * h / 2.0**level) * d[None, :] / d[:, None]
+        bound = 1e-13 * (1.0 + np.abs(A * d[:, None] / d[None, :]).sum(axis=0).max() * h / 2.0**level)
+        assert relative(less_one + np.eye(n), reference, d) < bound
+
+
+def test_small_steps_keep_what_is_small_beside_one():
+    """exp(A h) - 1 at |A| h = 1e-8 is known to rounding of itself, not of one."""
+    A = np.array([[0.0, 1.0], [-1.0, 0.0]])
+    less_one = expm.ladder(A, 1e-8)[0]
+    assert less_one[0, 0] == pytest.approx(-5e-17, rel=1e-12)
+    assert less_one[0, 1] == pytest.approx(1e-8, rel=1e-15)
+
+
+def test_a_ramp_is_a_defective_matrix_and_is_exact():
+    """s'' = 0 beside a mass: no eigenvectors, no trouble."""
+    A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]])
+    less_one = expm.ladder(A, 0.5)[0]
+    assert less_one == pytest.approx(np.array([[0.0, 0.5, 0.125], [0.0, 0.0, 0.5], [0.0, 0.0, 0.0]]), abs=1e-17)
+
+
+def test_a_stiff_network_is_propagated_exactly():
+    """R = 1 ohm across 30 nF is settled 600 times over in a step of 20 us; the mechanics beside it must not notice."""
+    tau = 30e-9
+    A = np.array([[0.0, 1.0, 0.0], [-1e6, -2.0, 1e-3], [0.0, 1e4, -1.0 / tau]])
+    less_one = expm.ladder(A, 20e-6)[0]
+    d = expm.balance(A)
+    reference = scipy.linalg.expm(A * d[:, None] / d[None, :] * 20e-6) * d[None, :] / d[:, None]
+    assert less_one + np.eye(3) == pytest.approx(reference, rel=1e-9, abs=1e-15)
+    assert abs(less_one[2, 2] + 1.0) < 1e-12
+
+
+def test_depth_brings_the_finest_cell_within_reach():
+    A = np.array([[0.0, 1.0], [-((2.0 * np.pi * 3400.0) ** 2), 0.0]])
+    depth = expm.depth(A, 1e-3)
+    size = expm.norm(A, expm.balance(A)) * 1e-3
+    assert size / 2.0**depth <= expm.REACH < size / 2.0 ** (depth - 1)
+    assert expm.depth(A * 0.0, 1.0) == 0
+    assert len(expm.ladder(A, 1e-3)) == depth + 1
+
+
+def test_a_constant_signal_is_left_alone_by_balancing():
+    A = np.array([[0.0, 1.0, 0.0], [-1e6, 0.0, 10.0], [0.0, 0.0, 0.0]])
+    d = expm.balance(A)
+    assert d[2] == 1.0
+    assert np.all(np.log2(d) == np.round(np.log2(d)))
+
+
+def test_squaring_agrees_with_the_next_level():
+    rng = np.random.default_rng(4)
+    A = rng.normal(size=(6, 6)) * 300.0
+    ladder = expm.ladder(A, 1e-2)
+    for coarse, fine in zip(ladder, ladder[1:]):
+        Phi = fine + np.eye(6)
+        assert coarse + np.eye(6) == pytest.approx(Phi @ Phi, rel=1e-9, abs=1e-12 * np.abs(Phi).max() ** 2)

@@ -1,0 +1,85 @@
+"""dopri5 with several contacts under laws that fall with speed, normal forces that move and open, and drives."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rig.solve import laws
+from rig.solve.assembly import Assembly
+
+
+def pair(opens=False, inertia=0.0):
+    """Two masses on two belts, coupled; the second contact's normal force moves with the first mass, and may open."""
+    a = Assembly("pair")
+    a.coordinate("x", 1.0, 0.5, 900.0)
+    a.coordinate("y", 1.4, 0.7, 1500.0)
+    a.stiffness["x", "y"] = a.stiffness["y", "x"] = -250.0
+    a.patch("first", {"x": 1.0}, {"one": 0.06}, laws.stribeck(0.5, 0.2, 0.03))
+    a.patch("second", {"y": 1.0}, {"one": -0.04}, laws.falling(0.4, 1.5, 0.1))
+    a.normal("load 1", "first", {"one": 8.0})
+    a.normal(
+        "load 2", "second", {"one": 5.0, "x": 1600.0 if opens else 300.0}, inertia={"x": inertia} if inertia else {}
+    )
+    a.start |= {"x": 0.001, "y": -0.002}
+    return a.system()
+
+
+@pytest.mark.parametrize("system", [pair(), pair(opens=True), pair(inertia=0.2)], ids=["moves", "opens", "inertia"])
+def test_dopri5_and_rk4_agree_on_two_falling_contacts(run, system):
+    exact = run(system, 0.02, 1.0, "rk4")
+    found = run(system, 1.0, 1.0, "dopri5", tolerance=1e-10)
+    assert len(found.times) > 10
+    assert found.what == exact.what
+    assert found.times == pytest.approx(exact.times, abs=2e-9)
+    assert abs(found.energy["error"]) < 1e-8
+    assert abs(exact.energy["error"]) < 1e-8
+
+
+def test_contacts_that_open_do_open(run):
+    assert "load 2 opens" in run(pair(opens=True), 1.0, 1.0, "dopri5").what
+
+
+def test_a_falling_law_without_its_fall_is_coulomb_friction(rigs, run, num):
+    """The path for laws over speed, on a law that is constant: the events of P1 with one coefficient."""
+    flat = rigs.oscillator(law=laws.falling(0.3, 0.0, 0.3)).system()
+    plain = rigs.p1(mus=0.3, mud=0.3)
+    found, exact = run(flat, 1.0, 4.0, "dopri5", tolerance=1e-11), run(plain, 1.0, 4.0)
+    assert found.states == pytest.approx(exact.states, abs=1e-9)
+
+
+def test_exact_refuses_a_law_over_speed(rigs, run):
+    with pytest.raises(ValueError, match="contact depends on speed: use dopri5"):
+        run(rigs.p2(), 1.0, 0.1, "exact")
+    with pytest.raises(ValueError, match="euler.*known: exact, dopri5, rk4"):
+        run(rigs.p1(), 1.0, 0.1, "euler")
+
+
+def test_friction_follows_the_load_that_depends_on_it(run):
+    """N = N0 + g a and T = sigma mu(v) N solved together: T and N of the record satisfy both, to rounding."""
+    rows = [{"T:second": 1.0}, {"N:load 2": 1.0}, {"w:second": 1.0}, {"x": 1.0}, {"x''": 1.0}]
+    found = run(pair(inertia=0.2), 0.1, 0.5, "dopri5", outputs=rows)
+    T, N, w, x, acceleration = found.outputs.T
+    assert N == pytest.approx(5.0 + 300.0 * x + 0.2 * acceleration, abs=1e-9)
+    slips = np.abs(w) > 1e-6
+    mu = np.maximum(0.4 - 1.5 * np.abs(w[slips]), 0.1)
+    assert T[slips] == pytest.approx(mu * N[slips] * np.sign(w[slips]), abs=1e-9)
+
+
+@pytest.mark.parametrize("method", ["dopri5", "rk4"])
+def test_a_contact_under_load_dither_opens_where_the_load_is_zero(rigs, run, method):
+    """N = N0 + A sin(w t), A > N0: it opens and closes at arcsines, whatever the mass does."""
+    omega, load, amplitude = 2.0 * math.pi * 50.0, 4.0, 6.0
+    a = rigs.oscillator(load={"one": load, "shake": amplitude}, law=laws.stribeck(0.4, 0.25, 0.02))
+    rigs.sine(a, "shake", 1.0, omega)
+    system = a.system()
+    found = run(system, 0.1, 0.5, method, outputs=[{"N:load": 1.0}, {"T:contact": 1.0}])
+    down = math.pi + math.asin(load / amplitude)
+    n = np.arange(25)
+    opens = np.array([t for t, what in zip(found.times, found.what) if what == "load opens"])
+    closes = np.array([t for t, what in zip(found.times, found.what) if what == "load closes"])
+    assert opens == pytest.approx((down + 2.0 * math.pi * n) / omega, abs=1e-8)
+    assert closes == pytest.approx((3.0 * math.pi - down + 2.0 * math.pi * n) / omega, abs=1e-8)
+    N, T = found.outputs.T
+    assert N.min() == 0.0
+    assert np.all(T[N == 0.0] == 0.0)

@@ -1,0 +1,67 @@
+"""Time is a whole number of ticks and a share of one: it does not wear out, and does not depend on how it is cut."""
+
+import math
+
+import numpy as np
+import pytest
+
+from rig.solve.motion import Motion
+
+
+def test_event_times_after_a_hundred_thousand_seconds(rigs):
+    """The cycle of an undamped oscillator has a closed form; after 4.8e5 periods the events still fall on it."""
+    p = {"vb": 0.05, "mus": 0.4, "mud": 0.25}
+    a, w = (p["mus"] - p["mud"]) * 10.0 / 1000.0, math.sqrt(1000.0)
+    stick = 2.0 * a / p["vb"]
+    period = stick + (2.0 * math.pi - 2.0 * math.atan2(a, p["vb"] / w)) / w
+    motion = Motion(rigs.p1(c=0.0, **p), 20_000_000, "exact", longest=50_000, booking=False)
+    for _ in range(100):
+        motion.advance(50_000)
+    assert motion.tick * motion.step_ns == 100_000 * 1_000_000_000
+    last = [e for e in motion.events()[-40:] if e.what == "contact releases +"][-1]
+    assert last.tick > 4_999_980
+    n = round((last.tick * 0.02 - 0.08) / period)
+    # the rounding of a period, 5e-17 s, adds up n times; in whole ticks and a share, so that nothing else is lost
+    drift = (last.tick - int(n * period / 0.02)) * 0.02 + last.place * 0.02 - (math.fmod(n * period, 0.02) + 0.08)
+    assert abs(drift) < n * 1e-16 + 1e-11
+
+
+@pytest.mark.parametrize("method", ["exact", "dopri5", "rk4"])
+def test_a_run_in_pieces_is_the_run_in_one(rigs, method):
+    """Exactly, for exact and rk4; dopri5 cuts its steps where a call ends."""
+    system = rigs.p1() if method == "exact" else rigs.p2()
+    whole = Motion(system, 1_000_000, method, longest=1000)
+    whole.advance(1000)
+    pieces = Motion(system, 1_000_000, method, longest=1000)
+    events = []
+    for ticks in (1, 2, 7, 90, 400, 500):
+        pieces.advance(ticks)
+        events += pieces.events()
+    assert pieces.tick == whole.tick == 1000
+    assert [e.what for e in events] == [e.what for e in whole.events()]
+    times, expected = ([e.tick + e.place for e in found] for found in (events, whole.events()))
+    assert times == pytest.approx(expected, abs=1e-9 if method != "dopri5" else 1e-3)
+    if method == "dopri5":
+        assert pieces.x == pytest.approx(whole.x, abs=1e-7)
+    else:
+        assert np.array_equal(pieces.x, whole.x)
+
+
+def test_an_event_is_a_tick_and_a_share_of_it(rigs, run, num):
+    for event in run(rigs.p1(), 5.0, 4.0).motion.events():
+        assert 0.0 <= event.place < 1.0
+        assert isinstance(event.tick, int)
+
+
+def test_kept_states_are_those_of_one_call(rigs):
+    one, many = (Motion(rigs.p1(), 1_000_000, "exact", longest=60) for _ in range(2))
+    one.advance(60)
+    for _ in range(6):
+        many.advance(10, keep=True)
+    assert np.array_equal(many.log.out[: many.kept], one.states)
+    assert np.array_equal(many.log.modes[: many.kept], one.slots_of_states)
+
+
+def test_a_finer_step_changes_nothing_but_the_record(rigs, run):
+    coarse, fine = run(rigs.p4(), 5.0, 1.0), run(rigs.p4(), 0.05, 1.0)
+    assert fine.states[99::100] == pytest.approx(coarse.states, abs=1e-10)
