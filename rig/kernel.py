@@ -69,7 +69,7 @@ def _open_cache() -> Path:
 
 
 CACHE = _open_cache()
-numba.config.CACHE_DIR = str(CACHE)
+numba.config.CACHE_DIR = str(CACHE)  # type: ignore[attr-defined]
 
 
 def is_warm() -> bool:
@@ -77,12 +77,13 @@ def is_warm() -> bool:
     return any(CACHE.rglob("*.nbi"))
 
 
+_njit: Any = numba.njit  # noqa: TID251
 _OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
 def kernel(function: F) -> F:
     """Compile `function`: cached on disk, without the GIL, divisions unchecked, fused multiply-add allowed."""
-    return numba.njit(**_OPTIONS)(function)  # type: ignore[no-any-return]
+    return _njit(**_OPTIONS)(function)  # type: ignore[no-any-return]
 
 
 def inner(function: F) -> F:
@@ -90,12 +91,12 @@ def inner(function: F) -> F:
 
     It may slice, but neither allocate an array nor return one, and only other kernels call it.
     """
-    return numba.njit(_nrt=False, **_OPTIONS)(function)  # type: ignore[no-any-return]
+    return _njit(_nrt=False, **_OPTIONS)(function)  # type: ignore[no-any-return]
 
 
 def inlined(function: F) -> F:
     """An `inner` kernel that is written into its callers, for what runs many times in a step."""
-    return numba.njit(_nrt=False, inline="always", **_OPTIONS)(function)  # type: ignore[no-any-return]
+    return _njit(_nrt=False, inline="always", **_OPTIONS)(function)  # type: ignore[no-any-return]
 
 
 class _BundleType(types.StructRef):  # type: ignore[misc]
@@ -109,11 +110,11 @@ class Bundle(structref.StructRefProxy):  # type: ignore[misc]
     """
 
 
-structref.register(_BundleType)
-structref.define_proxy(Bundle, _BundleType, ["content"])
+structref.register(_BundleType)  # type: ignore[no-untyped-call]
+structref.define_proxy(Bundle, _BundleType, ["content"])  # type: ignore[no-untyped-call]
 
 
 @kernel
 def bundle(content):  # type: ignore[no-untyped-def]
     """A handle on `content`."""
-    return Bundle(content)
+    return Bundle(content)  # type: ignore[no-untyped-call]

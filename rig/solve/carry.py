@@ -82,12 +82,12 @@ def propagate(shape, t, slot, ic, fc, x, w, origin, ticks, log, energy, booking,
     """Quiet ticks as far as they go, else one opened tick, in a linear mode set. Returns the guard that fell or -1."""
     if fc[PLACE] == 0.0:
         first = ic[TICK]
-        for g in range(t.count[slot]):
+        for g in range(t.guards[slot]):
             w.g[g] = dot(t.G[slot, g], x)
         for i in range(len(shape)):
             w.x0[i] = x[i]
         block = 1 if emitting else ticks - first
-        done = exact.quiet(shape, t.E[slot, 0], t.G[slot], t.B[slot], t.count[slot], x, w.g, block, log.out[first:])
+        done = exact.quiet(shape, t.E[slot, 0], t.G[slot], t.B[slot], t.guards[slot], x, w.g, block, log.out[first:])
         for tick in range(first, first + done):
             log.modes[tick] = slot
             if booking:

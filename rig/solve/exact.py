@@ -69,7 +69,7 @@ def along(derivatives, terms, u, x):
 @inlined
 def certified(t, slot, x, y, shrink):
     """Whether no guard can fall between x and y, the ends of a cell `shrink` = 4^-level of a step."""
-    for k in range(t.count[slot]):
+    for k in range(t.guards[slot]):
         before, after = dot(t.G[slot, k], x), dot(t.G[slot, k], y)
         bound, slope_bound = 0.0, 0.0
         for j in range(x.shape[0]):
@@ -90,7 +90,7 @@ def certified(t, slot, x, y, shrink):
 def earliest(t, slot, x, derivatives, terms, poly, work):
     """First fall of any guard along a Taylor cell: (u in [0, 1] or NONE, guard)."""
     first, guard = NONE, -1
-    for k in range(t.count[slot]):
+    for k in range(t.guards[slot]):
         for d in range(terms + 1):
             poly[d] = dot(t.G[slot, k], derivatives[d])
         u = first_fall(poly, terms, rounding(t.G[slot, k], x), work)

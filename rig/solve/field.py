@@ -56,7 +56,7 @@ class Books(NamedTuple):
 @inlined
 def lend(t, slot, w):
     """The field of a slot."""
-    count = t.count[slot]
+    count = t.guards[slot]
     return Field(
         t.A[slot],
         t.b[slot],

@@ -216,8 +216,9 @@ def assemble(system: System, key: int) -> ModeSet:
     rhs = np.zeros((nq + s, n + P))
     rhs[:nq, :n] = R
     rhs[nq:, :n] = rest
-    for p in np.flatnonzero(nonlinear):
-        rhs[:nq, n + p] = directions[p]
+    for p in range(P):
+        if nonlinear[p]:
+            rhs[:nq, n + p] = directions[p]
     solved = np.linalg.solve(lhs, rhs) if nq else rhs
     a, lam = solved[:nq], solved[nq:]
 
@@ -229,10 +230,10 @@ def assemble(system: System, key: int) -> ModeSet:
     b = np.zeros((n, P))
     b[v] = a[:, n:]
 
-    normal, normal_t = np.zeros((K, n)), np.zeros((K, P))
+    loads, loads_t = np.zeros((K, n)), np.zeros((K, P))
     for k, contact in enumerate(system.normals):
-        normal[k] = contact.row + contact.inertia @ a[:, :n]
-        normal_t[k] = contact.inertia @ a[:, n:]
+        loads[k] = contact.row + contact.inertia @ a[:, :n]
+        loads_t[k] = contact.inertia @ a[:, n:]
     friction, friction_t = np.zeros((P, n)), np.zeros((P, P))
     for p in range(P):
         if p in stuck:
@@ -242,15 +243,51 @@ def assemble(system: System, key: int) -> ModeSet:
         elif sigma[p] != 0.0:
             for k, contact in enumerate(system.normals):
                 if contact.patch == p and normal_modes[k] == CLOSED:
-                    friction[p] += sigma[p] * system.patches[p].law.numbers[0] * normal[k]
-                    friction_t[p] += sigma[p] * system.patches[p].law.numbers[0] * normal_t[k]
+                    friction[p] += sigma[p] * system.patches[p].law.numbers[0] * loads[k]
+                    friction_t[p] += sigma[p] * system.patches[p].law.numbers[0] * loads_t[k]
 
     landing = np.eye(n)
     if stuck:
         MT = np.linalg.solve(system.mass, directions[stuck].T)
         landing[v] += MT @ np.linalg.solve(C @ MT, W)
 
-    guards, guards_t, kinds, owners = [], [], [], []
+    guards, guards_t, kinds, owners = _guards(system, key, sigma, stuck, friction, friction_t, loads, loads_t)
+    return ModeSet(
+        key=key,
+        A=A,
+        b=b,
+        landing=landing,
+        friction=friction,
+        friction_t=friction_t,
+        normal=loads,
+        normal_t=loads_t,
+        sigma=sigma,
+        nonlinear=nonlinear,
+        guards=np.array(guards).reshape(-1, n),
+        guards_t=np.array(guards_t).reshape(len(guards), P),
+        kinds=np.array(kinds, dtype=np.int64),
+        owners=np.array(owners, dtype=np.int64),
+        jam=float(np.linalg.det(Me) / np.linalg.det(system.mass)) if nq else 1.0,
+    )
+
+
+def _guards(
+    system: System,
+    key: int,
+    sigma: Array,
+    stuck: Sequence[int],
+    friction: Array,
+    friction_t: Array,
+    loads: Array,
+    loads_t: Array,
+) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
+    """What holds while the mode set lasts, as rows over x and T that stay positive; their kinds and owners."""
+    _, normal_modes, limiter_modes = system.modes(key)
+    n, P = system.n, len(system.patches)
+    guards: list[Array] = []
+    guards_t: list[Array] = []
+    kinds: list[int] = []
+    owners: list[int] = []
 
     def guard(row: Array, row_t: Array, kind: int, owner: int) -> None:
         if np.any(row) or np.any(row_t):  # a guard that vanishes identically is only noise
@@ -264,20 +301,20 @@ def assemble(system: System, key: int) -> ModeSet:
             limit, limit_t = np.zeros(n), np.zeros(P)
             for k, contact in enumerate(system.normals):
                 if contact.patch == p and normal_modes[k] == CLOSED:
-                    limit += patch.law.static * normal[k]
-                    limit_t += patch.law.static * normal_t[k]
+                    limit += patch.law.static * loads[k]
+                    limit_t += patch.law.static * loads_t[k]
             guard(limit - friction[p], limit_t - friction_t[p], G_RELEASE_PLUS, p)
             guard(limit + friction[p], limit_t + friction_t[p], G_RELEASE_MINUS, p)
         elif sigma[p] != 0.0:
             guard(sigma[p] * system.slip_rows[p], np.zeros(P), G_SLIP, p)
     for k, contact in enumerate(system.normals):
-        if not contact.opens or _never_changes(normal[k], normal_t[k], system, signals):
+        if not contact.opens or _never_changes(loads[k], loads_t[k], system):
             continue
         closed = normal_modes[k] == CLOSED
-        guard(*(s * r for s, r in zip((1, 1) if closed else (-1, -1), (normal[k], normal_t[k]))),
-              G_OPEN if closed else G_CLOSE, k)  # fmt: skip
+        sign = 1.0 if closed else -1.0
+        guard(sign * loads[k], sign * loads_t[k], G_OPEN if closed else G_CLOSE, k)
     one = np.zeros(n)
-    one[first] = 1.0
+    one[system.one] = 1.0
     for x, (limiter, mode) in enumerate(zip(system.limiters, limiter_modes)):
         below, above = limiter.row - limiter.low * one, limiter.high * one - limiter.row
         if mode == LINEAR:
@@ -286,26 +323,15 @@ def assemble(system: System, key: int) -> ModeSet:
         else:
             guard(-below if mode == LOW else -above, np.zeros(P), G_LIMIT_BACK, x)
 
-    return ModeSet(
-        key=key,
-        A=A,
-        b=b,
-        landing=landing,
-        friction=friction,
-        friction_t=friction_t,
-        normal=normal,
-        normal_t=normal_t,
-        sigma=sigma,
-        nonlinear=nonlinear,
-        guards=np.array(guards).reshape(-1, n),
-        guards_t=np.array(guards_t).reshape(len(guards), P),
-        kinds=np.array(kinds, dtype=np.int64),
-        owners=np.array(owners, dtype=np.int64),
-        jam=float(np.linalg.det(Me) / np.linalg.det(system.mass)) if nq else 1.0,
+    return (
+        np.array(guards).reshape(-1, n),
+        np.array(guards_t).reshape(-1, P),
+        np.array(kinds, dtype=np.int64),
+        np.array(owners, dtype=np.int64),
     )
 
 
-def _never_changes(row: Array, row_t: Array, system: System, signals: Array) -> bool:
+def _never_changes(row: Array, row_t: Array, system: System) -> bool:
     """Whether a normal force is a constant: it rests on signals alone that nothing drives or writes.
 
     Only the signal "one" is known to stay; a load written by a command is a state and keeps its guard.

@@ -198,7 +198,7 @@ def disagreement(t, slot, key, x, size, T, slack):
             was_loaded = loaded(t.of_patch, P, key, p)
             new = with_digit(key, base, 2, 0)
             return new if was_loaded else choose(t.slip, new, p, x, size)
-    for g in range(t.count[slot]):
+    for g in range(t.guards[slot]):
         if t.kind[slot, g] > G_CLOSE and dot(t.G[slot, g], x) < -rounding(t.G[slot, g], x):
             return transition(t.kind[slot, g], t.owner[slot, g], P, K, key)
     return -1

@@ -35,7 +35,7 @@ class Tables(NamedTuple):
     A: Array  # [slot, n, n]
     b: Array  # [slot, n, P]
     landing: Array  # [slot, n, n]
-    count: NDArray[np.int64]  # [slot] guards
+    guards: NDArray[np.int64]  # [slot] number of guards
     kind: NDArray[np.int64]  # [slot, guard]
     owner: NDArray[np.int64]  # [slot, guard]
     G: Array  # [slot, guard, n]
@@ -98,7 +98,7 @@ class Slots:
             A=z((0, n, n)),
             b=z((0, n, P)),
             landing=z((0, n, n)),
-            count=z(0, dtype=np.int64),
+            guards=z(0, dtype=np.int64),
             kind=z((0, g), dtype=np.int64),
             owner=z((0, g), dtype=np.int64),
             G=z((0, g, n)),
@@ -164,7 +164,7 @@ class Slots:
             "A": modes.A,
             "b": modes.b,
             "landing": modes.landing,
-            "count": len(modes.guards),
+            "guards": len(modes.guards),
             "kind": _padded(modes.kinds, g),
             "owner": _padded(modes.owners, g),
             "G": guards,
@@ -182,7 +182,7 @@ class Slots:
             "signals": rows,
             "signals_t": rows_t,
             "coupled": int(load_t.any()),
-            "needs": _padded(modes.guards_t.any(axis=1).astype(np.int64), g),
+            "needs": _padded(np.array(modes.guards_t.any(axis=1), dtype=np.int64), g),
             "press": modes.normal * closed,
             "press_t": modes.normal_t * closed,
             "active": forms.any(axis=(1, 2)).astype(np.int64),

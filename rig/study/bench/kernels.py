@@ -101,7 +101,7 @@ def precision() -> list[dict[str, Any]]:
 
 @kernel
 def _quiet_loop(shape, E, G, B, count, x, g, ticks, out):  # type: ignore[no-untyped-def]
-    return quiet(shape, E, G, B, count, x, g, ticks, out)
+    return quiet(shape, E, G, B, count, x, g, ticks, out)  # type: ignore[no-untyped-call]
 
 
 def twins() -> dict[str, Any]:
@@ -128,7 +128,7 @@ def _quiet(system: Any, c: Any) -> dict[str, Any]:
     motion.advance(5000)
     t, slot = motion.slots.tables, motion.slot
     x0 = motion.x.copy()
-    count = int(t.count[slot])
+    count = int(t.guards[slot])
     E, G, B = (np.ascontiguousarray(a[slot, ...]) for a in (t.E[:, 0], t.G, t.B))
     ticks, shape = 2000, (0.0,) * system.n
     ours, theirs = np.zeros((ticks, system.n)), np.zeros((ticks, system.n))
@@ -137,7 +137,7 @@ def _quiet(system: Any, c: Any) -> dict[str, Any]:
     def numba_run() -> None:
         for _ in range(50):
             x = x0.copy()
-            done["numba"] = _quiet_loop(shape, E, G, B, count, x, G[:count] @ x, ticks, ours)
+            done["numba"] = _quiet_loop(shape, E, G, B, count, x, G[:count] @ x, ticks, ours)  # type: ignore[no-untyped-call]
 
     def c_run() -> None:
         for _ in range(50):
@@ -169,7 +169,7 @@ def _rk4(system: Any, c: Any) -> dict[str, Any]:
     t = motion.slots.tables
     at = [int(t.slot_of[key]) for key in keys]
     A, G = (np.ascontiguousarray(a[at]) for a in (t.A, t.G[:, :2]))
-    count = np.ascontiguousarray(t.count[at])
+    count = np.ascontiguousarray(t.guards[at])
     stick = at[STICK]
     rows = [np.ascontiguousarray(a) for a in (t.landing[stick], t.slip[0], t.friction[stick, 0], t.load[stick, 0])]
     x0, key0 = motion.x.copy(), motion.key
