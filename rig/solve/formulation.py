@@ -325,7 +325,7 @@ def _guards(
 
     return (
         np.array(guards).reshape(-1, n),
-        np.array(guards_t).reshape(-1, P),
+        np.array(guards_t).reshape(len(guards), P),
         np.array(kinds, dtype=np.int64),
         np.array(owners, dtype=np.int64),
     )
