@@ -6,7 +6,7 @@
     exponential  mu_kinetic + (mu_static - mu_kinetic) exp(-decay v)
     table        a monotone cubic through (speeds, values), constant beyond
 
-Source: A, B, C from Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 2025, figure 3 (A's formula is a choice:
+Source: A, B, C from Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, figure 3 (A's formula is a choice:
 the paper gives its shape); exponential from Liu and Ouyang, the slider-on-disc rig.
 """
 

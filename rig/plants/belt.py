@@ -2,7 +2,7 @@
 
     m x'' + d x' + c x = T,   w = V - x',   T = mu(|w|) N sgn(w) in slip
 
-Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 2025, section 2, equation 2.1.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 2, equation 2.1.
 """
 
 from __future__ import annotations

@@ -4,7 +4,7 @@
 
 At the contact, x = r phi, it is the mass on a belt with m = J/r^2, c = c_phi/r^2, d = d_phi/r^2; any radius r gives the
 same motion there. Instruments read angle and contact quantities alike.
-Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 2025, sections 2 and 4.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, sections 2 and 4.
 """
 
 from __future__ import annotations

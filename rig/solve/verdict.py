@@ -11,7 +11,7 @@ state. Growth is stopped by
 
 but not by the contact where a drive or a network runs away by itself: a belt that follows the body it carries (gain
 K above one, stuck: growth (K-1)/lag) and a negative capacitance below -1/(1+kappa/k).
-Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 2025, equations 4.7 to 4.20; the criteria are ours.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.7 to 4.20; the criteria are ours.
 """
 
 from __future__ import annotations

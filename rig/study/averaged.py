@@ -7,7 +7,7 @@ W, L: the answer of the structure without friction to the generator. The integra
 between such places it is smooth and Gauss-Legendre quadrature of `ORDER` nodes is exact to rounding. The slope over w
 has a part from those places, 2 mu(0) N / |dw/dtheta| each: it is what makes dither damp.
 Coulomb friction gives mu (2/pi) asin(w/a). At a = w the slope jumps: take no reading there.
-Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 2025, section 4; Thomsen, J. Sound Vib. 228 (1999).
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 4; Thomsen, J. Sound Vib. 228 (1999).
 """
 
 from __future__ import annotations

@@ -1,5 +1,7 @@
 """Propagators against scipy's, also where they are hard: stiff, defective, badly scaled, constant."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import scipy.linalg
@@ -84,6 +86,6 @@ def test_squaring_agrees_with_the_next_level():
     rng = np.random.default_rng(4)
     A = rng.normal(size=(6, 6)) * 300.0
     ladder = expm.ladder(A, 1e-2)
-    for coarse, fine in zip(ladder, ladder[1:]):
+    for coarse, fine in pairwise(ladder):
         Phi = fine + np.eye(6)
         assert coarse + np.eye(6) == pytest.approx(Phi @ Phi, rel=1e-9, abs=1e-12 * np.abs(Phi).max() ** 2)

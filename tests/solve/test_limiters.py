@@ -115,8 +115,7 @@ def test_a_ramp_into_a_clamp_stops_at_it_between_ticks(run):
     for step in (0.1, 7.0):
         a = Assembly("ramp")
         a.coordinate("x", 1.0, 0.5, 100.0)
-        a.signal("slope", {}, 0.1, "drive")
-        a.signal("command", {"slope": 1.0}, 0.0, "drive")
+        a.signal("command", {"one": 0.1}, 0.0, "drive")
         a.signal("actual", {"actual": -1.0 / LAG}, 0.0, "drive")
         a.limit("drive", {"command": 1.0}, -1.0, 0.0333, "actual", 1.0 / LAG)
         a.patch("contact", {"x": 1.0}, {"actual": 1.0}, laws.coulomb(0.4, 0.25))

@@ -1,5 +1,7 @@
 """The first fall of a polynomial through zero: found when it is there, never before it, never without one."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
@@ -52,7 +54,7 @@ def test_what_is_found_is_a_fall_and_the_first(c):
 @settings(max_examples=300, deadline=None)
 def test_the_smallest_root_is_found(roots):
     roots = sorted(roots)
-    assume(all(b - a > 1e-3 for a, b in zip(roots, roots[1:])))
+    assume(all(b - a > 1e-3 for a, b in pairwise(roots)))
     assume(abs(roots[0] - 1.0) > 1e-9)
     u = fall(from_roots(roots))
     if roots[0] > 1.0:

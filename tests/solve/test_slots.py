@@ -70,7 +70,7 @@ def test_the_bound_of_a_guard_bounds_its_bulge(rigs, seed, name, step):
     B = A * d[:, None] / d[None, :]
     share = np.linspace(0.0, 1.0, 23)
     along = [scipy.linalg.expm(B * step * u) @ (x * d) / d for u in share]
-    for k in range(t.count[0]):
+    for k in range(t.guards[0]):
         g = np.array([t.G[0, k] @ y for y in along])
         chord = g[0] + share * (g[-1] - g[0])
         bound = t.B[0, k] @ np.abs(x)

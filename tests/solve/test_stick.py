@@ -99,7 +99,7 @@ def test_a_landing_moves_nothing_but_what_slips(run):
     a.start |= {"x": 0.05, "y": -0.02}
     motion = Motion(a.system(), 1_000_000, "exact", outputs=[{"w:contact": 1.0}], longest=20_000)
     motion.advance(20_000)
-    stuck = [s for s in motion.slots.sets if motion.system.describe(s.key) == "contact stick"][0]
+    stuck = next(s for s in motion.slots.sets if motion.system.describe(s.key) == "contact stick")
     Pi = stuck.landing
     assert Pi @ Pi == pytest.approx(Pi, abs=1e-14)
     assert np.abs(motion.system.slip_rows @ Pi).max() < 1e-14
