@@ -56,20 +56,20 @@ class Live:
 
 
 def line(health: Mapping[str, Any]) -> str:
-    """One line from the health of a plant, with `t` [s] of simulated time; short enough for a terminal of 120."""
-    left = health["eta_s"]
+    """One line from the health of a plant, with `t` [s] of simulated time; all of it fits a terminal of 80."""
+    left, late = health["eta_s"], health["lateness_us"] / 1e3
     parts = [
         health["phase"],
-        f"t {health['t']:.1f} s",
-        f"rt {health['rate']:.3f}" if health["rate"] < 10.0 else f"rt {health['rate']:.0f}",
-        f"late p99 {health['lateness_us'] / 1e3:.2f} ms",
-        f"overruns {health['overruns']}",
+        f"{health['t']:.1f} s",
+        f"rt {health['rate']:.2f}" if health["rate"] < 10.0 else f"rt {health['rate']:.0f}",
+        f"late {late:.2f} ms" if late < 10.0 else f"late {late:.0f} ms",
+        f"over {health['overruns']}",
         f"held {health['held']}",
         f"drops {health['drops']}",
-        f"energy {health['energy_error']:.0e}",
+        f"E {health['energy_error']:.0e}",
         f"stick {health['stick_share']:.0%}",
     ]
-    return "  ".join([*parts, f"left {left:.0f} s"] if left >= 0.0 else parts)
+    return " ".join([*parts, f"left {left:.0f} s"] if left >= 0.0 else parts)
 
 
 def summary(found: Mapping[str, Any], log: str = "", following: Iterable[str] = ()) -> str:
