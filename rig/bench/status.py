@@ -69,7 +69,7 @@ def line(health: Mapping[str, Any]) -> str:
         f"E {health['energy_error']:.0e}",
         f"stick {health['stick_share']:.0%}",
     ]
-    return " ".join([*parts, f"left {left:.0f} s"] if left >= 0.0 else parts)
+    return " ".join([*parts, f"{left:.0f} s left"] if left >= 0.0 else parts)
 
 
 def summary(found: Mapping[str, Any], log: str = "", following: Iterable[str] = ()) -> str:
