@@ -56,20 +56,21 @@ class Live:
 
 
 def line(health: Mapping[str, Any]) -> str:
-    """One line from the health of a plant, with `t` [s] of simulated time; all of it fits a terminal of 80."""
+    """One line from the health of a plant, with `t` [s] of simulated time; a terminal of 80 shows all but the end."""
     left, late = health["eta_s"], health["lateness_us"] / 1e3
     parts = [
         health["phase"],
         f"{health['t']:.1f} s",
         f"rt {health['rate']:.2f}" if health["rate"] < 10.0 else f"rt {health['rate']:.0f}",
         f"late {late:.2f} ms" if late < 10.0 else f"late {late:.0f} ms",
-        f"over {health['overruns']}",
-        f"held {health['held']}",
         f"drops {health['drops']}",
         f"E {health['energy_error']:.0e}",
         f"stick {health['stick_share']:.0%}",
+        *([f"{left:.0f} s left"] if left >= 0.0 else []),
+        f"overruns {health['overruns']}",
+        f"held {health['held']}",
     ]
-    return " ".join([*parts, f"{left:.0f} s left"] if left >= 0.0 else parts)
+    return " ".join(parts)
 
 
 def summary(found: Mapping[str, Any], log: str = "", following: Iterable[str] = ()) -> str:
