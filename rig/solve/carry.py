@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from rig.kernel import inlined, inner, kernel
 from rig.solve import dopri5, exact, ledger, rk4
 from rig.solve.emit import emit_linear
-from rig.solve.settle import CHATTER, DONE, LOST, READY, dot, friction, settle
+from rig.solve.settle import CHATTER, DONE, LOST, OVERFULL, READY, SETTLE, dot, friction, settle
 
 Array = NDArray[np.float64]
-TICK, KEY, PENDING, EVENTS, OPENED, TRIALS, REPEAT, BEYOND, COUNTERS = range(9)  # of State.ic
+TICK, KEY, PENDING, EVENTS, OPENED, TRIALS, REPEAT, BEYOND, PAST, COUNTERS = range(10)  # of State.ic
 PLACE, TRY = range(2)  # of State.fc
 TALLIED = 256
 _FLUSH = 1e-150
@@ -64,14 +64,19 @@ class State(NamedTuple):
 
 
 @kernel
-def advance(shape, tables, lent, origin, ticks, tolerance, substeps, booking, emitting, limit):
+def advance(shape, tables, lent, begin, origin, ticks, tolerance, substeps, booking, emitting, limit):
     """Carry the state from row `origin` of the log up to row `ticks`; returns a status.
 
-    To be called again when that asks for a mode set. ic[BEYOND]: number of the first output beyond its bound, or -1.
+    To be called again, no longer with `begin`, when that asks for a mode set. ic[BEYOND]: number of the first output
+    beyond its bound, or -1; ic[PAST]: events of all calls so far.
     `tolerance` is None for a system without laws over speed, `substeps` is None for other methods than rk4: what is
     not asked for is not compiled.
     """
     w, state, log, seg = lent.content
+    if begin:
+        state.ic[TICK], state.ic[EVENTS] = origin, 0
+        state.ic[PENDING] = max(state.ic[PENDING], SETTLE)
+        seg.count[0] = 0
     return carry(
         shape, tables.content, w, state, log, seg, origin, ticks, tolerance, substeps, booking, emitting, limit
     )
@@ -90,7 +95,8 @@ def propagate(shape, t, slot, ic, fc, x, w, origin, ticks, log, energy, booking,
         done = exact.quiet(shape, t.E[slot, 0], t.G[slot], t.B[slot], t.guards[slot], x, w.g, block, log.out[first:])
         for tick in range(first, first + done):
             log.modes[tick] = slot
-            if booking:
+        if booking:
+            for tick in range(first, first + done):
                 ledger.book(t.work[slot, 0], t.active[slot], w.x0 if tick == first else log.out[tick - 1], energy)
         if emitting and done:
             emit_linear(t, slot, w.x0, (first - origin) * t.step[0], t.step[0], seg, w.derivatives)
@@ -174,8 +180,10 @@ def carry(shape, t, w, state, log, seg, origin, ticks, tolerance, substeps, book
             log.event[e, 2], log.event[e, 3] = t.owner[slot, guard], before
             log.place[e] = fc[PLACE]
             ic[EVENTS] = e + 1
-    for tick in range(origin, ticks):
-        state.tally[min(log.modes[tick], TALLIED - 1)] += 1
+    count(log.modes, origin, ticks, state.tally)
+    ic[PAST] += ic[EVENTS]
+    if seg.count[0] > seg.start.shape[0]:
+        return OVERFULL
     for i in range(len(shape)):
         if abs(x[i]) < _FLUSH:
             x[i] = 0.0
@@ -183,6 +191,17 @@ def carry(shape, t, w, state, log, seg, origin, ticks, tolerance, substeps, book
             return LOST
     ic[BEYOND] = beyond(t, t.slot_of[ic[KEY]], x, w, state.watched, state.bound)
     return DONE
+
+
+@inner
+def count(modes, first, last, tally):
+    """tally[slot] += its ticks, stretch by stretch."""
+    while first < last:
+        slot, end = modes[first], first + 1
+        while end < last and modes[end] == slot:
+            end += 1
+        tally[min(slot, TALLIED - 1)] += end - first
+        first = end
 
 
 @inner

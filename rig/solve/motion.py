@@ -21,6 +21,7 @@ from rig.solve.carry import (
     EVENTS,
     KEY,
     OPENED,
+    PAST,
     PENDING,
     PLACE,
     TALLIED,
@@ -35,7 +36,7 @@ from rig.solve.carry import (
 from rig.solve.emit import empty_segments
 from rig.solve.formulation import G_LIMIT_LOW, G_OPEN, GUARD_NAMES, STICK, System
 from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
-from rig.solve.settle import CHATTER, DONE, JAM, LOST, NEED, SETTLE, START
+from rig.solve.settle import CHATTER, DONE, JAM, LOST, NEED, OVERFULL, SETTLE, START
 from rig.solve.slots import Slots
 
 Array = NDArray[np.float64]
@@ -89,7 +90,6 @@ class Motion:
         self.tick = 0
         self.segments = empty_segments(read, SEGMENTS)
         self._outputs, self._read, self._cap = outputs or [], read, cap
-        self._past = 0
         self._first = self.kept = 0
         self._jumps = 0.0
         self._set(system)
@@ -160,7 +160,7 @@ class Motion:
         ic = self.state.ic
         return {
             "ticks": self.tick,
-            "events": self._past,
+            "events": int(ic[PAST]),
             "opened_ticks": int(ic[OPENED]),
             "trial_steps": int(ic[TRIALS]),
             "mode_sets": len(self.slots.sets),
@@ -220,17 +220,10 @@ class Motion:
             self._room(last, ticks)
         elif ticks != self._ticks:
             self._events(ticks)
-        ic = self.state.ic
-        ic[TICK] = first
-        ic[EVENTS] = 0
-        if ic[PENDING] < SETTLE:
-            ic[PENDING] = SETTLE
-        self.segments.count[0] = 0
         self._first = first
         self._run(first, last)
         self.tick += ticks
         self.kept = last
-        self._past += int(ic[EVENTS])
 
     @property
     def states(self) -> Array:
@@ -248,16 +241,12 @@ class Motion:
         return int(self.state.ic[BEYOND])
 
     def _run(self, first: int, last: int) -> None:
-        while True:
-            status = advance(self._shape, self.slots.handle, self._lent, first, last, *self._how)
-            if status == DONE:
-                break
-            if status != NEED:
-                self._stop(status)
+        status = advance(self._shape, self.slots.handle, self._lent, True, first, last, *self._how)
+        while status == NEED:
             self.slots.add(self.key)
-        if self.segments.count[0] > SEGMENTS:
-            needed = int(self.segments.count[0])
-            raise NumericsError(f"{needed} smooth segments in one frame, room for {SEGMENTS}", *self._where())
+            status = advance(self._shape, self.slots.handle, self._lent, False, first, last, *self._how)
+        if status != DONE:
+            self._stop(status)
 
     def _where(self) -> tuple[float, str, dict[str, float]]:
         ic, fc = self.state.ic, self.state.fc
@@ -272,6 +261,9 @@ class Motion:
             _, kind, owner, _ = self.log.event[int(self.state.ic[EVENTS]) - 1].tolist()
             what = f"more than {len(self.log.event)} events in one block; the last: {self.what(kind, owner)}"
             raise Chatter(f"{what}. Raise clock.events_per_frame if this is meant", *where)
+        if status == OVERFULL:
+            needed = int(self.segments.count[0])
+            raise NumericsError(f"{needed} smooth segments in one frame, room for {SEGMENTS}", *where)
         assert status == LOST
         raise Diverged(f"the state has left the limit of {self.limit:g} or is not finite", *where)
 

@@ -22,7 +22,7 @@ from rig.solve.formulation import (
 )
 from rig.solve.laws import mu
 
-DONE, NEED, CHATTER, JAM, LOST = range(5)  # what a kernel returns
+DONE, NEED, CHATTER, JAM, LOST, OVERFULL = range(6)  # what a kernel returns
 READY, SETTLE, LAND, START = range(4)  # what a run has to do first
 
 _ROUND = 64.0 * 2.2e-16
