@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import SceneError
+from rig.kernel import entry
 from rig.solve.segments import DEGREE, Segments
 from sensors.front_end import FrontEnd
 from sensors.instrument import Instrument
@@ -64,6 +65,7 @@ class Bank:
             1e-9 * self.step_ns,
         )
         self._now = 0
+        self._run: Callable[..., int] | None = None
 
     @staticmethod
     def needs(sensors: Mapping[str, Instrument]) -> tuple[str, ...]:
@@ -93,7 +95,9 @@ class Bank:
         count, start, length, coef = segments
         now = self._now
         self._now = now + self._frame
-        if advance(*self._all, now, count, start, length, coef):
+        if self._run is None:
+            self._run = entry(advance, *self._all, now, count, start, length, coef)
+        if self._run(*self._all, now, count, start, length, coef):
             self._draw()
 
     def samples(self, i: int) -> NDArray[np.float64]:

@@ -60,15 +60,16 @@ def simulate(
     wired = [(name, loop, [columns[r] for r in loop.controller.reads]) for name, loop in asked]
     kept = Measurements(stand)
     latest, every = stand.bank.latest, max(100_000_000 // scene.frame_ns, 1)
+    begin, receive, take_over = operation.begin, operation.exchange.receive, operation.take_over
     fault = ""
     try:
-        while operation.begin():
-            t_ns, tick = stand.t_ns, stand.tick
+        while begin():
+            tick = stand.tick
+            t_ns = tick * stand.frame_ns
             for name, loop, reads in wired:
                 if t_ns % loop.controller.period_ns == 0:
-                    answer = loop.answer(t_ns, tuple([float(latest[i]) for i in reads]))
-                    operation.exchange.receive(name, tick, answer)
-            operation.take_over()
+                    receive(name, tick, loop.answer(t_ns, tuple([float(latest[i]) for i in reads])))
+            take_over()
             stand.frame()
             kept.add()
             if report is not None and tick % every == 0:

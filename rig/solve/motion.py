@@ -6,14 +6,14 @@ on nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import Chatter, Diverged, Jammed, NumericsError
-from rig.kernel import bundle
+from rig.kernel import bundle, entry
 from rig.solve import ledger
 from rig.solve.carry import (
     BEYOND,
@@ -86,7 +86,8 @@ class Motion:
         if method not in METHODS:
             raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
         self.step_ns, self.method = step_ns, method
-        self.tolerance, self.substeps, self.limit, self.booking = tolerance, substeps, limit, booking
+        self.tolerance, self.limit = float(tolerance), float(limit)
+        self.substeps, self.booking = int(substeps), bool(booking)
         self.tick = 0
         self.segments = empty_segments(read, SEGMENTS)
         self._outputs, self._read, self._cap = outputs or [], read, cap
@@ -115,6 +116,7 @@ class Motion:
         self.system = system
         self.slots = Slots(system, self.step_ns * 1e-9, self._outputs)
         self._shape = (0.0,) * system.n
+        self._carry: Callable[..., int] | None = None
         falling = any(not p.law.constant for p in system.patches)
         self._how = (
             self.tolerance if falling and self.method == "dopri5" else None,
@@ -241,10 +243,12 @@ class Motion:
         return int(self.state.ic[BEYOND])
 
     def _run(self, first: int, last: int) -> None:
-        status = advance(self._shape, self.slots.handle, self._lent, True, first, last, *self._how)
+        if self._carry is None:
+            self._carry = entry(advance, self._shape, self.slots.handle, self._lent, True, first, last, *self._how)
+        status = self._carry(self._shape, self.slots.handle, self._lent, True, first, last, *self._how)
         while status == NEED:
             self.slots.add(self.key)
-            status = advance(self._shape, self.slots.handle, self._lent, False, first, last, *self._how)
+            status = self._carry(self._shape, self.slots.handle, self._lent, False, first, last, *self._how)
         if status != DONE:
             self._stop(status)
 
