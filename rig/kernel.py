@@ -9,9 +9,11 @@ benchmarks do the same. Results are therefore bit-identical on one build and one
 from __future__ import annotations
 
 import hashlib
+import importlib
 import os
 import platform
 import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -19,6 +21,13 @@ from typing import Any, TypeVar
 import numba
 from numba.core import types
 from numba.experimental import structref
+
+if os.environ.get("RIG_OWN_PROCESS") and "scipy.linalg" not in sys.modules:
+    # In a process of our own: numba would import scipy.linalg (0.2 s) only to learn whether there is BLAS, which no
+    # kernel of ours calls. Elsewhere other people's kernels may want it.
+    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]
+    importlib.import_module("numba.np.arraymath")
+    del sys.modules["scipy.linalg"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 

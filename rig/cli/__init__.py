@@ -16,9 +16,12 @@ Nothing heavy is imported before it is needed.
 
 from __future__ import annotations
 
+import os
+
 
 def main() -> None:
     """Entry point of the command `rig`."""
+    os.environ["RIG_OWN_PROCESS"] = "1"  # see rig.kernel: for this process and those it starts
     from rig.cli.app import run
 
     run()
