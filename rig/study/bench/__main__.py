@@ -78,7 +78,19 @@ def main() -> int:
     seconds = 10.0 if quick else 60.0
     say(f"\npaced, 1 kHz, vibrometer 10 kHz in blocks, controller, recorder, viewer bridge, {seconds:.0f} s")
     found["loop"] = paced = loop.paced(seconds)
-    say(json.dumps({k: paced[k] for k in ("timing", "loop", "bare_us") if k in paced}, indent=1, default=str))
+    trip, late, bare = paced["round_trip"], paced["timing"]["lateness"], paced["bare_us"]
+    verdict = judged("step to command", trip["p50"] / 1e3, "step_to_command_ms", at_most=True)
+    lost = sum(paced["lost"].values())
+    if lost:
+        missed.append("nothing lost")
+    say(f"  {paced['verdict']}: {paced['timing']['late_share']:.2%} of the frames late, {lost} messages lost")
+    say(f"  lateness {late['p50']:.0f} / {late['p99']:.0f} / {late['max']:.0f} us (p50, p99, worst)")
+    spread = f"p50 {trip['p50'] / 1e3:.2f} ms, p99 {trip['p99'] / 1e3:.2f} ms"
+    say(f"  put to the command in the plant's queue: {spread} {verdict}")
+    say(f"  bare unix socket, same run: p50 {bare['p50'] / 1e3:.2f} ms, p99 {bare['p99'] / 1e3:.2f} ms")
+    for name, counts in paced["loop"].items():
+        aged = f"{counts['late']} older than a frame, oldest {counts['oldest']} frames"
+        say(f"  {name}: {counts['taken']} commands, {aged}")
 
     if "--json" in sys.argv:
         Path(sys.argv[sys.argv.index("--json") + 1]).write_text(json.dumps(found, indent=1, default=str))
