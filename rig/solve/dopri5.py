@@ -49,7 +49,11 @@ def trial(shape, f, k, x, h, y, z):
 
 @inner
 def error(shape, k, y, size, h, tolerance):
-    """Largest local error of the step, each state against `tolerance` times its largest size so far."""
+    """Largest local error of the step, each state against `tolerance` times its largest size so far.
+
+    Infinite where a stage has left the range of numbers: a law continued far below w = 0 grows without bound, and the
+    step must shrink then, not pass for one without error.
+    """
     n = len(shape)
     worst = 0.0
     for i in range(n):
@@ -61,6 +65,8 @@ def error(shape, k, y, size, h, tolerance):
             + k[5, i] * (22.0 / 525.0)
             - k[6, i] * (1.0 / 40.0)
         )
+        if not (abs(e) + abs(y[i]) < np.inf):
+            return np.inf
         largest = max(size[i], abs(y[i]))
         if largest > 0.0:
             worst = max(worst, abs(e) / (_SHARE * tolerance * largest))
@@ -159,8 +165,6 @@ def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, out, modes, energy, boo
         e = error(shape, k, y, size, h, tolerance)
         ic[5] += 1
         if not (e <= 1.0):
-            if not (e == e):
-                return -2
             fc[1] = h * max(_SHRINK, _SAFETY * e ** (-0.2))
             if fc[1] < 1e-14 * tick_length:
                 return -2
