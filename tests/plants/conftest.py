@@ -1,0 +1,82 @@
+"""Set PEND of Kroeger et al. (2008): reference numbers, and the rigs as systems in motion."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import rig
+from rig.solve.motion import Motion
+
+KROGER = json.loads((Path(__file__).parents[1] / "reference" / "kroger.json").read_text())
+SCENES = {"A": "belt", "B": "belt_b", "C": "belt_c", "C_d2": "belt_c_damped"}
+
+
+@pytest.fixture(scope="session")
+def kroger():
+    return KROGER
+
+
+@pytest.fixture(scope="session")
+def scenes():
+    """Characteristic -> shipped scene."""
+    return SCENES
+
+
+def move(scene, changes=None, step_ms=1.0, duration=0.0, method=None, moved=None, **how):
+    """The plant of a scene, run for `duration` s in one call; `moved`: actuators as states, as a scene would ask."""
+    loaded = rig.load(scene, changes or {})
+    plant = rig.scenes.scene.plant_module(loaded.plant)
+    assembly = plant.assemble(loaded.parameters, moved or {})
+    system = assembly.system()
+    chosen = method or ("exact" if all(p.law.constant for p in system.patches) else "dopri5")
+    ticks = round(duration * 1e3 / step_ms)
+    names = tuple(assembly.outputs)
+    rows = [assembly.outputs[name].row for name in names]
+    motion = Motion(system, round(step_ms * 1e6), chosen, outputs=rows, **({"longest": max(ticks, 1)} | how))
+    if ticks:
+        motion.advance(ticks)
+    return Moved(motion, names, step_ms * 1e-3)
+
+
+class Moved:
+    """A motion with its outputs by name and its events in seconds, both of the last call."""
+
+    def __init__(self, motion, names, step):
+        self.motion, self.names, self.step = motion, names, step
+
+    def __getitem__(self, name):
+        values = self.motion.outputs_at(self.motion.states, self.motion.slots_of_states)
+        return values[:, self.names.index(name)]
+
+    @property
+    def time(self):
+        """Of the record of the last call [s]."""
+        count = len(self.motion.states)
+        return (self.motion.tick - count + 1 + np.arange(count)) * self.step
+
+    def times(self, what):
+        return np.array([(e.tick + e.place) * self.step for e in self.motion.events() if e.what == what])
+
+    def write(self, state, value):
+        self.motion.write(self.motion.system.names.index(state), value)
+
+
+@pytest.fixture(scope="session", name="move")
+def move_fixture():
+    return move
+
+
+@pytest.fixture(scope="session")
+def read():
+    return SimpleNamespace(extreme=extreme)
+
+
+def extreme(values, sign):
+    """The largest (sign = 1) or smallest value between the samples, by the parabola through three of them."""
+    y = sign * values
+    i = int(np.argmax(y[1:-1])) + 1
+    bend = y[i - 1] - 2.0 * y[i] + y[i + 1]
+    return sign * (y[i] - (y[i + 1] - y[i - 1]) ** 2 / (8.0 * bend) if bend < 0.0 else y[i])

@@ -1,0 +1,124 @@
+"""The five friction laws: values, slopes, what a stuck contact holds, what is refused."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+from rig.effects.friction import Coulomb, Exponential, Falling, Stribeck, Table
+
+STRIBECK = Stribeck(law="stribeck", mu_static=0.5, mu_dynamic=0.18, speed_scale=0.05).friction()
+FALLING = Falling(law="falling", mu_zero=0.4, slope=0.8, mu_floor=0.05).friction()
+COULOMB = Coulomb(law="coulomb", mu_static=0.4, mu_kinetic=0.25).friction()
+EXPONENTIAL = Exponential(law="exponential", mu_static=0.6, mu_kinetic=0.2, decay=15.0).friction()
+TABLE = Table(law="table", speeds=(0.0, 0.05, 0.2, 0.6), values=(0.5, 0.3, 0.22, 0.2)).friction()
+LAWS = {"stribeck": STRIBECK, "falling": FALLING, "coulomb": COULOMB, "exponential": EXPONENTIAL, "table": TABLE}
+
+
+def test_values_are_those_of_the_formulas():
+    """Kroeger et al. (2008), characteristics A, B, C; exponential law of Liu and Ouyang."""
+    for v in (0.0, 0.01, 0.06, 0.4, 2.0):
+        assert STRIBECK.mu(v) == pytest.approx(0.18 + 0.32 * math.exp(-v / 0.05), rel=1e-14)
+        assert FALLING.mu(v) == pytest.approx(max(0.4 - 0.8 * v, 0.05), rel=1e-14)
+        assert EXPONENTIAL.mu(v) == pytest.approx(0.2 + 0.4 * math.exp(-15.0 * v), rel=1e-14)
+        assert COULOMB.mu(v) == 0.25
+
+
+def test_static_coefficient_is_what_a_stuck_contact_holds():
+    assert [law.static for law in LAWS.values()] == [0.5, 0.4, 0.4, 0.6, 0.5]
+    own = Table(law="table", speeds=(0.0, 0.1), values=(0.4, 0.2), mu_static=0.7).friction()
+    assert own.static == 0.7
+    assert own.mu(0.0) == 0.4
+
+
+def test_only_coulomb_friction_is_constant_in_slip():
+    assert {name for name, law in LAWS.items() if law.constant} == {"coulomb"}
+
+
+@pytest.mark.parametrize("name", LAWS)
+@given(v=st.floats(1e-4, 1.0))
+@settings(max_examples=50, deadline=None)
+def test_slopes_are_derivatives(name, v):
+    law = LAWS[name]
+    corners = {"falling": (0.4375,), "table": (0.05, 0.2, 0.6)}.get(name, ())
+    assume(all(abs(v - corner) > 1e-5 for corner in corners))
+    h = 1e-6
+    assert law.slope(v) == pytest.approx((law.mu(v + h) - law.mu(v - h)) / (2.0 * h), abs=1e-5, rel=1e-5)
+
+
+def test_slope_at_the_sliding_speed_of_the_reference(kroger):
+    assert -STRIBECK.slope(0.06) == pytest.approx(kroger["cycles"]["A"]["eq"]["dmu"], rel=1e-7)
+    assert -FALLING.slope(0.06) == pytest.approx(0.8, rel=1e-14)
+
+
+@given(st.lists(st.floats(0.0, 1.0), min_size=2, max_size=8), st.data())
+@settings(max_examples=60, deadline=None)
+def test_a_table_goes_through_its_points_and_never_beyond_them(values, data):
+    steps = data.draw(st.lists(st.floats(1e-3, 0.5), min_size=len(values) - 1, max_size=len(values) - 1))
+    speeds = np.concatenate([[0.0], np.cumsum(steps)])
+    law = Table(law="table", speeds=tuple(speeds), values=tuple(values)).friction()
+    for v, value in zip(speeds, values):
+        assert law.mu(v) == pytest.approx(value, abs=1e-12)
+    for i, (a, b) in enumerate(pairwise(speeds)):
+        between = np.array([law.mu(v) for v in np.linspace(a, b, 30)])
+        low, high = sorted((values[i], values[i + 1]))
+        assert low - 1e-12 <= between.min() <= between.max() <= high + 1e-12
+        rising = np.diff(between) * np.sign(values[i + 1] - values[i])
+        assert rising.min() >= -1e-12
+    assert law.mu(speeds[-1] + 1.0) == pytest.approx(values[-1], abs=1e-15)
+    assert law.slope(speeds[-1] + 1.0) == 0.0
+
+
+def test_laws_go_on_smoothly_below_zero_speed():
+    """A trial step that ends a little beyond w = 0 keeps its order: no |v| in the kernel."""
+    h = 1e-5
+    for name in ("stribeck", "exponential", "falling", "table"):
+        law = LAWS[name]
+        assert law.mu(-h) == pytest.approx(law.mu(0.0) - h * law.slope(1e-12), abs=1e-6)
+        assert law.mu(-h) >= law.mu(0.0)
+
+
+def test_a_decay_of_zero_is_refused():
+    """It would be the static coefficient at every speed."""
+    with pytest.raises(ValidationError, match="decay"):
+        Exponential(law="exponential", mu_static=0.6, mu_kinetic=0.2, decay=0.0)
+    with pytest.raises(ValidationError, match="speed_scale"):
+        Stribeck(law="stribeck", mu_static=0.5, mu_dynamic=0.18, speed_scale=0.0)
+
+
+@pytest.mark.parametrize(
+    ("section", "given", "told"),
+    [
+        (Coulomb, {"law": "coulomb", "mu_static": 0.2, "mu_kinetic": 0.25}, "would stick at once"),
+        (Falling, {"law": "falling", "mu_zero": 0.1, "slope": 0.8, "mu_floor": 0.2}, "mu_floor 0.2 is above mu_zero"),
+        (Table, {"law": "table", "speeds": (0.0, 0.1), "values": (0.4,)}, "at least 2"),
+        (Table, {"law": "table", "speeds": (0.0, 0.1, 0.2), "values": (0.4, 0.3)}, "3 speeds and 2 values"),
+        (Table, {"law": "table", "speeds": (0.1, 0.2), "values": (0.4, 0.3)}, "must rise from 0"),
+        (Table, {"law": "table", "speeds": (0.0, 0.2, 0.2), "values": (0.4, 0.3, 0.2)}, "must rise from 0"),
+        (Stribeck, {"law": "stribeck", "mu_static": -0.5, "mu_dynamic": 0.18, "speed_scale": 0.05}, "mu_static"),
+    ],
+)
+def test_what_is_no_law_is_refused(section, given, told):
+    with pytest.raises(ValidationError, match=told):
+        section(**given)
+
+
+def test_exponential_and_stribeck_are_one_law(move):
+    """Decay is one over the speed scale; the motion is the same."""
+    exponential = {"friction.law": "exponential", "friction.mu_static": 0.5, "friction.mu_kinetic": 0.18,
+                   "friction.decay": 20.0}  # fmt: skip
+    a, b = move("belt", exponential, duration=2.0), move("belt", duration=2.0)
+    assert a["velocity"] == pytest.approx(b["velocity"], abs=1e-12)
+
+
+def test_a_table_of_a_law_moves_like_the_law(move):
+    """Eighty points of characteristic A: the period to 1e-4."""
+    speeds = np.concatenate([[0.0], np.geomspace(1e-4, 0.3, 80)])
+    table = {"friction.law": "table", "friction.speeds": speeds.tolist(),
+             "friction.values": [STRIBECK.mu(v) for v in speeds]}  # fmt: skip
+    a, b = (move("belt", law, duration=3.0).times("contact releases +") for law in (table, {}))
+    assert a[-1] - a[-2] == pytest.approx(b[-1] - b[-2], rel=1e-4)
