@@ -1,0 +1,135 @@
+"""An axis of a sweep: one parameter of the rig at evenly spaced values, as a user writes it.
+
+    drive.speed=0.05 m/s:0.4 m/s:50      drive.speed=0:8 rpm:81      load.force=10:30:21
+
+An end without a unit takes that of the other end; without any, numbers are SI.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from rig.bench.stand import with_value
+from rig.errors import SceneError
+from rig.quantities import si
+from rig.scenes.faults import near, unit_of
+from rig.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+MOST = 100_000
+FORM = 'expected KEY=FROM:TO:COUNT, e.g. drive.speed="0.05 m/s:0.4 m/s:50"'
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Parameter `key` at `values` (SI, in `unit`), in the order given; `shown` is the unit it is told in.
+
+    `scale`: SI value of one `shown`.
+    """
+
+    key: str
+    unit: str
+    values: tuple[float, ...]
+    shown: str
+    scale: float = 1.0
+
+    @classmethod
+    def parse(cls, text: str, scene: Scene) -> Self:
+        """`text` as an axis of `scene`. Raises SceneError with every fault."""
+        key, equals, rest = text.partition("=")
+        key, parts = key.strip(), [part.strip() for part in rest.split(":")]
+        if not equals or not key or len(parts) != 3 or not all(parts):
+            raise SceneError(text, [FORM])
+        known = dict(sweepable(scene.parameters))
+        faults = []
+        if key not in known:
+            faults.append(f"{key}: is no number of this scene's rig; {near(key, known)}")
+        count = int(parts[2]) if parts[2].isdigit() else 0
+        if not 2 <= count <= MOST:
+            faults.append(f"count = {parts[2]}: must be a whole number from 2 to {MOST}")
+        if key not in known:
+            raise SceneError(text, faults)
+        unit = known[key]
+        shown = next((u for u in (_unit(part) for part in parts[:2]) if u), unit)
+        ends = []
+        for name, part in zip(("from", "to"), parts):
+            try:
+                ends.append(si(part if _unit(part) else f"{part} {shown if shown != '1' else ''}".strip(), unit))
+            except ValueError as error:
+                faults.append(f"{name} {error}")
+        if len(ends) == 2 and ends[0] == ends[1]:
+            faults.append(f"from {parts[0]} to {parts[1]}: the ends are the same; -p {key}=... sets a single value")
+        if faults:
+            raise SceneError(text, faults)
+        one = 1.0 if shown == unit else si(f"1 {shown}", unit) - si(f"0 {shown}", unit)
+        axis = cls(key, unit, tuple(np.linspace(ends[0], ends[1], count).tolist()), shown, one)
+        axis._check(text, scene)
+        return axis
+
+    def _check(self, text: str, scene: Scene) -> None:
+        """Every value must be one that the scene can have."""
+        refused = []
+        for value in self.values:
+            try:
+                self.at(scene, value)
+            except SceneError as error:
+                refused.append((value, "; ".join(error.faults)))
+        if refused:
+            value, why = refused[0]
+            others = f" (and {len(refused) - 1} more values)" if len(refused) > 1 else ""
+            raise SceneError(text, [f"{self.key} = {self.tell(value)}{others}: {why}"])
+
+    def at(self, scene: Scene, value: float) -> Scene:
+        """`scene` with this parameter at `value` (SI). Raises SceneError where the scene cannot have it."""
+        return replace(scene, parameters=with_value(scene.parameters, self.key, value))
+
+    def tell(self, value: float) -> str:
+        """A value (SI) for a reader."""
+        return f"{value / self.scale:.6g}" + (f" {self.shown}" if self.shown != "1" else "")
+
+    @property
+    def label(self) -> str:
+        """For a figure or a table."""
+        return self.key if self.shown == "1" else f"{self.key} [{self.shown}]"
+
+    @property
+    def told(self) -> Array:
+        """The values in the unit that they are told in, for a figure."""
+        return np.array(self.values) / self.scale
+
+
+def axes(scene: Scene, given: Mapping[str, str | None]) -> list[Axis]:
+    """The axes of several options (`--x`, `--y`), those that were given. Raises SceneError with all their faults."""
+    found, faults = [], []
+    for option, text in given.items():
+        if text is None:
+            continue
+        try:
+            found.append(Axis.parse(text, scene))
+        except SceneError as error:
+            faults += [f"{option} {text}: {fault}" for fault in error.faults]
+    keys = [axis.key for axis in found]
+    faults += [f"{key}: is on more than one axis" for key in {k for k in keys if keys.count(k) > 1}]
+    if faults:
+        raise SceneError(scene.name, faults)
+    return found
+
+
+def sweepable(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """(dotted key, unit) of every number of a section and of the sections in it, also of those left out."""
+    for name, info in type(section).model_fields.items():
+        value, key = getattr(section, name), f"{prefix}.{name}" if prefix else name
+        if isinstance(value, BaseModel):
+            yield from sweepable(value, key)
+        elif (value is None or isinstance(value, float)) and (unit := unit_of(info)):
+            yield key, unit
+
+
+def _unit(part: str) -> str:
+    return part.partition(" ")[2].strip()
