@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rig.effects import dither, drive, load
+from rig.effects import dither, drive, load, tuned_mass
 from rig.effects.dither import Dither
 from rig.effects.drive import BeltDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
+from rig.effects.tuned_mass import TunedMass
 from rig.quantities import Kilogram, Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
 from rig.solve.assembly import Assembly, Output
 
@@ -43,6 +44,7 @@ class Parameters(Section):
     load: Load
     friction: Friction
     dither: Dither | None = None
+    tuned_mass: TunedMass | None = None
     start: Start = Start()
 
 
@@ -55,6 +57,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.normal("load", "contact", load.add(a, p.load, moved))
     if p.dither is not None:
         dither.add(a, p.dither, "contact", "load", "x")
+    if p.tuned_mass is not None:
+        tuned_mass.add(a, p.tuned_mass, "load", "x")
     a.outputs |= contact_outputs({"x": 1.0}, a)
     return a
 

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rig.effects import dither, drive, load
+from rig.effects import dither, drive, load, tuned_mass
 from rig.effects.dither import Dither
 from rig.effects.drive import DiscDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
+from rig.effects.tuned_mass import TunedMass
 from rig.plants.belt import RAMPED, Start, contact_outputs
 from rig.quantities import (
     KilogramSquareMetre,
@@ -44,6 +45,7 @@ class Parameters(Section):
     load: Load
     friction: Friction
     dither: Dither | None = None
+    tuned_mass: TunedMass | None = None
     start: Start = Start()
 
 
@@ -59,6 +61,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.normal("load", "contact", load.add(a, p.load, moved))
     if p.dither is not None:
         dither.add(a, p.dither, "contact", "load", "angle", arm=r)
+    if p.tuned_mass is not None:
+        tuned_mass.add(a, p.tuned_mass, "load", "angle", arm=r)
     a.outputs |= contact_outputs({"angle": r}, a)
     a.outputs |= {
         "angle": Output({"angle": 1.0}, "rad"),

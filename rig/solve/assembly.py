@@ -109,6 +109,10 @@ class Assembly:
         """The row of a normal force, to add to."""
         return next(entry[2] for entry in self.normals if entry[0] == normal)
 
+    def inertia(self, normal: str) -> Row:
+        """The accelerations in a normal force, over coordinates, to add to."""
+        return next(entry[4] for entry in self.normals if entry[0] == normal)
+
     @property
     def names(self) -> list[str]:
         """State names in the order of x."""

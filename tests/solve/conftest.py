@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from rig.solve import laws
 from rig.solve.assembly import Assembly
@@ -93,33 +92,6 @@ def run(system, step_ms, duration, method="exact", outputs=None, **how):
     )
 
 
-def chain(rate, guards, follow, mode, y, duration):
-    """Event times by scipy's DOP853, phase by phase: the solver's independent witness, good to about 1e-12 s.
-
-    rate(mode, t, y) -> y'; guards(mode): functions g(t, y), positive while the mode holds; follow(mode, guard, t, y) ->
-    mode and y after the event.
-    """
-    how = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-15}
-    t, times = 0.0, []
-    while True:
-
-        def flow(t, y, mode=mode):
-            return rate(mode, t, y)
-
-        events = list(guards(mode))
-        for event in events:
-            event.terminal, event.direction = True, -1.0
-        shortly = min(t + 1e-9, duration)  # a guard that has just begun at zero is positive then
-        y = solve_ivp(flow, (t, shortly), y, **how).y[:, -1]
-        part = solve_ivp(flow, (shortly, duration), y, events=events, max_step=duration / 100.0, **how)
-        if part.status != 1:
-            return np.array(times)
-        which = next(i for i, found in enumerate(part.t_events) if len(found))
-        t, y = part.t_events[which][0], part.y_events[which][0]
-        times.append(t)
-        mode, y = follow(mode, which, t, y)
-
-
 @pytest.fixture(scope="session")
 def num():
     """Reference numbers."""
@@ -135,8 +107,3 @@ def rigs():
 @pytest.fixture(scope="session", name="run")
 def run_fixture():
     return run
-
-
-@pytest.fixture(scope="session", name="chain")
-def chain_fixture():
-    return chain
