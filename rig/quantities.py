@@ -12,6 +12,7 @@ A value may be given as a number (taken as SI), as text with a unit ("2 rpm"), o
 
 from __future__ import annotations
 
+import math
 from functools import cache, partial
 from typing import Annotated, Any
 
@@ -109,7 +110,9 @@ PositiveMetrePerSecond = quantity("m/s", Gt(0.0))
 RadianPerSecond = quantity("rad/s")
 Newton = quantity("N")
 PositiveNewton = quantity("N", Ge(0.0))
+Pressing = quantity("N", Gt(0.0))
 NewtonPerMetre = quantity("N/m", Gt(0.0))
+SomeNewtonPerMetre = quantity("N/m", Ge(0.0))
 NewtonSecondPerMetre = quantity("N*s/m", Ge(0.0))
 NewtonMetrePerRadian = quantity("N*m/rad", Gt(0.0))
 NewtonMetreSecondPerRadian = quantity("N*m*s/rad", Ge(0.0))
@@ -120,4 +123,6 @@ SecondPerMetre = quantity("s/m", Ge(0.0))
 PositiveSecondPerMetre = quantity("s/m", Gt(0.0))
 SpeedAmplitude = quantity("m/s", Ge(0.0))
 Angle = quantity("rad")
+AcuteAngle = quantity("rad", Gt(0.0), Lt(math.pi / 2.0))
+NewtonPerRootSpeed = quantity("N/(m/s)^0.5", Ge(0.0))
 Nanoseconds = Annotated[int, Unit("s"), BeforeValidator(nanoseconds), Gt(0), PlainSerializer(lambda ns: ns * 1e-9)]

@@ -1,6 +1,6 @@
 """One file, one physical effect. An effect that the scene does not name is not there: no state, no row, no branch.
 
-friction   the laws: Coulomb, Stribeck, linear falling, exponential, tabulated
+friction   the laws: Coulomb, constant, Stribeck, linear falling, exponential, tabulated, seal
 drive      speed of the belt or disc; its lag and its limits
 load       the normal force; lag and limits of the magnet that holds it
 tuned_mass a tilted absorber on the body; its inertia enters the normal force

@@ -3,11 +3,13 @@
     stribeck     mu_dynamic + (mu_static - mu_dynamic) exp(-v / speed_scale)     characteristic A
     falling      max(mu_zero - slope v, mu_floor)                                characteristic B
     coulomb      mu_static at rest, mu_kinetic in slip                           characteristic C
+    constant     mu, at rest and in slip
     exponential  mu_kinetic + (mu_static - mu_kinetic) exp(-decay v)
     table        a monotone cubic through (speeds, values), constant beyond
+    seal         (mixed_force / (1 + decay v) + film (v + offset)^0.5) / load    a measured force
 
 Source: A, B, C from Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, figure 3 (A's formula is a choice:
-the paper gives its shape); exponential from Liu and Ouyang, the slider-on-disc rig.
+the paper gives its shape), seal from its equation 3.1; exponential from Liu and Ouyang, the slider-on-disc rig.
 """
 
 from __future__ import annotations
@@ -18,7 +20,16 @@ import numpy as np
 from annotated_types import Ge
 from pydantic import Field, model_validator
 
-from rig.quantities import PositiveMetrePerSecond, PositiveSecondPerMetre, Ratio, SecondPerMetre, Section
+from rig.quantities import (
+    NewtonPerRootSpeed,
+    PositiveMetrePerSecond,
+    PositiveNewton,
+    PositiveSecondPerMetre,
+    Pressing,
+    Ratio,
+    SecondPerMetre,
+    Section,
+)
 from rig.solve import laws
 from rig.solve.laws import Law
 
@@ -76,6 +87,17 @@ class Coulomb(Section):
         return laws.coulomb(self.mu_static, self.mu_kinetic)
 
 
+class Constant(Section):
+    """One coefficient, at rest and in slip: the friction of mode coupling, where nothing falls with the speed."""
+
+    law: Literal["constant"]
+    mu: Ratio
+
+    def friction(self) -> Law:
+        """The law for the solver."""
+        return laws.coulomb(self.mu, self.mu)
+
+
 class Exponential(Section):
     """Exponential fall, its decay a constant in s/m. A decay of zero is refused: it would be mu_static throughout."""
 
@@ -111,4 +133,22 @@ class Table(Section):
         return laws.table(np.array(self.speeds), np.array(self.values), static)
 
 
-Friction = Annotated[Stribeck | Falling | Coulomb | Exponential | Table, Field(discriminator="law")]
+class Seal(Section):
+    """The friction force of a lubricated seal as measured over speed; `load` is what pressed it on then.
+
+    Under another load the force changes in proportion.
+    """
+
+    law: Literal["seal"]
+    load: Pressing
+    mixed_force: PositiveNewton
+    decay: PositiveSecondPerMetre
+    film: NewtonPerRootSpeed
+    offset: PositiveMetrePerSecond
+
+    def friction(self) -> Law:
+        """The law for the solver."""
+        return laws.seal(self.mixed_force / self.load, self.decay, self.film / self.load, self.offset)
+
+
+Friction = Annotated[Stribeck | Falling | Coulomb | Constant | Exponential | Table | Seal, Field(discriminator="law")]

@@ -2,4 +2,9 @@
 
 from __future__ import annotations
 
-PLANTS: dict[str, str] = {"belt": "rig.plants.belt", "pendulum": "rig.plants.pendulum"}
+PLANTS: dict[str, str] = {
+    "belt": "rig.plants.belt",
+    "north": "rig.plants.north",
+    "pendulum": "rig.plants.pendulum",
+    "pin": "rig.plants.pin",
+}

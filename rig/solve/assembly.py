@@ -93,9 +93,17 @@ class Assembly:
         """A friction patch: `direction` over coordinates, `surface` speed as a row, its friction law."""
         self.patches.append((name, dict(direction), dict(surface), law))
 
-    def normal(self, name: str, patch: str, row: Row, direction: Row | None = None, inertia: Row | None = None) -> None:
-        """A normal force of a patch, N = row x + inertia . a, acting along `direction`; opens at N = 0."""
-        self.normals.append((name, patch, dict(row), dict(direction or {}), dict(inertia or {}), True))
+    def normal(
+        self,
+        name: str,
+        patch: str,
+        row: Row,
+        direction: Row | None = None,
+        inertia: Row | None = None,
+        opens: bool = True,
+    ) -> None:
+        """A normal force of a patch, N = row x + inertia . a, along `direction`; opens at N = 0 or pulls."""
+        self.normals.append((name, patch, dict(row), dict(direction or {}), dict(inertia or {}), opens))
 
     def limit(self, name: str, row: Row, low: float, high: float, signal: str, gain: float) -> None:
         """A clamp: signal' gains `gain * min(max(row x, low), high)`."""

@@ -8,6 +8,7 @@ exponential, and one compiled solver serves every rig.
     STRIBECK     mu_d + (mu_s - mu_d) exp(-v / v_s)             Kroeger et al. 2008, characteristic A
     FALLING      max(mu_0 - slope v, floor)                     ibid., characteristic B
     TABLE        monotone cubic (PCHIP) through given points    constant beyond the last
+    SEAL         mixed / (1 + decay v) + film sqrt(v + offset)  ibid., equation 3.1; goes on straight below v = 0
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 
 from rig.kernel import inlined, inner
 
-COULOMB, STRIBECK, FALLING, TABLE = range(4)
+COULOMB, STRIBECK, FALLING, TABLE, SEAL = range(5)
 
 
 @dataclass(frozen=True)
@@ -57,6 +58,11 @@ def stribeck(static: float, dynamic: float, speed: float) -> Law:
 def falling(zero: float, slope: float, floor: float) -> Law:
     """Linear fall with `slope` [s/m] from `zero` down to `floor`."""
     return Law(zero, FALLING, (zero, slope, floor))
+
+
+def seal(mixed: float, decay: float, film: float, offset: float) -> Law:
+    """Mixed friction that falls with `decay` [s/m], and a film that bears `film` [(s/m)^0.5]; `offset` [m/s] > 0."""
+    return Law(mixed + film * offset**0.5, SEAL, (mixed, decay, film, offset))
 
 
 def table(speeds: NDArray[np.float64], values: NDArray[np.float64], static: float) -> Law:
@@ -101,6 +107,18 @@ def _from_table(p, v):
     return p[at] + d * (p[at + 1] + d * (p[at + 2] + d * p[at + 3]))
 
 
+@inner
+def _seal_slope(p, v):
+    fall = 1.0 / (1.0 + p[1] * v)
+    return 0.5 * p[2] / np.sqrt(v + p[3]) - p[0] * p[1] * fall * fall
+
+
+@inner
+def _seal(p, v):
+    u = max(v, 0.0)  # both terms have a pole or a branch point below zero
+    return p[0] / (1.0 + p[1] * u) + p[2] * np.sqrt(u + p[3]) + (v - u) * _seal_slope(p, u)
+
+
 @inlined
 def mu(code, p, v):
     """Coefficient of law (`code`, numbers `p`) at slip speed v [m/s]."""
@@ -110,6 +128,8 @@ def mu(code, p, v):
         m = p[0]
     elif code == FALLING:
         m = max(p[0] - p[1] * v, p[2])
+    elif code == SEAL:
+        m = _seal(p, v)
     else:
         m = _from_table(p, v)
     return m
@@ -130,6 +150,8 @@ def slope(code, p, v):
         return -p[1] * p[2] * np.exp(-v * p[2])
     if code == FALLING:
         return -p[1] if p[0] - p[1] * v > p[2] else 0.0
+    if code == SEAL:
+        return _seal_slope(p, max(v, 0.0))
     count = int(p[0])
     if v >= p[count]:
         return 0.0

@@ -11,12 +11,19 @@ import rig
 from rig.solve.motion import Motion
 
 KROGER = json.loads((Path(__file__).parents[1] / "reference" / "kroger.json").read_text())
+RIGS = json.loads((Path(__file__).parents[1] / "reference" / "kroger_rigs.json").read_text())
 SCENES = {"A": "belt", "B": "belt_b", "C": "belt_c", "C_d2": "belt_c_damped"}
 
 
 @pytest.fixture(scope="session")
 def kroger():
     return KROGER
+
+
+@pytest.fixture(scope="session")
+def rigs():
+    """Seal, pin, North's model and tread block of the same paper."""
+    return RIGS
 
 
 @pytest.fixture(scope="session")

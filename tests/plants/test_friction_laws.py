@@ -1,4 +1,4 @@
-"""The five friction laws: values, slopes, what a stuck contact holds, what is refused."""
+"""The friction laws: values, slopes, what a stuck contact holds, what is refused."""
 
 import math
 from itertools import pairwise
@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-from rig.effects.friction import Coulomb, Exponential, Falling, Stribeck, Table
+from rig.effects.friction import Constant, Coulomb, Exponential, Falling, Stribeck, Table
 
 STRIBECK = Stribeck(law="stribeck", mu_static=0.5, mu_dynamic=0.18, speed_scale=0.05).friction()
 FALLING = Falling(law="falling", mu_zero=0.4, slope=0.8, mu_floor=0.05).friction()
@@ -37,6 +37,12 @@ def test_static_coefficient_is_what_a_stuck_contact_holds():
 
 def test_only_coulomb_friction_is_constant_in_slip():
     assert {name for name, law in LAWS.items() if law.constant} == {"coulomb"}
+
+
+def test_one_coefficient_is_coulomb_friction_with_both_equal():
+    law = Constant(law="constant", mu=0.37).friction()
+    assert law == Coulomb(law="coulomb", mu_static=0.37, mu_kinetic=0.37).friction()
+    assert (law.static, law.mu(0.0), law.mu(3.0), law.constant) == (0.37, 0.37, 0.37, True)
 
 
 @pytest.mark.parametrize("name", LAWS)

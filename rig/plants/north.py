@@ -1,0 +1,124 @@
+"""A body that can move towards a rubbing surface and tilt: North's model of non-conservative restoring forces.
+
+    m x'' + d1 x' + c1 x = F - N                       x towards the surface, phi tilt of the body
+    J phi'' + d_phi phi' + c_phi phi = s (N - F) - h T
+    N = F + c2 (x - s phi),   w = V + h phi'
+
+The lining (c2) presses at a distance s from the centre; friction acts on it with the lever h. F is balanced at rest.
+With T = mu N the stiffness matrix of sliding is that of equation 2.4,
+
+    K = [[c1 + c2, -c2 s], [c2 (mu h - s), c_phi + s c2 (s - mu h)]]
+
+not symmetric, so that the body may flutter, or lose its stiffness and tip over (divergence). The paper's critical
+coefficient, equation 2.5, is the second: det K = 0; beyond it no sliding equilibrium presses.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 2, figure 7; North (1972).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from rig.effects import drive, load
+from rig.effects.drive import BeltDrive
+from rig.effects.friction import Friction
+from rig.effects.load import Load
+from rig.plants.belt import RAMPED, contact_outputs
+from rig.quantities import (
+    Angle,
+    Kilogram,
+    KilogramSquareMetre,
+    Metre,
+    MetrePerSecond,
+    NewtonMetrePerRadian,
+    NewtonMetreSecondPerRadian,
+    NewtonPerMetre,
+    NewtonSecondPerMetre,
+    PositiveMetre,
+    RadianPerSecond,
+    Section,
+)
+from rig.solve.assembly import Assembly, Output
+
+
+class Body(Section):
+    """The body: mass, spring and damper across its faces (c1, d1), the same for its tilt (c_phi, d_phi)."""
+
+    mass: Kilogram
+    stiffness: NewtonPerMetre
+    damping: NewtonSecondPerMetre = 0.0
+    inertia: KilogramSquareMetre
+    tilt_stiffness: NewtonMetrePerRadian
+    tilt_damping: NewtonMetreSecondPerRadian = 0.0
+
+
+class Lining(Section):
+    """The lining: stiffness c2, lever h of friction, distance s of the normal force from the centre."""
+
+    stiffness: NewtonPerMetre
+    lever: PositiveMetre
+    offset: Metre
+
+
+class Start(Section):
+    """Where the body is at the start, where the preload is balanced without friction."""
+
+    displacement: Metre = 0.0
+    velocity: MetrePerSecond = 0.0
+    tilt: Angle = 0.0
+    tilt_velocity: RadianPerSecond = 0.0
+
+
+class Parameters(Section):
+    """The tables of a scene of North's model. `load`: the preload F; `drive`: speed of the surface."""
+
+    body: Body
+    lining: Lining
+    drive: BeltDrive
+    load: Load
+    friction: Friction
+    start: Start = Start()
+
+
+def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
+    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    c2, h, s = p.lining.stiffness, p.lining.lever, p.lining.offset
+    a = Assembly(title="north")
+    a.coordinate("x", p.body.mass, p.body.damping, p.body.stiffness)
+    a.coordinate("tilt", p.body.inertia, p.body.tilt_damping, p.body.tilt_stiffness)
+    a.start |= {"x": p.start.displacement, "x'": p.start.velocity}
+    a.start |= {"tilt": p.start.tilt, "tilt'": p.start.tilt_velocity}
+    preload = load.add(a, p.load, moved)
+    a.push("x", preload)
+    a.push("tilt", {name: -s * value for name, value in preload.items()})
+    a.patch("contact", {"tilt": -h}, drive.add(a, p.drive, "m/s", moved), p.friction.friction())
+    a.normal("load", "contact", preload | {"x": c2, "tilt": -c2 * s}, {"x": -1.0, "tilt": s})
+    a.outputs |= contact_outputs({"x": 1.0}, a)
+    a.outputs |= {"tilt": Output({"tilt": 1.0}, "rad"), "tilt_velocity": Output({"tilt'": 1.0}, "rad/s")}
+    return a
+
+
+def limits(p: Parameters) -> dict[str, float]:
+    """Coefficients of friction at which the body begins to flutter and to tip over; infinite where it never does.
+
+    flutter      least mu > 0 with Hurwitz's determinant a1 a2 a3 - a3^2 a0 - a4 a1^2 = 0
+    divergence   det K = 0, equation 2.5
+    """
+    body, c2, h, s = p.body, p.lining.stiffness, p.lining.lever, p.lining.offset
+    m, J, c1, d1 = body.mass, body.inertia, body.stiffness, body.damping
+    c_phi, d_phi = body.tilt_stiffness, body.tilt_damping
+    tilt = np.polynomial.Polynomial([c_phi + c2 * s * s, -c2 * s * h])  # K22 over mu
+    a4, a3 = m * J, J * d1 + m * d_phi
+    a2, a1 = J * (c1 + c2) + d1 * d_phi + m * tilt, d_phi * (c1 + c2) + d1 * tilt
+    a0 = (c1 + c2) * c_phi + c1 * c2 * s * np.polynomial.Polynomial([s, -h])
+    hurwitz = a1 * a2 * a3 - a3**2 * a0 - a4 * a1**2
+    crossings = [
+        float(root.real) for root in hurwitz.roots() if abs(root.imag) <= 1e-12 * abs(root) and root.real > 0.0
+    ]
+    flutters = [mu for mu in crossings if a1(mu) > 0.0]  # else the crossing is a pair of real roots, not a vibration
+    return {
+        "flutter": min(flutters, default=math.inf),
+        "divergence": s / h + c_phi / (h * s) * (1.0 / c1 + 1.0 / c2) if s > 0.0 else math.inf,
+    }

@@ -1,0 +1,97 @@
+"""A tilted pin on a disc: geometry couples the normal force to the motion. One degree of freedom, q along the pin.
+
+    m2 q'' + d2 q' + c2 q = N sin(gamma) - T cos(gamma),   w = V + cos(gamma) q'
+    N = F - (m1 y'' + d1 y' + c1 y),   y = q sin(gamma)
+
+The disc (m1, d1, c1) stays on the pin, so the two move as one: with k = sin(gamma) (sin(gamma) - mu cos(gamma))
+
+    (m2 + m1 k) q'' + (d2 + d1 k) q' + (c2 + c1 k) q = (sin(gamma) - mu cos(gamma)) F
+
+and friction can take up damping, mass and stiffness. Without its mass the pin jams. Lifted off (N = 0) the pin moves
+alone, until the disc would press again if it followed.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 2, figure 6, equation 2.3.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from rig.effects import drive, load
+from rig.effects.drive import BeltDrive
+from rig.effects.friction import Friction
+from rig.effects.load import Load
+from rig.plants.belt import RAMPED, contact_outputs
+from rig.quantities import AcuteAngle, Kilogram, Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
+from rig.solve.assembly import Assembly, Output
+
+
+class Pin(Section):
+    """The pin: mass, spring and damper along its axis, and the angle between axis and disc."""
+
+    mass: Kilogram
+    stiffness: NewtonPerMetre
+    damping: NewtonSecondPerMetre = 0.0
+    tilt: AcuteAngle
+
+
+class Disc(Section):
+    """The disc as the pin feels it: mass, spring and damper across its plane."""
+
+    mass: Kilogram
+    stiffness: NewtonPerMetre
+    damping: NewtonSecondPerMetre = 0.0
+
+
+class Start(Section):
+    """Where the pin is at the start, along its axis, from the unloaded springs."""
+
+    displacement: Metre = 0.0
+    velocity: MetrePerSecond = 0.0
+
+
+class Parameters(Section):
+    """The tables of a pin scene. `drive`: speed of the surface at the pin; `load`: what presses both together."""
+
+    pin: Pin
+    disc: Disc
+    drive: BeltDrive
+    load: Load
+    friction: Friction
+    start: Start = Start()
+
+
+def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
+    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    across, along = math.sin(p.pin.tilt), math.cos(p.pin.tilt)
+    a = Assembly(title="pin")
+    a.coordinate("q", p.pin.mass, p.pin.damping, p.pin.stiffness)
+    a.start |= {"q": p.start.displacement, "q'": p.start.velocity}
+    a.patch("contact", {"q": -along}, drive.add(a, p.drive, "m/s", moved), p.friction.friction())
+    pressed = load.add(a, p.load, moved) | {"q": -p.disc.stiffness * across, "q'": -p.disc.damping * across}
+    a.normal("load", "contact", pressed, {"q": across}, {"q": -p.disc.mass * across})
+    a.outputs |= contact_outputs({"q": -along}, a)
+    a.outputs |= {
+        "pin_displacement": Output({"q": 1.0}, "m"),
+        "pin_velocity": Output({"q'": 1.0}, "m/s"),
+        "disc_displacement": Output({"q": across}, "m"),
+    }
+    return a
+
+
+def limits(p: Parameters) -> dict[str, float]:
+    """Coefficients of friction at which damping (equation 2.3), mass and stiffness are used up; the least one counts.
+
+    Beyond "damping" vibration grows; beyond "mass" the pin jams, beyond "stiffness" it digs in.
+    """
+    sine, cosine = math.sin(p.pin.tilt), math.cos(p.pin.tilt)
+
+    def limit(pin: float, disc: float) -> float:
+        """Mu at which pin + disc k = 0."""
+        return (pin / disc + sine**2) / (sine * cosine) if disc else math.inf
+
+    return {
+        "damping": limit(p.pin.damping, p.disc.damping),
+        "mass": limit(p.pin.mass, p.disc.mass),
+        "stiffness": limit(p.pin.stiffness, p.disc.stiffness),
+    }

@@ -1,0 +1,152 @@
+"""The tilted pin: damping, mass and stiffness that friction uses up, jamming, and the vibration that sticks.
+
+Kroeger, Neubauer, Popp (2008), section 2, equation 2.3. Numbers: tests/reference/kroger_rigs.json; the effective
+oscillator m2 + m1 k, d2 + d1 k, c2 + c1 k with k = sin g (sin g - mu cos g) is written down here once more.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import rig
+from rig.errors import SceneError
+from rig.plants.pin import limits
+from rig.solve.formulation import SLIP_PLUS, assemble
+
+M1, M2, C1, C2, D1, D2, G, F, V, MU = 1.0, 0.2, 1e6, 5e5, 20.0, 2.0, math.radians(25.0), 20.0, 0.01, 0.75
+SIN, COS = math.sin(G), math.cos(G)
+
+
+def sliding(mu, **changes):
+    return rig.modes(rig.load("pin", {"friction.mu": mu} | changes)).sliding
+
+
+def effective(mu):
+    k = SIN * (SIN - mu * COS)
+    return M2 + M1 * k, D2 + D1 * k, C2 + C1 * k
+
+
+def test_eigenvalues_are_those_of_the_reference(rigs):
+    for mu, values in rigs["pin"]["eig"].items():
+        mode = sliding(float(mu)).modes[0]
+        growth, turning = max(values, key=lambda v: v[1])
+        assert complex(mode.growth, 2.0 * math.pi * mode.frequency) == pytest.approx(
+            complex(growth, turning), rel=1e-12, abs=1e-11
+        )
+
+
+def test_the_three_limits_are_those_of_the_reference(rigs):
+    found, expected = limits(rig.load("pin").parameters), rigs["pin"]
+    assert found["damping"] == pytest.approx(expected["mu_crit_eq23"], rel=1e-12)
+    assert found["mass"] == pytest.approx(expected["mu_jam_mass"], rel=1e-12)
+    assert found["stiffness"] == pytest.approx(expected["mu_static"], rel=1e-12)
+    assert min(found, key=found.get) == "damping"
+    assert found["damping"] == pytest.approx(math.tan(G) + 2.0 * D2 / (D1 * math.sin(2.0 * G)), rel=1e-14)
+
+
+def test_the_damping_limit_is_where_growth_begins(rigs):
+    found = brentq(lambda mu: sliding(mu).growth, 0.5, 0.9, xtol=1e-13)
+    assert found == pytest.approx(rigs["pin"]["mu_crit_eq23"], rel=1e-9)
+
+
+@given(
+    tilt=st.integers(5, 85).map(math.radians),
+    mu=st.integers(0, 250).map(lambda i: i / 100.0),
+    ratio=st.integers(1, 100).map(lambda i: i / 20.0),
+)
+@settings(max_examples=30, deadline=None)
+def test_effective_mass_damping_and_stiffness_vanish_at_the_limits(tilt, mu, ratio):
+    """For any pin: the rows of the assembled mode set against the oscillator written down here; signs at the limits."""
+    scene = rig.load("pin", {"pin.tilt": tilt, "friction.mu": mu, "pin.mass": ratio * M1})
+    system = scene.assemble().system()
+    modes = assemble(system, system.key([SLIP_PLUS], [0], []))
+    k = math.sin(tilt) * (math.sin(tilt) - mu * math.cos(tilt))
+    m, d, c = ratio * M1 + M1 * k, D2 + D1 * k, C2 + C1 * k
+    assert modes.jam == pytest.approx(m / (ratio * M1), rel=1e-9, abs=1e-12)
+    assert modes.A[1, 0] * m == pytest.approx(-c, rel=1e-9, abs=1e-6)
+    assert modes.A[1, 1] * m == pytest.approx(-d, rel=1e-9, abs=1e-9)
+    found = limits(scene.parameters)
+    for name, value in (("mass", m), ("damping", d), ("stiffness", c)):
+        if abs(mu - found[name]) > 1e-9:
+            assert (mu < found[name]) == (value > 0.0), name
+
+
+def test_more_damping_of_the_pin_raises_the_limit_and_more_of_the_disc_lowers_it():
+    base = limits(rig.load("pin").parameters)["damping"]
+    assert limits(rig.load("pin", {"pin.damping": 4.0}).parameters)["damping"] > base + 0.1
+    assert limits(rig.load("pin", {"disc.damping": 40.0}).parameters)["damping"] < base - 0.1
+    assert limits(rig.load("pin", {"disc.damping": 0.0}).parameters)["damping"] == math.inf
+
+
+def test_jamming_is_reported_before_the_run_while_the_contact_still_presses():
+    """Just below the mass limit the rig may run; just above it is refused, and the normal force would be positive."""
+    limit = limits(rig.load("pin").parameters)["mass"]
+    below, above = (rig.load("pin", {"friction.mu": limit * f}) for f in (1.0 - 1e-6, 1.0 + 1e-6))
+    assert not [f for f in rig.modes(below).findings if f.level == "error"]
+    with pytest.raises(SceneError, match="jams in contact slip"):
+        rig.simulate(above, 0.01)
+    for scene in (below, above):
+        assert rig.modes(scene).sliding.equilibrium["normal_force"] > F
+
+
+def test_below_the_limit_vibration_decays_at_the_rate_of_the_effective_damper(move):
+    mu = 0.5
+    m, d, c = effective(mu)
+    rest = (SIN - mu * COS) * F / c
+    run = move("pin", {"friction.mu": mu, "start.displacement": rest + 1e-7}, step_ms=0.05, duration=0.5)
+    decay, w = d / (2.0 * m), math.sqrt(c / m - (d / (2.0 * m)) ** 2)
+    t = run.time
+    expected = rest + 1e-7 * np.exp(-decay * t) * (np.cos(w * t) + decay / w * np.sin(w * t))
+    assert run["pin_displacement"] == pytest.approx(expected, abs=1e-15)
+    assert not run.motion.events()
+
+
+def chain(count):
+    """Times of the first mode changes from the start of the scene, by scipy: slip to w = 0, stick to |T| = mu N."""
+    m, d, c = effective(MU)
+    push = (SIN - MU * COS) * F
+
+    def slip(_, y):
+        return [y[1], (push - d * y[1] - c * y[0]) / m]
+
+    def normal(q, v):
+        return F - D1 * SIN * v - C1 * SIN * q
+
+    def lands(t, y):
+        return V + COS * y[1] if t > 1e-4 else 1.0
+
+    def lets_go(t, y):
+        T = (SIN * normal(y[0], y[1]) - D2 * y[1] - C2 * y[0]) / COS
+        return MU * normal(y[0], y[1]) - abs(T) if t > 1e-9 else 1.0
+
+    lands.terminal = lets_go.terminal = True
+    lands.direction = lets_go.direction = -1.0
+    t, y, times = 0.0, [-1.5e-5, 0.0], []
+    for i in range(count):
+        rate, event = (slip, lands) if i % 2 == 0 else (lambda _, y: [y[1], 0.0], lets_go)
+        run = solve_ivp(rate, (0.0, 3.0), y, "DOP853", rtol=1e-13, atol=1e-18, events=event, max_step=2e-3)
+        t, y = t + run.t_events[0][0], run.y_events[0][0]
+        if i % 2 == 0:
+            y[1] = -V / COS
+        times.append(t)
+    return times
+
+
+def test_first_mode_changes_are_those_of_scipy(move):
+    run = move("pin", step_ms=0.05, duration=1.12)
+    found = sorted([*run.times("contact slip ends"), *run.times("contact releases +")])[:4]
+    assert found == pytest.approx(chain(4), abs=2e-9)
+
+
+def test_the_growing_vibration_ends_in_a_cycle_that_sticks_and_stays_on_the_disc():
+    cycle = rig.limit_cycle("pin")
+    assert cycle.found
+    assert 0.0 < cycle.stick_share["contact"] < 0.05
+    assert cycle.extremes["velocity"][1] == pytest.approx(V, rel=1e-9)
+    assert cycle.extremes["normal_force"][0] > 0.0
+    assert abs(cycle.energy["error"]) < 1e-9

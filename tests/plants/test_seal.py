@@ -1,0 +1,181 @@
+"""The axial seal: its measured friction force as a law, and where sliding and stick-slip end (equations 3.1 to 3.4).
+
+Kroeger, Neubauer, Popp (2008), section 3a. Numbers: tests/reference/kroger_rigs.json, by independent code.
+"""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
+
+import rig
+from rig.effects.friction import Seal
+
+MM = 1e-3  # m/s per mm/s
+CURVES = {"V1": (9.7, 0.7, 1.2), "V1c": (9.7, 0.62, 1.1)}
+SCENES = {"V1": "seal_p", "V1c": "seal_l"}
+MOVED = {"drive.speed": "ramped"}
+
+
+def law_of(curve, load=10.0):
+    mixed, decay, film = CURVES[curve]
+    numbers = {"mixed_force": mixed, "decay": decay * 1e3, "film": f"{film} N/(mm/s)^0.5", "offset": 1e-5}
+    return Seal(law="seal", load=load, **numbers).friction()
+
+
+@pytest.mark.parametrize("curve", CURVES)
+@pytest.mark.parametrize("load", [10.0, 37.0])
+def test_force_is_that_of_the_curve_whatever_the_load_it_is_told_for(rigs, curve, load):
+    law = law_of(curve, load)
+    for v, force in rigs["seal"][curve]["F"].items():
+        assert load * law.mu(float(v) * MM) == pytest.approx(force, rel=1e-12)
+    assert load * law.static == pytest.approx(rigs["seal"][curve]["F"]["0"], rel=1e-12)
+
+
+def test_slope_is_that_of_the_curve(rigs):
+    law = law_of("V1")
+    for v, slope in rigs["seal"]["V1"]["dF_Ns_per_mm"].items():
+        assert 10.0 * law.slope(float(v) * MM) * MM == pytest.approx(slope, rel=1e-9)
+        h = 1e-8
+        v = float(v) * MM
+        assert law.slope(v) == pytest.approx((law.mu(v + h) - law.mu(v - h)) / (2.0 * h), rel=1e-5)
+
+
+@pytest.mark.parametrize("curve", CURVES)
+def test_friction_is_least_at_a_speed(rigs, curve):
+    least = brentq(law_of(curve).slope, 1.0 * MM, 20.0 * MM, xtol=1e-14)
+    assert least / MM == pytest.approx(rigs["seal"][curve]["v_min"], rel=1e-9)
+
+
+def test_below_zero_speed_the_law_goes_on_straight():
+    """Its own formula would have a branch point at -0.01 mm/s and a pole at -1.43 mm/s, within a trial step's reach."""
+    law = law_of("V1")
+    for v in (-1e-7, -1e-5, -2e-3, -0.1):
+        assert law.mu(v) == pytest.approx(law.static + v * law.slope(0.0), rel=1e-12)
+        assert law.slope(v) == law.slope(0.0)
+
+
+@pytest.mark.parametrize("name", ["seal_p", "seal_l"])
+def test_scenes_have_the_curves_of_the_reference(rigs, name):
+    curve = next(c for c, scene in SCENES.items() if scene == name)
+    p = rig.load(name).parameters
+    for v, force in rigs["seal"][curve]["F"].items():
+        assert p.load.force * p.friction.friction().mu(float(v) * MM) == pytest.approx(force, rel=1e-12)
+
+
+def critical_speed(scene, damping):
+    """The speed [m/s] above which sliding is stable, by root finding on the growth rate."""
+
+    def growth(speed):
+        return rig.modes(rig.load(scene, {"drive.speed": speed, "body.damping": damping})).sliding.growth
+
+    return brentq(growth, 1.2 * MM, 7.5 * MM, xtol=1e-12, rtol=1e-12)
+
+
+def test_critical_speed_falls_with_damping(rigs):
+    for d, speed in rigs["seal"]["V1_vcrit_of_d"].items():
+        assert critical_speed("seal_p", float(d) / MM) / MM == pytest.approx(speed, rel=1e-6)
+
+
+def test_linear_limits_of_both_readings(rigs):
+    assert critical_speed("seal_p", 5.0) / MM == pytest.approx(6.03, abs=5e-3)
+    exact = rigs["seal"]["V1c"]["d_for_vcrit7_Ns_per_mm"] / MM
+    assert critical_speed("seal_l", exact) / MM == pytest.approx(7.0, rel=1e-9)
+    assert rig.load("seal_l").parameters.body.damping == pytest.approx(exact, rel=1e-4)
+
+
+def force(v):
+    """Equation 3.1 [N], v in m/s."""
+    return 9.7 / (0.7 * v / MM + 1.0) + 1.2 * np.sqrt(v / MM + 0.01)
+
+
+def slips_on(speed, m, c, d):
+    """A mass let go by the bolt: does it reach the bolt's speed again? scipy, no code of the rig."""
+
+    def rate(_, y):
+        return [y[1], (force(max(speed - y[1], 0.0)) - d * y[1] - c * y[0]) / m]
+
+    def stuck(_, y):
+        return speed - y[1] - 1e-12
+
+    stuck.terminal, stuck.direction = True, -1.0
+    start = [(force(0.0) - d * speed) / c, speed - 1e-9]
+    run = solve_ivp(rate, (0.0, 10.0 * math.pi * math.sqrt(m / c)), start, "DOP853", rtol=1e-10, atol=1e-14,
+                    events=stuck, max_step=1e-3)  # fmt: skip
+    return not run.t_events[0].size
+
+
+@pytest.mark.parametrize("at", [0, 3, 4])
+def test_stick_slip_of_the_reference_ends_where_a_released_mass_just_fails_to_return(rigs, at):
+    """The reference's own numbers, checked by another way to find them."""
+    one = rigs["seal"]["V1_global_restick_limit"][at]
+    m, c, d = one["m"], one["c"], one["d"]
+    low, high = 5.0 * MM, 12.0 * MM
+    while high - low > 1e-7:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if slips_on(middle, m, c, d) else (middle, high)
+    assert low == pytest.approx(one["v_glob"], abs=2e-7)
+
+
+def run_up(run, start, speed, rate):
+    ticks = round((speed - start) / rate * 1e3)
+    run.write("drive.slope", (speed - start) / (ticks * 1e-3))
+    run.motion.advance(ticks)
+    run.write("drive.slope", 0.0)
+
+
+def sticks(run):
+    run.motion.advance(2000)
+    run.motion.advance(1000)
+    return bool(len(run.times("contact slip ends")))
+
+
+def test_stick_slip_that_is_run_up_lives_to_seven_millimetres_a_second(move, rigs):
+    """6.998 mm/s, beyond the linear limit of 6.03: the speed is stepped, the state carried on."""
+    expected = rigs["seal"]["V1_global_restick_limit"][3]
+    assert (expected["m"], expected["c"], expected["d"]) == (0.2, 20000.0, 5.0)
+    run = move("seal_p", moved=MOVED, duration=0.5, tolerance=1e-9)
+    alive, step = 6.985 * MM, 2e-3 * MM
+    run_up(run, 3.0 * MM, 6.9 * MM, 1.0 * MM)
+    run_up(run, 6.9 * MM, alive, 0.02 * MM)
+    assert sticks(run)
+    while True:
+        run_up(run, alive, alive + step, 2e-4 * MM)
+        if not sticks(run):
+            break
+        alive += step
+        assert alive < 7.1 * MM
+    assert alive == pytest.approx(expected["v_glob"], abs=4e-6)
+
+
+def test_above_the_linear_limit_a_standing_start_at_the_equilibrium_goes_on_sliding(move):
+    speed = 6.5 * MM
+    run = move("seal_p", {"drive.speed": speed, "start.displacement": force(speed) / 2e4, "start.velocity": 1e-5},
+               duration=3.0)  # fmt: skip
+    assert not len(run.times("contact slip ends"))
+    assert np.abs(run["velocity"][-200:]).max() < 1e-7
+
+
+def test_stick_slip_events_are_those_of_scipy(move):
+    """The first slip from rest: when it is let go in closed form, when it sticks again by DOP853."""
+    m, c, d, speed = 0.2, 2e4, 5.0, 3.0 * MM
+    run = move("seal_p", duration=0.4, tolerance=1e-10)
+    release = (force(0.0) - d * speed) / (c * speed)
+    assert run.times("contact releases +")[0] == pytest.approx(release, rel=1e-12)
+
+    def rate(_, y):
+        return [y[1], (force(max(speed - y[1], 0.0)) - d * y[1] - c * y[0]) / m]
+
+    def stuck(t, y):
+        return 1.0 if t < 1e-3 else speed - y[1]
+
+    stuck.terminal, stuck.direction = True, -1.0
+    slip = solve_ivp(rate, (0.0, 0.1), [speed * release, speed], "DOP853", rtol=1e-12, atol=1e-16, events=stuck)
+    found = run.times("contact slip ends")
+    assert slip.t_events[0].size
+    assert found[0] - release == pytest.approx(slip.t_events[0][0], rel=1e-6)
+    cycle = rig.limit_cycle("seal_p")
+    assert cycle.period == pytest.approx(np.diff(run.times("contact releases +"))[-1], rel=1e-8)
+    assert abs(cycle.energy["error"]) < 1e-9
