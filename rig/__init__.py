@@ -17,7 +17,7 @@ study     what one learns from a rig
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,8 +26,9 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
     from rig.study.cycle import Cycle
     from rig.study.modes import Modes
+    from rig.study.sweep import Sweep
 
-__all__ = ["limit_cycle", "load", "modes", "open", "simulate"]
+__all__ = ["limit_cycle", "load", "modes", "open", "simulate", "sweep"]
 
 
 def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
@@ -60,6 +61,18 @@ def modes(scene: Scene | str) -> Modes:
     from rig.study.modes import modes as solve
 
     return solve(load(scene) if isinstance(scene, str) else scene)
+
+
+def sweep(scene: Scene | str, key: str, values: Iterable[float]) -> Sweep:
+    """The eigenvalues about steady sliding over a parameter of the rig, `values` in SI, and the critical values.
+
+    Raises rig.errors.SceneError for a key that is no number of the rig and for values that the scene cannot have.
+    """
+    from rig.study.axis import Axis
+    from rig.study.sweep import sweep as solve
+
+    loaded = load(scene) if isinstance(scene, str) else scene
+    return solve(loaded, Axis.of(key, values, loaded))
 
 
 def limit_cycle(scene: Scene | str) -> Cycle:

@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from rig.cli import host, live, logs, processes, runs, scenes
+from rig.cli import host, live, logs, processes, runs, scenes, study
 from rig.errors import RigError
 
 INTERRUPTED = 130
@@ -23,6 +23,7 @@ app = typer.Typer(
 for panel, room in {
     "Run a scene": runs,
     "Look at scenes": scenes,
+    "What one learns from a rig": study,
     "Recordings": logs,
     "A run that is going on": live,
     "Processes one by one": processes,

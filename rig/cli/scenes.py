@@ -65,33 +65,7 @@ def _text(value: Any) -> str:
     return ", ".join(map(tell.number, value)) if isinstance(value, list) else tell.number(value)
 
 
-def modes(scene: SceneName, p: Changes = None, as_json: Json = False) -> None:
-    """Eigenvalues at the sliding equilibrium: growth rate, frequency, damping ratio."""
-    from rig.scenes import load
-    from rig.study.modes import modes as solve
-
-    found = solve(load(scene, changes(p)))
-    if as_json:
-        tell.report(found.to_json())
-        return
-    tell.line(found.text())
-
-
-def cycle(scene: SceneName, p: Changes = None, as_json: Json = False) -> None:
-    """The limit cycle: period, time in stick, extremes of displacement and velocity."""
-    from rig.scenes import load
-    from rig.study.cycle import limit_cycle
-
-    found = limit_cycle(load(scene, changes(p)))
-    if as_json:
-        tell.report(found.to_json())
-        return
-    tell.line(found.text())
-
-
 COMMANDS = {
     "list": (list_scenes, "rig list"),
     "explain": (explain, 'rig explain pendulum -p drive.speed="2 rpm"'),
-    "modes": (modes, 'rig modes belt -p drive.speed="0.2 m/s"'),
-    "cycle": (cycle, "rig cycle belt_b --json"),
 }

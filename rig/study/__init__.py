@@ -2,6 +2,8 @@
 
 design      plant matrices in, controller numbers out
 modes       eigenvalues at the sliding equilibrium
+axis        a parameter at evenly spaced values, as a user writes it
+sweep       eigenvalues over a parameter, critical values; `spectrum` tells which is which, `locus` draws them
 averaged    friction under a fast vibration, averaged
 cycle       the limit cycle
 dense       quantities between samples

@@ -7,7 +7,7 @@ An end without a unit takes that of the other end; without any, numbers are SI.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -72,6 +72,22 @@ class Axis:
         axis._check(text, scene)
         return axis
 
+    @classmethod
+    def of(cls, key: str, values: Iterable[float], scene: Scene) -> Self:
+        """`key` of `scene` at values in SI, rising or falling. Raises SceneError with every fault."""
+        known, given = dict(sweepable(scene.parameters)), tuple(float(value) for value in values)
+        faults = [] if key in known else [f"{key}: is no number of this scene's rig; {near(key, known)}"]
+        steps = np.diff(given)
+        if not 2 <= len(given) <= MOST:
+            faults.append(f"{len(given)} values: must be from 2 to {MOST}")
+        elif not (np.all(steps > 0.0) or np.all(steps < 0.0)):
+            faults.append("values must rise or fall throughout")
+        if faults:
+            raise SceneError(key, faults)
+        axis = cls(key, known[key], given, known[key])
+        axis._check(key, scene)
+        return axis
+
     def _check(self, text: str, scene: Scene) -> None:
         """Every value must be one that the scene can have."""
         refused = []
@@ -89,9 +105,9 @@ class Axis:
         """`scene` with this parameter at `value` (SI). Raises SceneError where the scene cannot have it."""
         return replace(scene, parameters=with_value(scene.parameters, self.key, value))
 
-    def tell(self, value: float) -> str:
+    def tell(self, value: float, digits: int = 6) -> str:
         """A value (SI) for a reader."""
-        return f"{value / self.scale:.6g}" + (f" {self.shown}" if self.shown != "1" else "")
+        return f"{value / self.scale:.{digits}g}" + (f" {self.shown}" if self.shown != "1" else "")
 
     @property
     def label(self) -> str:

@@ -9,6 +9,7 @@ as switched off there; what it does at its stated amplitude is told beside it, a
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
@@ -88,7 +89,7 @@ class Modes:
         """A row for each motion, in the order of COLUMNS."""
         found = [(mode.kind, mode) for mode in self.sliding.modes]
         found += [(f"{mode.kind}, dithered", mode) for mode in (self.dithered.modes if self.dithered else ())]
-        return [(kind, one.growth, one.frequency, one.damping, _shape(one)) for kind, one in found]
+        return [(kind, one.growth, one.frequency, one.damping, told(one.shape)) for kind, one in found]
 
     def to_json(self) -> dict[str, Any]:
         """As plain values."""
@@ -123,17 +124,21 @@ class Modes:
         return "\n".join(lines)
 
 
+def at_rest(scene: Scene) -> tuple[Assembly, Steady]:
+    """The rig of `scene` and its sliding equilibrium, dither off, controllers left out."""
+    assembly: Assembly = scene.assemble()
+    system = assembly.system()
+    if GENERATOR[0] in system.names:
+        quiet = system.start.copy()
+        quiet[[system.names.index(name) for name in GENERATOR]] = 0.0
+        system = replace(system, start=quiet)
+    return assembly, steady(system, sliding_key(system))
+
+
 def modes(scene: Scene) -> Modes:
     """The eigenvalues of `scene` at its sliding equilibrium."""
-    assembly = scene.assemble()
-    system = assembly.system()
-    shaken = GENERATOR[0] in system.names
-    sine, cosine = (system.names.index(name) for name in GENERATOR) if shaken else (-1, -1)
-    if shaken:
-        quiet = system.start.copy()
-        quiet[[sine, cosine]] = 0.0
-        system = replace(system, start=quiet)
-    at = steady(system, sliding_key(system))
+    assembly, at = at_rest(scene)
+    system = at.system
     clock = scene.clock
     method = clock.method if clock.method != "auto" else "dopri5" if at.modes.nonlinear.any() else "exact"
     substeps = max(1, scene.step_ns // int(clock.rk4_step))
@@ -144,8 +149,9 @@ def modes(scene: Scene) -> Modes:
         units={name: output.unit for name, output in assembly.outputs.items()},
         findings=tuple(verdict(system, method, scene.step_ns * 1e-9, substeps)),
     )
-    if not shaken:
+    if GENERATOR[0] not in system.names:
         return found
+    sine, cosine = (system.names.index(name) for name in GENERATOR)
     generator = assembly.inputs["dither.amplitude"]
     return replace(
         found,
@@ -174,20 +180,24 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
     )
 
 
-def _mode(system: System, rate: complex, shape: Any) -> Mode:
-    count = len(system.coordinates)
-    first = int(np.abs(shape[:count]).argmax()) if count and np.any(shape[:count]) else int(np.abs(shape).argmax())
-    scaled = shape / shape[first]
+def _mode(system: System, rate: complex, vector: Any) -> Mode:
     return Mode(
         growth=float(rate.real),
         frequency=float(rate.imag / (2.0 * math.pi)),
         damping=float(-rate.real / abs(rate)) if rate else 0.0,
-        shape={name: complex(v) for name, v in zip(system.names, scaled) if v},
+        shape=shape(system.names, vector, len(system.coordinates)),
     )
 
 
-def _shape(mode: Mode) -> str:
-    parts = [(name, abs(v), math.degrees(math.atan2(v.imag, v.real))) for name, v in mode.shape.items()]
+def shape(names: Sequence[str], vector: Any, count: int) -> dict[str, complex]:
+    """Amplitudes of an eigenvector by name, the largest of the first `count`, the coordinates, being 1."""
+    first = int(np.abs(vector[:count]).argmax()) if np.any(vector[:count]) else int(np.abs(vector).argmax())
+    return {name: complex(v) for name, v in zip(names, vector / vector[first]) if v}
+
+
+def told(shape: Mapping[str, complex]) -> str:
+    """A shape for a reader: size and angle of each amplitude."""
+    parts = [(name, abs(v), math.degrees(math.atan2(v.imag, v.real))) for name, v in shape.items()]
     return ", ".join(f"{name} {size:.3g} at {angle:.0f} deg" for name, size, angle in parts)
 
 

@@ -26,7 +26,7 @@ _COLUMNS = 2400
 _BODY, _SURFACE, _FRICTION, _NORMAL = "#1d4f91", "#d1802f", "#b5322f", "#5a5a5a"
 _MEASURED = 0.35
 _SECTIONS = ("#1d4f91", "#c03a76", "#2a9d77", "#d1802f", "#7a5fb0")
-_STYLE: dict[str, Any] = {
+STYLE: dict[str, Any] = {
     "font.size": 10.5,
     "axes.titlesize": 11,
     "axes.titlelocation": "left",
@@ -51,7 +51,7 @@ def draw(run: Run, path: Path | str) -> None:
 
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
+    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
         figure = Figure(figsize=(12.8, 8.4), dpi=125, facecolor="white")
         FigureCanvasAgg(figure)
         _compose(figure, run)

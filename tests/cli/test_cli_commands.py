@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from rig import scenes
-from rig.cli import app, host, live, logs, options, processes, runs
+from rig.cli import app, host, live, logs, options, processes, runs, study
 from rig.cli import scenes as scene_commands
 from rig.errors import Diverged, UsageError
 
-ROOMS = (runs, scene_commands, logs, live, processes, host)
+ROOMS = (runs, scene_commands, study, logs, live, processes, host)
 COMMANDS = sorted(name for room in ROOMS for name in room.COMMANDS)
 PROMISED = (
     "demo list run plant control record view simulate replay verify tune warmup explain modes cycle doctor diff recover"

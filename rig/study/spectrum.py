@@ -1,0 +1,123 @@
+"""The eigenvalues of a scene as they change with a parameter: which is which, and how sure one can be of it.
+
+Two spectra are paired by the modal assurance of their left and right eigenvectors and by the distance of the values:
+
+    MAC_ij = |(l_i r'_j)(l'_j r_i)| / |(l_i r_i)(l'_j r'_j)|      one for the same motion, whatever the units
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.scenes.scene import Scene
+from rig.solve.linear import Steady
+from rig.study.modes import at_rest
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+SURE = 0.7  # MAC of a pair that needs no closer look
+NOTHING = "no steady sliding"
+DEPTH = 8  # halvings of a step between two values in which the pairs are not sure
+
+
+class Spectrum(NamedTuple):
+    """Eigenvalues `rates` [i], least stable first, right and left vectors [state, i], names of the states.
+
+    `exists`: whether the rig slides steadily there; `counts`: whether the rates say something; `note`: what speaks
+    against it. `inertia`: determinant of the mass matrix with friction in it over that without; jams below zero.
+    """
+
+    rates: Complex
+    right: Complex
+    left: Complex
+    names: tuple[str, ...]
+    coordinates: int
+    exists: bool = True
+    counts: bool = True
+    note: str = ""
+    inertia: float = 1.0
+
+
+Spectra = Callable[[float], Spectrum]
+
+
+def of_matrix(A: Array) -> tuple[Complex, Complex, Complex]:
+    """Eigenvalues, least stable first, right and left vectors [state, i] of A."""
+    from scipy.linalg import eig
+
+    values, left, right = eig(A, left=True, right=True)
+    order = np.lexsort((-values.imag, -values.real))
+    return values[order], right[:, order], left[:, order].conj()
+
+
+def sliding(at: Steady) -> Spectrum:
+    """The spectrum of steady sliding.
+
+    Under constant friction coefficients the matrix is the same wherever the equilibrium lies: its rates count also
+    where that would pull the contact open, as it does beyond a divergence.
+    """
+    rates, right, left = of_matrix(at.A[np.ix_(at.moving, at.moving)])
+    slides = bool(np.all(at.modes.sigma * at.speed > 0.0))
+    inertia = _inertia(at)
+    counts = inertia > 0.0 and (at.exists or (slides and not at.modes.nonlinear.any()))
+    note = "jams" if inertia <= 0.0 else "" if at.exists else "the contact would open" if counts else NOTHING
+    names = tuple(at.system.names[i] for i in at.moving)
+    return Spectrum(rates, right, left, names, len(at.system.coordinates), at.exists and counts, counts, note, inertia)
+
+
+def _inertia(at: Steady) -> float:
+    """det(M with friction)/det(M): what constant coefficients leave of it, and those over speed."""
+    share = at.modes.jam
+    if np.any(at.modes.normal_t):
+        patches, sigma = at.system.patches, at.modes.sigma
+        by_force = np.zeros((len(patches), len(patches)))
+        for k, normal in enumerate(at.system.normals):
+            by_force[normal.patch] += at.modes.normal_t[k]
+        mu = np.array([s * patch.law.mu(max(s * w, 0.0)) for patch, s, w in zip(patches, sigma, at.speed)])
+        share *= float(np.linalg.det(np.eye(len(patches)) - mu[:, None] * by_force))
+    return share
+
+
+def pairs(a: Spectrum, b: Spectrum) -> tuple[NDArray[np.int64], bool]:
+    """For each rate of `a` the number of its continuation in `b`, -1 where there is none; whether all are sure."""
+    from scipy.optimize import linear_sum_assignment
+
+    if a.names == b.names:
+        across, back = a.left.T @ b.right, b.left.T @ a.right
+        own = np.abs(np.sum(a.left * a.right, axis=0))[:, None] * np.abs(np.sum(b.left * b.right, axis=0))[None, :]
+        mac = np.minimum(np.abs(across * back.T) / np.maximum(own, 1e-300), 1.0)
+    else:
+        mac = np.ones((len(a.rates), len(b.rates)))
+    far = np.abs(a.rates[:, None] - b.rates[None, :])
+    size = max(float(np.abs(a.rates).max(initial=0.0)), float(np.abs(b.rates).max(initial=0.0)), 1e-300)
+    rows, columns = linear_sum_assignment(1.0 - mac + far / size)
+    found = np.full(len(a.rates), -1, dtype=np.int64)
+    found[rows] = columns
+    return found, bool(np.all(mac[rows, columns] > SURE)) and len(a.rates) == len(b.rates)
+
+
+def follow(spectra: Spectra, x: float, a: Spectrum, y: float, b: Spectrum, depth: int = DEPTH) -> NDArray[np.int64]:
+    """`pairs` of the spectra a at x and b at y, through as many values between as it takes to be sure."""
+    found, sure = pairs(a, b)
+    if sure or depth == 0:
+        return found
+    middle = 0.5 * (x + y)
+    half = spectra(middle)
+    if not half.counts or len(half.rates) != len(a.rates):
+        return found
+    first = follow(spectra, x, a, middle, half, depth - 1)
+    second = follow(spectra, middle, half, y, b, depth - 1)
+    return np.where(first >= 0, second[first], -1)
+
+
+def equilibrium(scene: Scene) -> Spectrum:
+    """The spectrum of a scene at its sliding equilibrium, dither off, controllers left out."""
+    try:
+        return sliding(at_rest(scene)[1])
+    except np.linalg.LinAlgError:  # the mass matrix has no inverse: exactly where it jams
+        none = np.zeros((0, 0), dtype=np.complex128)
+        return Spectrum(none.diagonal(), none, none, (), 0, False, False, "jams", 0.0)
