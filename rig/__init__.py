@@ -25,10 +25,11 @@ if TYPE_CHECKING:
     from rig.record.run import Run
     from rig.scenes.scene import Scene
     from rig.study.cycle import Cycle
+    from rig.study.map import Map
     from rig.study.modes import Modes
     from rig.study.sweep import Sweep
 
-__all__ = ["limit_cycle", "load", "modes", "open", "simulate", "sweep"]
+__all__ = ["limit_cycle", "load", "map", "modes", "open", "simulate", "sweep"]
 
 
 def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
@@ -83,6 +84,29 @@ def limit_cycle(scene: Scene | str) -> Cycle:
     from rig.study.cycle import limit_cycle as search
 
     return search(load(scene) if isinstance(scene, str) else scene)
+
+
+def map(
+    scene: Scene | str,
+    x: str,
+    y: str | None = None,
+    *,
+    output: str | None = None,
+    runs: tuple[str, ...] = ("up", "down", "near", "far"),
+    longest: float | None = None,
+    folder: str | Path = "maps",
+    workers: int | None = None,
+) -> Map:
+    """Which steady motions there are over one axis or two: `rig.map("belt", "drive.speed=0.05:0.8:40")`.
+
+    Axes are KEY=FROM:TO:COUNT; `output`: plant output to watch; `runs`: carried up and down, near and far starts;
+    `longest`: simulated seconds for one point. Results go to a folder of their own in `folder`, from which a broken run
+    goes on. Raises rig.errors.SceneError, UsageError, and WorkerError when a worker process is lost.
+    """
+    from rig.study.map import chart, job
+
+    loaded = load(scene) if isinstance(scene, str) else scene
+    return chart(job(loaded, x, y, output, runs, longest), Path(folder), workers)
 
 
 def open(path: str | Path) -> Run:

@@ -7,6 +7,7 @@ RigError
 │   ├── Diverged      the state left the stated limit or is not finite
 │   ├── Jammed        no contact mode is consistent with the equations (Painleve)
 │   └── Chatter       more events in one block than the scene allows
+├── WorkerError       a worker process that ended before its work was done
 ├── BusError          a connection, a topic or a message that failed
 └── LogError          a recording that cannot be read or written
 
@@ -58,6 +59,12 @@ class Jammed(NumericsError):
 
 class Chatter(NumericsError):
     """More events in one block than the scene allows."""
+
+
+class WorkerError(RigError):
+    """A worker process ended before its work was done."""
+
+    exit_code = 1
 
 
 class BusError(RigError):

@@ -3,7 +3,8 @@
 app         the program: commands, errors, exit codes
 options     what several commands take
 tell        tables, JSON, the line that is written again and again
-scenes      list, explain, modes, cycle
+scenes      list, explain
+study       modes, cycle, map
 runs        demo, run, simulate
 processes   plant, control, record, view: the same processes one by one
 live        tune, topic

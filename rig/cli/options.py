@@ -39,7 +39,7 @@ def changes(given: list[str] | None) -> dict[str, str]:
     return found
 
 
-def seconds(given: str | None) -> float | None:
+def seconds(given: str | None, option: str = "--duration") -> float | None:
     """A duration in seconds; a plain number is seconds."""
     if given is None:
         return None
@@ -51,9 +51,9 @@ def seconds(given: str | None) -> float | None:
         try:
             found = si(given, "s")
         except ValueError as error:
-            raise UsageError(f"--duration {error}") from None
+            raise UsageError(f"{option} {error}") from None
     if not 0.0 < found < 1e9:
-        raise UsageError(f"--duration {given}: must be greater than 0 s")
+        raise UsageError(f"{option} {given}: must be greater than 0 s")
     return found
 
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Changes, Json, SceneName, changes
+from rig.cli.options import Changes, Json, SceneName, changes, seconds
 from rig.errors import UsageError
 
 Along = Annotated[
@@ -20,6 +22,15 @@ Along = Annotated[
     ),
 ]
 Picture = Annotated[Path | None, typer.Option("--figure", metavar="FILE", help="Draw the sweep (PNG).")]
+XAxis = Annotated[str, typer.Option(metavar="KEY=FROM:TO:COUNT", help='Carried axis: --x "drive.speed=1:8 rpm:36".')]
+YAxis = Annotated[str | None, typer.Option(metavar="KEY=FROM:TO:COUNT", help="Second axis; a row of the map for each.")]
+Runs = Annotated[str, typer.Option(metavar="LIST", help="Some of up, down (carried), near, far (starts).")]
+Output = Annotated[
+    str | None, typer.Option(metavar="NAME", help="Plant output to watch; the plant's first by default.")
+]
+Longest = Annotated[str | None, typer.Option(metavar="TIME", help="Simulated time for one point; 480 slow periods.")]
+Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one for each core by default.")]
+Folder = Annotated[Path, typer.Option(metavar="FOLDER", help="Where the folder of this map is made or found.")]
 
 
 def modes(
@@ -66,7 +77,74 @@ def cycle(scene: SceneName, p: Changes = None, as_json: Json = False) -> None:
     tell.line(found.text())
 
 
+def map_(
+    scene: SceneName,
+    x: XAxis,
+    y: YAxis = None,
+    p: Changes = None,
+    runs: Runs = "up,down,near,far",
+    output: Output = None,
+    longest: Longest = None,
+    workers: Workers = None,
+    out: Folder = Path("maps"),
+    as_json: Json = False,
+) -> None:
+    """Which steady motions a rig has, over one parameter or two: sliding, stick-slip, both.
+
+    One axis gives a bifurcation diagram. Results are kept as they come: the same command goes on where it was stopped.
+    """
+    from rig.scenes import load
+    from rig.study.map import Store, chart, job
+    from rig.study.map.figure import draw
+
+    loaded = load(scene, changes(p))
+    wanted = tuple(run.strip() for run in runs.split(",") if run.strip())
+    todo = job(loaded, x, y, output, wanted, seconds(longest, "--longest"))
+    store = Store.of(todo, out)
+    try:
+        with _bar("rows" if y else "parts") as progress:
+            found = chart(todo, out, workers, progress)
+    except KeyboardInterrupt:
+        tell.note(f"interrupted: {len(store.load())} of {len(todo.units)} parts are kept in {store.folder}; "
+                  "the same command goes on from there")  # fmt: skip
+        raise
+    found.write_csv(store.folder / "map.csv")
+    draw(found, store.folder / "map.png")
+    if as_json:
+        tell.report(found.to_json())
+        return
+    tell.line(found.text())
+    tell.line(f"\n{store.folder}/map.png, map.csv")
+
+
+@contextlib.contextmanager
+def _bar(what: str) -> Iterator[Callable[[int, int], object]]:
+    """A progress bar with an estimate of what is left, on standard error."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    estimate = TimeRemainingColumn(elapsed_when_finished=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), estimate)
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=None)
+
+        def show(done: int, total: int) -> None:
+            if bar.tasks[0].total is None:  # the estimate is that of what is done from here on
+                bar.reset(task, completed=done, total=total)
+            bar.update(task, completed=done)
+
+        yield show
+
+
 COMMANDS = {
     "modes": (modes, 'rig modes belt --sweep "drive.speed=0.05 m/s:0.4 m/s:50" --figure locus.png'),
     "cycle": (cycle, "rig cycle belt_b --json"),
+    "map": (map_, 'rig map belt --x "drive.speed=0.05 m/s:0.8 m/s:40" --y "load.force=10 N:30 N:5"'),
 }

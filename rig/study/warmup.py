@@ -18,6 +18,7 @@ import llvmlite.binding
 from rig import kernel, scenes
 from rig.bench.stand import Stand
 from rig.scenes.scene import Scene
+from rig.solve.formulation import System
 
 FRAMES = 3
 TYPICAL = 25.0  # s for one shape on one core, measured; only the first estimate
@@ -33,10 +34,14 @@ class Shape(NamedTuple):
 
 def shape(scene: Scene) -> Shape:
     """The kernel shape of a scene."""
-    system = scene.assemble().system()
+    return shape_of(scene.assemble().system(), scene.clock.method)
+
+
+def shape_of(system: System, method: str) -> Shape:
+    """The kernel shape of a system and a method of integration."""
     falling = any(not p.law.constant for p in system.patches)
-    method = scene.clock.method if scene.clock.method != "auto" else "dopri5" if falling else "exact"
-    return Shape(system.n, falling and method == "dopri5", method == "rk4")
+    chosen = method if method != "auto" else "dopri5" if falling else "exact"
+    return Shape(system.n, falling and chosen == "dopri5", chosen == "rk4")
 
 
 def warmup(report: Callable[[str], object] | None = None, names: Iterable[str] | None = None) -> dict[Shape, float]:
@@ -61,7 +66,7 @@ def warmup(report: Callable[[str], object] | None = None, names: Iterable[str] |
         begin = time.perf_counter()
         _run(scene)
         spent[one] = time.perf_counter() - begin
-        _note(one)
+        note(one)
         say(f"{number} of {len(missing)}: ready after {spent[one]:.1f} s")
     return spent
 
@@ -88,7 +93,8 @@ def _notes() -> Path:
     return kernel.CACHE / f"warm-{llvmlite.binding.get_host_cpu_name()}.json"
 
 
-def _note(one: Shape) -> None:
+def note(one: Shape) -> None:
+    """Remember that the kernels of a shape have been compiled."""
     noted = sorted(ready() | {one})
     try:
         _notes().write_text(json.dumps(noted))

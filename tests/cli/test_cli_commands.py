@@ -18,7 +18,8 @@ from rig.errors import Diverged, UsageError
 ROOMS = (runs, scene_commands, study, logs, live, processes, host)
 COMMANDS = sorted(name for room in ROOMS for name in room.COMMANDS)
 PROMISED = (
-    "demo list run plant control record view simulate replay verify tune warmup explain modes cycle doctor diff recover"
+    "demo list run plant control record view simulate replay verify tune warmup explain modes cycle map doctor diff "
+    "recover"
 )
 
 
@@ -267,3 +268,24 @@ def test_without_a_run_the_live_commands_say_so(rig, tmp_path, monkeypatch):
     code, _, err = rig("tune", "load.force", "15 N")
     assert code == 2
     assert "no run is going on" in err
+
+
+def test_map_tells_regions_and_leaves_figure_and_table(rig, tmp_path):
+    asked = ("map", "belt", "--x", "drive.speed=0.15:0.25 m/s:2", "--runs", "near", "--out", str(tmp_path))
+    code, out, _ = rig(*asked)
+    assert code == 0
+    assert "I     sliding only                  1 points" in out
+    assert "0.207944 m/s" in out
+    [folder] = tmp_path.iterdir()
+    assert {"map.png", "map.csv"} <= {path.name for path in folder.iterdir()}
+    assert (folder / "map.csv").read_text().startswith("drive.speed,region,growth,frequency,near_state")
+    code, out, _ = rig(*asked, "--json")
+    found = json.loads(out)
+    assert [point["near_state"] for point in found["points"]] == ["stick-slip", "sliding"]
+
+
+def test_every_fault_of_the_axes_of_a_map_is_told(rig):
+    code, _, err = rig("map", "belt", "--x", "drive.sped=0:1:3", "--y", "load.force=0:1:1")
+    assert code == 2
+    assert "did you mean drive.speed?" in err
+    assert "count = 1: must be a whole number from 2" in err

@@ -1,0 +1,56 @@
+"""Maps: which steady motions a rig has, over one parameter or two.
+
+job        scene, axes, settings; the units of work, batched: pure functions of the job
+track      the rig of one row, to be put and moved along the x axis and watched
+row        runs along it: carried up and down, near and far starts
+judge      what a motion has settled to
+dither     the boundary of dither over frequency and amplitude: averaged beside simulated
+store      results in a folder as they come; a broken run goes on
+crew       worker processes
+chart      the map as it is read            figure   as a picture
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rig.scenes.scene import Scene
+from rig.study.axis import axes
+from rig.study.map.chart import Map, gathered
+from rig.study.map.crew import Progress, cores, make
+from rig.study.map.job import PERIODS, RUNS, Job, Settings, checked
+from rig.study.map.store import Store
+
+__all__ = ["PERIODS", "RUNS", "Job", "Map", "Settings", "Store", "chart", "job"]
+ROOT = Path("maps")
+_SECTION = 24  # local maxima kept of each point of a bifurcation diagram
+
+
+def job(
+    scene: Scene,
+    x: str,
+    y: str | None = None,
+    output: str | None = None,
+    runs: tuple[str, ...] = RUNS,
+    longest: float | None = None,
+) -> Job:
+    """The job of a map: `x`, `y` as rig.study.axis.Axis reads them, `output` a plant output (the first by default).
+
+    Raises SceneError, UsageError with every fault.
+    """
+    found = axes(scene, {"x": x, "y": y})
+    watched = output or next(iter(scene.assemble().outputs))
+    settings = Settings(watched, tuple(runs), longest=longest, section=0 if y else _SECTION)
+    return checked(Job(scene, found[0], found[1] if y else None, settings))
+
+
+def chart(job: Job, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None) -> Map:
+    """The map of `job`: what is not in its folder under `root` yet is computed by `workers` processes.
+
+    All cores by default. Raises UsageError where the folder cannot be used, WorkerError when a worker is lost. What is
+    done by then, or when the user interrupts, stays, and the same call goes on from there.
+    """
+    store = Store.of(job, root)
+    with store.open(job):
+        found = make(job, store, workers or cores(), progress or (lambda done, total: None))
+    return gathered(job, found, store.folder)

@@ -1,0 +1,137 @@
+"""What a motion has settled to, judged from windows of it laid end to end.
+
+    sliding      nothing sticks; the slip speed swings by less than half of the stated perturbation, and does not grow
+    stick-slip   the amplitudes of three windows in a row agree, and a contact sticks in each of them
+    vibration    the same, and nothing sticks
+    stuck        the surfaces stand still and so does the rig
+    undecided    none of this within the stated longest time
+
+Near a fold a motion that will die lingers as if it were a cycle; a cycle that is still being approached and one that is
+slowly leaving look alike. Both are told apart from a cycle by their drift: what still drifts to one side at the end is
+undecided. A motion that does not repeat, without a drift, is what it does: it sticks or it does not.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+NONE, SLIDING, STICK_SLIP, VIBRATION, STUCK, UNDECIDED, STOPPED = range(7)
+NAMES = ("none", "sliding", "stick-slip", "vibration", "stuck", "undecided", "stopped")
+SAME = 1e-4
+"""Relative difference up to which the amplitudes of two windows agree."""
+_GROWN = 4.0  # a near start has left when it swings by so many perturbations
+
+
+class Window(NamedTuple):
+    """What one window shows.
+
+    low, high   of the output                              rms      of the output about its mean
+    travel      half of peak to peak along the contacts    slip     the same of the slip speed, over the surface's
+                (root of the sum of squares)                        speed (of the contact where it is largest)
+    share       of the time with a contact stuck           sticks   how often sticking begins
+    period      mean time between such beginnings [s]      moving   a surface moves
+
+    `share` and `rms` are those of whole cycles where there are two beginnings at least.
+    """
+
+    low: float
+    high: float
+    rms: float
+    travel: float
+    slip: float
+    share: float
+    sticks: int
+    period: float
+    moving: bool
+
+
+class Point(NamedTuple):
+    """A verdict, and the last window. `spent`: simulated seconds it took."""
+
+    state: int
+    window: Window
+    spent: float
+
+
+_NO = float("nan")
+BLANK = Window(_NO, _NO, _NO, _NO, _NO, _NO, 0, _NO, False)
+NOTHING = Point(NONE, BLANK, 0.0)
+
+
+def extremes(values: Array) -> tuple[float, float]:
+    """Lowest and highest of evenly spaced samples; where they are smooth, by the parabola through three of them."""
+    return -_top(-values), _top(values)
+
+
+def _top(y: Array) -> float:
+    i = int(y.argmax())
+    if 2 <= i < len(y) - 2:
+        a, b, c, d, e = y[i - 2 : i + 3].tolist()
+        left, here, right = a - 2.0 * b + c, b - 2.0 * c + d, c - 2.0 * d + e
+        if max(left, here, right) < 0.5 * min(left, here, right) < 0.0:  # not beside a corner
+            return float(c - (d - b) ** 2 / (8.0 * here))
+    return float(y[i])
+
+
+class Sticking(NamedTuple):
+    """When a contact sticks in a window: share, beginnings, mean time between them, first and last beginning [s]."""
+
+    share: float
+    begins: int
+    period: float
+    first: float
+    last: float
+
+
+def sticking(times: Array, stuck: NDArray[np.bool_], after: bool, span: float) -> Sticking:
+    """`times` of the events within `span` [s]; `stuck` before each of them, `after` behind the last."""
+    held = np.append(stuck, after)
+    begins = times[~held[:-1] & held[1:]]
+    count = len(begins)
+    first, last = (float(begins[0]), float(begins[-1])) if count > 1 else (0.0, span)
+    edges = np.clip(np.concatenate([[0.0], times, [span]]), first, last)
+    period = (last - first) / (count - 1) if count > 1 else _NO
+    return Sticking(float((edges[1:] - edges[:-1]) @ held) / (last - first), count, period, first, last)
+
+
+class Judge:
+    """Takes windows until it knows. `near`: the motion started at sliding, with a slip speed that swung by `kick`."""
+
+    def __init__(self, kick: float, near: bool) -> None:
+        self.kick, self.near = kick, near
+        self.windows: list[Window] = []
+
+    def take(self, window: Window) -> int:
+        """The verdict after one more window; UNDECIDED asks for another."""
+        self.windows.append(window)
+        last = self.windows[-3:]
+        if not window.moving and window.share >= 1.0:
+            return STUCK
+        stuck = [w.share > 0.0 for w in last]
+        if len(last) > 1 and not any(stuck[-2:]) and window.slip < 0.5 * self.kick and window.slip <= last[-2].slip:
+            return SLIDING
+        if len(last) < 3 or not all(abs(a.travel - b.travel) <= SAME * b.travel for a, b in pairwise(last)):
+            return UNDECIDED
+        if all(stuck):
+            return STICK_SLIP
+        swings = window.slip > (_GROWN if self.near else 0.5) * self.kick
+        return VIBRATION if swings and not any(stuck) else UNDECIDED
+
+    def at_last(self) -> int:
+        """The verdict when the time is over: of a motion that does not repeat, unless it drifts."""
+        late = self.windows[len(self.windows) // 2 :]
+        steps = np.diff([w.travel for w in late])
+        half = len(steps) // 2
+        drift = max(abs(float(steps[:half].sum())), abs(float(steps[half:].sum())))
+        if len(steps) < 4 or drift > 0.5 * float(np.abs(steps).sum()):
+            return UNDECIDED
+        if all(w.share > 0.0 for w in late):
+            return STICK_SLIP
+        swings = all(w.slip > _GROWN * self.kick for w in late)
+        return VIBRATION if swings and not any(w.share > 0.0 for w in late) else UNDECIDED

@@ -1,0 +1,172 @@
+"""One row of a map, or a part of it: what the rig does at each value of x, by every kind of run.
+
+    near   from sliding, with a small perturbation            far    from a standing start
+    up     carried from point to point, upwards, from a standing start at the lowest value
+    down   carried from point to point, downwards, from where `up` has ended (else from a standing start)
+
+A carried run that has come to slide would sit exactly on its equilibrium, and would leave it far too late: it is given
+the perturbation at every point, so from there on it is the near start of each point until that one vibrates again.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import NumericsError
+from rig.solve.linear import Steady
+from rig.study.map.judge import BLANK, NONE, NOTHING, SLIDING, STICK_SLIP, STOPPED, VIBRATION, Point
+from rig.study.map.track import Place, Track
+
+Array = NDArray[np.float64]
+Arrays = dict[str, NDArray[np.generic]]
+RUNS = ("up", "down", "near", "far")
+ALIVE = (STICK_SLIP, VIBRATION)
+WINDOW = ("low", "high", "rms", "share", "period")
+_ROOT = 1e-9  # of the gap between two points
+
+
+class Row:
+    """The runs over the values `first` to `last` (excluded) of the axis. `tables` holds what they found."""
+
+    def __init__(self, track: Track, first: int, last: int) -> None:
+        self.track, self.settings = track, track.settings
+        self.x = track.axis.values[first:last]
+        self._next = track.axis.values[first : last + 1]  # with the first of the part behind this one
+        self._sliding = [track.sliding(value) for value in self._next]
+        self._near: dict[int, tuple[Point, Place, Array]] = {}
+        count, runs = len(self.x), len(RUNS)
+        self.tables: Arrays = {
+            "state": np.full((runs, count), NONE, dtype=np.int8),
+            **{name: np.full((runs, count), np.nan) for name in (*WINDOW, "spent")},
+            "section": np.full((runs, count, self.settings.section), np.nan),
+            "growth": np.full(count, np.nan),
+            "frequency": np.full(count, np.nan),
+            "onset": np.array(list(self._onsets())),
+            "end": np.full((2, 2), np.nan),
+        }
+
+    def run(self) -> Arrays:
+        """Every run that the settings ask for."""
+        asked = self.settings.runs
+        for i, at in zip(range(len(self.x)), self._sliding):
+            if at.exists:
+                least = at.eigenvalues()[0]
+                self.tables["growth"][i] = least.real
+                self.tables["frequency"][i] = abs(least.imag) / (2.0 * math.pi)
+        numbers = range(len(self.x))
+        if "up" in asked:
+            self._carry("up", numbers, self._standing)
+        if "down" in asked:
+            self._carry("down", numbers[::-1], None if "up" in asked else self._standing)
+        for i in numbers:
+            if "near" in asked:
+                self._write("near", i, *self._at_near(i)[::2])
+            if "far" in asked:
+                self._write("far", i, *self._standing(i))
+        return self.tables
+
+    def _standing(self, i: int) -> tuple[Point, Array]:
+        self.track.put(self.x[i], self.track.far(self._sliding[i]))
+        return self.track.settle(), self._maxima()
+
+    def _at_near(self, i: int) -> tuple[Point, Place, Array]:
+        """The near start of a point; the rig is left where it has settled."""
+        if i in self._near:
+            self.track.back(self._near[i][1])
+            return self._near[i]
+        at = self._sliding[i]
+        if not at.exists:
+            return NOTHING, self.track.here(), self._maxima()
+        self.track.put(self.x[i], self.track.near(at))
+        self._near[i] = self.track.settle(near=True), self.track.here(), self._maxima()
+        return self._near[i]
+
+    def _carry(self, name: str, numbers: Iterable[int], start: Callable[[int], tuple[Point, Array]] | None) -> None:
+        """One carried run over the points; `start` None: it goes on where the run before has ended."""
+        point, maxima = NOTHING, np.zeros(0)
+        before = -1
+        for i in numbers:
+            if before < 0:
+                point, maxima = start(i) if start else self._again(i)
+            elif point.state in (SLIDING, STOPPED) and self._sliding[i].exists:
+                point, _, maxima = self._at_near(i)
+            else:
+                point, maxima = self._step(name, self.x[before], self.x[i], point.state in ALIVE)
+            self._write(name, i, point, maxima)
+            before = i
+
+    def _again(self, i: int) -> tuple[Point, Array]:
+        """Where `up` has ended: its verdict there holds."""
+        up, t = RUNS.index("up"), self.tables
+        low, high, rms, share, period = (float(t[name][up, i]) for name in WINDOW)
+        window = BLANK._replace(low=low, high=high, rms=rms, share=share, period=period)
+        return Point(int(t["state"][up, i]), window, 0.0), t["section"][up, i]
+
+    def _step(self, name: str, start: float, to: float, alive: bool) -> tuple[Point, Array]:
+        """On to the next point. A vibration that is lost on the way is carried there again in ever smaller steps.
+
+        What it may be lost to is the speed of the way, not the end of the cycle.
+        """
+        place = self.track.here()
+        found, maxima = self._go(to)
+        if not alive or found.state in ALIVE or found.state == STOPPED:
+            return found, maxima
+        lost, dead = self.track.here(), to
+        gap, least = 0.5 * (to - start), abs(to - start) * 0.5**self.settings.refine
+        while abs(gap) > 0.75 * least:
+            value = place.value + gap
+            if abs(to - value) < 0.5 * least:
+                value = to
+            self.track.back(place)
+            point, latest = self._go(value)
+            if point.state not in ALIVE:
+                dead, gap = value, 0.5 * gap
+            elif value == to:
+                return point, latest
+            else:
+                place = self.track.here()
+        self.tables["end"][RUNS.index(name)] = place.value, dead
+        self.track.back(lost)
+        return found, maxima
+
+    def _go(self, value: float) -> tuple[Point, Array]:
+        try:
+            self.track.move(value)
+        except NumericsError:
+            return Point(STOPPED, BLANK, 0.0), self._maxima()
+        return self.track.settle(), self._maxima()
+
+    def _maxima(self) -> Array:
+        """The last local maxima of the output."""
+        kept = self.settings.section
+        if not kept:
+            return np.zeros(0)
+        y = self.track.values()
+        found = y[1:-1][(y[1:-1] > y[:-2]) & (y[1:-1] >= y[2:])][-kept:]
+        return np.concatenate([found, np.full(kept - len(found), np.nan)])
+
+    def _write(self, name: str, i: int, point: Point, maxima: Array) -> None:
+        run, t = RUNS.index(name), self.tables
+        t["state"][run, i] = point.state
+        t["spent"][run, i] = point.spent
+        t["section"][run, i] = maxima
+        for column in WINDOW:
+            t[column][run, i] = getattr(point.window, column)
+
+    def _onsets(self) -> Iterable[float]:
+        """Where the growth rate of sliding passes through zero, in every gap in which its sign changes."""
+        from scipy.optimize import brentq
+
+        rates = [_rate(at) for at in self._sliding]
+        for (a, b), (low, high) in zip(pairwise(self._next), pairwise(rates)):
+            if low * high < 0.0:
+                yield brentq(lambda value: _rate(self.track.sliding(value)), a, b, xtol=_ROOT * abs(b - a))
+
+
+def _rate(at: Steady) -> float:
+    return float(at.eigenvalues()[0].real) if at.exists else math.nan
