@@ -173,7 +173,7 @@ def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, out, modes, energy, boo
         if h >= fc[1] or grow < 1.0:
             fc[1] = h * grow
         dense(shape, k, x, y, h, d)
-        theta, guard = fall(shape, f, d, x, z, w.poly, w.roots)
+        theta, guard = fall(shape, f, d, size, z, w.poly, w.roots)
         end = theta if guard >= 0 else 1.0
         if booking:
             book_step(shape, f, b, d, end, h, z, w.nodes3, w.weights3, energy)

@@ -87,13 +87,13 @@ def certified(t, slot, x, y, shrink):
 
 
 @inlined
-def earliest(t, slot, x, derivatives, terms, poly, work):
+def earliest(t, slot, size, derivatives, terms, poly, work):
     """First fall of any guard along a Taylor cell: (u in [0, 1] or NONE, guard)."""
     first, guard = NONE, -1
     for k in range(t.guards[slot]):
         for d in range(terms + 1):
             poly[d] = dot(t.G[slot, k], derivatives[d])
-        u = first_fall(poly, terms, rounding(t.G[slot, k], x), work)
+        u = first_fall(poly, terms, rounding(t.G[slot, k], size), work)
         if u < first:
             first, guard = u, k
     return first, guard
@@ -141,7 +141,7 @@ def opened(t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
                 continue
         length = (int(position) + 1) / cells - u
         series(t.A[slot], x, length * h, terms, w.derivatives)
-        fall, guard = earliest(t, slot, x, w.derivatives, terms, w.poly, w.roots)
+        fall, guard = earliest(t, slot, w.size, w.derivatives, terms, w.poly, w.roots)
         reach = 1.0 if guard < 0 else fall
         if reach > 0.0:
             if emit:

@@ -189,7 +189,7 @@ def disagreement(t, slot, key, x, size, T, slack):
             return with_digit(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
     for k in range(K):
         N = dot(t.normal[slot, k], x) + dot(t.normal_t[slot, k], T)
-        noise = rounding(t.normal[slot, k], x)
+        noise = rounding(t.normal[slot, k], size)
         base, p = of_normal(P, k), t.of_patch[k]
         if digit(key, base, 2) == 0:
             if N < -noise:

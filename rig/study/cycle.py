@@ -114,11 +114,11 @@ def limit_cycle(scene: Scene, tolerance: float = TIGHT, longest: float = LONGEST
     runner = _Runner(scene, assembly, stuck(system, sliding.x), method, tolerance)
     turning = np.abs(sliding.eigenvalues())
     quiet = QUIET * 2.0 * math.pi / float(turning[turning > 1e-6 * turning.max()].min())
-    step = scene.frame_ns * 1e-9
+    step = scene.step_ns * 1e-9
     events: list[Event] = []
     while (now := runner.motion.tick * step) < longest:
         events += runner.block(_BLOCK)
-        count, drift = repeating(events, step)
+        count, drift = repeating(events, step, repeat)
         if count and drift <= repeat:
             return runner.read(scene, events[-2 * count :], count, drift, now)
         last = (events[-1].tick * step) if events else 0.0
@@ -139,11 +139,13 @@ def stuck(system: System, x: Array) -> Array:
     return out
 
 
-def repeating(events: list[Event], step: float) -> tuple[int, float]:
+def repeating(events: list[Event], step: float, repeat: float = REPEAT) -> tuple[int, float]:
     """Number of mode changes after which the last ones repeat, and by how much of the period their times differ.
 
-    (0, inf) where they do not. Three cycles are compared: two could agree by chance.
+    The least number that repeats to `repeat`, else the one that does best: of a cycle that closes only after several
+    rounds each round looks alike. (0, inf) where none does. Three cycles are compared: two could agree by chance.
     """
+    best = (0, math.inf)
     for count in range(2, min(_MOST, len(events) // 3) + 1):
         last = events[-3 * count :]
         names = [event.what for event in last]
@@ -152,9 +154,12 @@ def repeating(events: list[Event], step: float) -> tuple[int, float]:
         t = np.array([_time(event, last[0].tick, step) for event in last])
         period = t[-1] - t[-1 - count]
         gaps = t[count:] - t[:-count] - period
-        if period > 0.0:
-            return count, float(np.abs(gaps).max() / period)
-    return 0, math.inf
+        drift = float(np.abs(gaps).max() / period) if period > 0.0 else math.inf
+        if drift < best[1]:
+            best = (count, drift)
+        if drift <= repeat:
+            break
+    return best
 
 
 def _time(event: Event, origin: int, step: float) -> float:
@@ -170,7 +175,7 @@ class _Runner:
         self.units = {name: output.unit for name, output in assembly.outputs.items()}
         self.rows = [output.row for output in assembly.outputs.values()]
         self.system = assembly.system()
-        self.motion = self._moving(start, scene.frame_ns, _BLOCK)
+        self.motion = self._moving(start, scene.step_ns, _BLOCK)
 
     def _moving(self, start: Array, step_ns: int, longest: int) -> Motion:
         clock = self.scene.clock
@@ -194,7 +199,7 @@ class _Runner:
 
     def read(self, scene: Scene, last: list[Event], count: int, drift: float, now: float) -> Cycle:
         """Run one more cycle and tell what it is like. `last`: the events of the two cycles before, `count` each."""
-        step_ns = scene.frame_ns
+        step_ns = scene.step_ns
         times = [_time(event, last[0].tick, step_ns * 1e-9) for event in last]
         period = times[-1] - times[-1 - count]
         dense, ledger_ = Dense(), _Ledger(self.motion)
