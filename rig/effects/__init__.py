@@ -5,6 +5,7 @@ drive      speed of the belt or disc; its lag and its limits
 load       the normal force; lag and limits of the magnet that holds it
 tuned_mass a tilted absorber on the body; its inertia enters the normal force
 dither     a fast vibration of the belt, of the mass or of the normal force
+separation  a contact spring that lifts off and comes back
 
 Each file declares its parameters (a `Section`, with units) and adds its rows to a `rig.solve.assembly.Assembly`.
 """

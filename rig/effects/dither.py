@@ -51,6 +51,7 @@ class LoadDither(_Dither):
 
 
 Dither = Annotated[BeltDither | MassDither | LoadDither, Field(discriminator="on")]
+TangentialDither = Annotated[BeltDither | MassDither, Field(discriminator="on")]
 
 
 def add(

@@ -7,4 +7,6 @@ PLANTS: dict[str, str] = {
     "north": "rig.plants.north",
     "pendulum": "rig.plants.pendulum",
     "pin": "rig.plants.pin",
+    "tread": "rig.plants.tread",
+    "two_dof": "rig.plants.two_dof",
 }

@@ -89,6 +89,7 @@ ABOUT = {
     "ramp": "the slope of a value that runs linearly",
     "lag": "a first-order actuator",
     "dither": "a fast vibration of belt, mass or load",
+    "separation": "a contact spring that lifts off and comes back; without it the spring pulls as well",
     "tuned_mass": "a tilted absorber; its inertia enters the normal force",
 }
 

@@ -60,10 +60,12 @@ def _zeros(mean: float, amplitude: complex) -> Array:
     return np.sort(np.mod([middle - half, middle + half], 2.0 * np.pi))
 
 
-def averaged(system: System, sine: int, cosine: int, amplitude: float) -> Steady:
+def averaged(system: System, sine: int, cosine: int, amplitude: float, leading: bool = False) -> Steady:
     """Steady sliding under a generator a' = omega b, b' = -omega a (states `sine`, `cosine`) of given amplitude.
 
     Fast and slow motion are taken apart: good where the generator is much faster than the structure's modes.
+    `leading`: of the fast motion only what inertia leaves of it, the leading order of theories that part the motion
+    directly: a force A on a mass m shakes it with A / (m omega). Springs and dampers change that by 1 / omega^2.
     """
     omega = float(system.signals[sine - system.one, cosine])
     nq = len(system.coordinates)
@@ -74,13 +76,21 @@ def averaged(system: System, sine: int, cosine: int, amplitude: float) -> Steady
         return complex(row[shaken[0]] @ shaken[1])
 
     push = np.array([driven(row) for row in system.force]) if nq else np.zeros(0)
-    dynamic = system.stiffness + 1j * omega * system.damping - omega**2 * system.mass
+    dynamic = -(omega**2) * system.mass.astype(complex)
+    if not leading:
+        dynamic += system.stiffness + 1j * omega * system.damping
+    for k in system.normals:
+        push = push + k.direction * driven(k.row)
+        dynamic += omega**2 * np.outer(k.direction, k.inertia)
+        if not leading:
+            dynamic -= np.outer(k.direction, k.row[:nq] + 1j * omega * k.row[nq : 2 * nq])
     q = np.linalg.solve(dynamic, push.astype(complex)) if nq else push
     answer = np.zeros(system.n, dtype=complex)
     answer[:nq], answer[nq : 2 * nq] = q, 1j * omega * q
     answer[shaken[0]] = shaken[1]
     fast = [complex(system.slip_rows[p] @ answer) for p in range(len(system.patches))]
-    load = [complex(sum(k.row @ answer for k in system.normals if k.patch == p)) for p in range(len(system.patches))]
+    pressed = [(k.patch, k.row @ answer - omega**2 * k.inertia @ q) for k in system.normals]
+    load = [complex(sum(N for patch, N in pressed if patch == p)) for p in range(len(system.patches))]
 
     start = system.start.copy()
     start[[sine, cosine]] = 0.0

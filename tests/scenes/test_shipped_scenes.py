@@ -31,6 +31,10 @@ EXPERIMENTS = {
     "pin",
     "seal_l",
     "seal_p",
+    "tread",
+    "tread_rough",
+    "two_dof",
+    "two_dof_dither",
 }
 
 

@@ -1,0 +1,84 @@
+"""A tread block of a tyre on a plate: the tip of the block, tangential (x) and normal (z), which may lift off.
+
+    m x'' + d_x x' + c_x x - c_xz z = T
+    m z'' + d_z z' + c_z z - c_xz x = N - P          z away from the plate
+    N = -c_c z, not below zero;   w = V - x'
+
+Rubber keeps its volume, so that a tangential deformation at a rounded edge also lifts or presses it: c_xz. With
+constant friction the tip flutters where mu c_c > c_xz > 0. A rough surface has no such coupling: its asperities bend
+at constant normal force.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3b, figures 11 to 14; the paper has no
+equations: model and numbers are ours (derived, calibrated).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from rig.effects import drive, load
+from rig.effects.drive import BeltDrive
+from rig.effects.friction import Friction
+from rig.effects.load import Load
+from rig.plants.belt import RAMPED, contact_outputs
+from rig.quantities import (
+    Kilogram,
+    Metre,
+    MetrePerSecond,
+    NewtonPerMetre,
+    NewtonSecondPerMetre,
+    Section,
+    SomeNewtonPerMetre,
+)
+from rig.solve.assembly import Assembly, Output
+
+
+class Tip(Section):
+    """The tip of the block: mass, springs and dampers along (x) and across (z) the plate, and their coupling c_xz."""
+
+    mass: Kilogram
+    tangential_stiffness: NewtonPerMetre
+    tangential_damping: NewtonSecondPerMetre = 0.0
+    normal_stiffness: SomeNewtonPerMetre = 0.0
+    normal_damping: NewtonSecondPerMetre = 0.0
+    coupling: SomeNewtonPerMetre = 0.0
+
+
+class Contact(Section):
+    """The rubber at the contact."""
+
+    stiffness: NewtonPerMetre
+
+
+class Start(Section):
+    """Where the tip is at the start, from the unloaded block just touching the plate."""
+
+    displacement: Metre = 0.0
+    velocity: MetrePerSecond = 0.0
+    height: Metre = 0.0
+    height_velocity: MetrePerSecond = 0.0
+
+
+class Parameters(Section):
+    """The tables of a tread scene. `load`: the preload P; `drive`: the speed of the plate."""
+
+    tip: Tip
+    contact: Contact
+    drive: BeltDrive
+    load: Load
+    friction: Friction
+    start: Start = Start()
+
+
+def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
+    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    a = Assembly(title="tread")
+    a.coordinate("x", p.tip.mass, p.tip.tangential_damping, p.tip.tangential_stiffness)
+    a.coordinate("z", p.tip.mass, p.tip.normal_damping, p.tip.normal_stiffness)
+    a.stiffness["x", "z"] = a.stiffness["z", "x"] = -p.tip.coupling
+    a.start |= {"x": p.start.displacement, "x'": p.start.velocity, "z": p.start.height, "z'": p.start.height_velocity}
+    a.push("z", {name: -value for name, value in load.add(a, p.load, moved).items()})
+    a.patch("contact", {"x": 1.0}, drive.add(a, p.drive, "m/s", moved), p.friction.friction())
+    a.normal("load", "contact", {"z": -p.contact.stiffness}, {"z": 1.0})
+    a.outputs |= contact_outputs({"x": 1.0}, a)
+    a.outputs |= {"height": Output({"z": 1.0}, "m"), "height_velocity": Output({"z'": 1.0}, "m/s")}
+    return a
