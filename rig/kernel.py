@@ -19,8 +19,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core import types
+from numba.core import cgutils, types
+from numba.core.datamodel import models
+from numba.core.imputils import lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate
 from numba.experimental import structref
+from numba.extending import infer_getattr, intrinsic, register_model
 
 if os.environ.get("RIG_OWN_PROCESS") and "scipy.linalg" not in sys.modules:
     # In a process of our own: numba would import scipy.linalg (0.2 s) only to learn whether there is BLAS, which no
@@ -127,6 +131,46 @@ structref.define_proxy(Bundle, _BundleType, ["content"])  # type: ignore[no-unty
 def bundle(content):  # type: ignore[no-untyped-def]
     """A handle on `content`."""
     return Bundle(content)  # type: ignore[no-untyped-call]
+
+
+class _Lent(types.Type):  # type: ignore[misc]
+    """A pointer to a named tuple that lives in the frame of a caller."""
+
+    def __init__(self, content: Any) -> None:
+        self.content = content
+        super().__init__(name=f"Lent({content})")
+
+
+register_model(_Lent)(models.OpaqueModel)
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def lent(typing: Any, content: Any) -> Any:
+    """`content`, a named tuple of arrays, to be read by name in the kernels that it is passed on to.
+
+    Fifty arrays as arguments of every kernel are what compiling would spend its time on; this passes a pointer. It is
+    good until the kernel that made it returns.
+    """
+
+    def borrow(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.bitcast(cgutils.alloca_once_value(builder, arguments[0]), cgutils.voidptr_t)
+
+    return _Lent(content)(content), borrow
+
+
+@infer_getattr
+class _LentNames(AttributeTemplate):  # type: ignore[misc]
+    key = _Lent
+
+    def generic_resolve(self, kind: Any, name: str) -> Any:
+        """The type of a field."""
+        return kind.content.types[kind.content.fields.index(name)] if name in kind.content.fields else None
+
+
+@lower_getattr_generic(_Lent)  # type: ignore[untyped-decorator]
+def _lent_field(context: Any, builder: Any, kind: Any, pointer: Any, name: str) -> Any:
+    typed = builder.bitcast(pointer, context.get_value_type(kind.content).as_pointer())
+    return builder.load(cgutils.gep_inbounds(builder, typed, 0, kind.content.fields.index(name)))
 
 
 def entry(function: Any, *examples: Any) -> Callable[..., Any]:

@@ -16,7 +16,7 @@ from rig.bench.truth import ROWS, Truth
 from rig.errors import SceneError, UsageError
 from rig.scenes.scene import Scene
 from rig.solve.assembly import Input
-from rig.solve.motion import Motion
+from rig.solve.motion import Motion, chosen
 from rig.solve.verdict import verdict
 from sensors.bank import Bank
 
@@ -43,9 +43,7 @@ class Stand:
         self.units = {name: assembly.outputs[name].unit for name in self.outputs}
         system = assembly.system()
         clock = scene.clock
-        method = clock.method
-        if method == "auto":
-            method = "exact" if all(p.law.constant for p in system.patches) else "dopri5"
+        method = chosen(clock.method, system)
         substeps = max(1, self.step_ns // clock.rk4_step)
         self.findings = verdict(system, method, self.step_ns * 1e-9, substeps)
         faults = [f"{one.what} ({one.number:.4g}): {one.remedy}" for one in self.findings if one.level == "error"]

@@ -5,6 +5,9 @@ A coordinate "x" brings the states "x" and "x'"; "x''" is its acceleration, whic
 "one" is constant. Outputs may also name, for a contact c, "T:c" (friction force), "N:n" (normal force n), "w:c" (slip
 speed). Everything that couples is such a row, so an effect adds rows and nothing else.
 
+What is not linear is a product with a name of its own (`Assembly.product`), which rows of forces, normal forces and
+outputs name like a state.
+
     structure  M a + D v + K q = sum_p t_p T_p + sum_k n_k N_k + F x
     patch p    w_p = V_p - t_p . v          normal k   N_k = r_k x + g_k . a
 """
@@ -18,10 +21,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import SceneError
-from rig.solve.formulation import Limiter, Normal, Patch, System
 from rig.solve.laws import Law
+from rig.solve.products import FRICTION, NORMAL, SINE, STATE, VERSINE, Factor, Product
+from rig.solve.system import Limiter, Normal, Patch, Sector, System
 
 Row = dict[str, float]
+Part = str | tuple[str, Row]
 Write = Callable[[NDArray[np.float64], Mapping[str, float], float], None]
 
 
@@ -65,9 +70,11 @@ class Assembly:
     network: dict[str, Row] = field(default_factory=dict)
     signals: dict[str, Row] = field(default_factory=lambda: {"one": {}})
     start: dict[str, float] = field(default_factory=lambda: {"one": 1.0})
-    patches: list[tuple[str, Row, Row, Law]] = field(default_factory=list)
+    patches: list[tuple[str, Row, Row, Law, Row | None]] = field(default_factory=list)
     normals: list[tuple[str, str, Row, Row, Row, bool]] = field(default_factory=list)
     limiters: list[tuple[str, Row, float, float, str, float]] = field(default_factory=list)
+    sectors: list[tuple[str, str, Row, str, float, tuple[float, ...], tuple[Law, ...]]] = field(default_factory=list)
+    products: dict[str, tuple[Part, ...]] = field(default_factory=dict)
     outputs: dict[str, Output] = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)
     owners: dict[str, str] = field(default_factory=dict)
@@ -89,9 +96,12 @@ class Assembly:
         """Add a force row to a coordinate."""
         add(self.force.setdefault(coordinate, {}), row)
 
-    def patch(self, name: str, direction: Row, surface: Row, law: Law) -> None:
-        """A friction patch: `direction` over coordinates, `surface` speed as a row, its friction law."""
-        self.patches.append((name, dict(direction), dict(surface), law))
+    def patch(self, name: str, direction: Row, surface: Row, law: Law, travel: Row | None = None) -> None:
+        """A friction patch: `direction` over coordinates, `surface` speed as a row, its friction law.
+
+        `travel`: what the slip speed counts of the body's motion, where that is not the direction of the force.
+        """
+        self.patches.append((name, dict(direction), dict(surface), law, travel))
 
     def normal(
         self,
@@ -105,13 +115,26 @@ class Assembly:
         """A normal force of a patch, N = row x + inertia . a, along `direction`; opens at N = 0 or pulls."""
         self.normals.append((name, patch, dict(row), dict(direction or {}), dict(inertia or {}), opens))
 
+    def product(self, name: str, *factors: Part) -> None:
+        """A product for rows to name. Factors: a state, ("sin", row), ("cos-1", row), "N:normal", "T:patch"."""
+        self.products[name] = factors
+
+    def sector(
+        self, name: str, patch: str, row: Row, turn: str, period: float, edges: tuple[float, ...], laws: tuple[Law, ...]
+    ) -> None:
+        """Friction by place: `laws[i]` where edges[i] <= row < edges[i + 1], the last up to `period`; edges[0] = 0.
+
+        State `turn`, which `row` counts fully, is moved by a period where the place leaves [0, period).
+        """
+        self.sectors.append((name, patch, dict(row), turn, period, edges, laws))
+
     def limit(self, name: str, row: Row, low: float, high: float, signal: str, gain: float) -> None:
         """A clamp: signal' gains `gain * min(max(row x, low), high)`."""
         self.limiters.append((name, dict(row), low, high, signal, gain))
 
     def surface(self, patch: str) -> Row:
         """The surface speed row of a patch, to add to."""
-        return next(s for n, _, s, _ in self.patches if n == patch)
+        return next(entry[2] for entry in self.patches if entry[0] == patch)
 
     def load(self, normal: str) -> Row:
         """The row of a normal force, to add to."""
@@ -130,6 +153,8 @@ class Assembly:
         """The matrices. Raises SceneError when a row names an unknown state."""
         names = self.names
         index = {name: i for i, name in enumerate(names)}
+        products = self._products(index)
+        later = {product.name: j for j, product in enumerate(products)}
         nq, n = len(self.coordinates), len(names)
         faults: list[str] = []
 
@@ -142,6 +167,12 @@ class Assembly:
                     faults.append(f"{what} names the unknown state {name!r}; known: {', '.join(names)}")
             return out
 
+        def both(what: str, entries: Row) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+            out_t = np.zeros(len(products))
+            for name in entries.keys() & later.keys():
+                out_t[later[name]] = entries[name]
+            return row(what, {name: value for name, value in entries.items() if name not in later}), out_t
+
         def over_coordinates(entries: Row) -> NDArray[np.float64]:
             return np.array([entries.get(c, 0.0) for c in self.coordinates])
 
@@ -152,24 +183,32 @@ class Assembly:
             return out
 
         patch_names = [p[0] for p in self.patches]
+        pushed = [both(f"force on {c}", self.force.get(c, {})) for c in self.coordinates]
         system = System(
             names=tuple(names),
             coordinates=tuple(self.coordinates),
             mass=square(self.mass),
             damping=square(self.damping),
             stiffness=square(self.stiffness),
-            force=np.array([row(f"force on {c}", self.force.get(c, {})) for c in self.coordinates]).reshape(nq, n),
+            force=np.array([over_x for over_x, _ in pushed]).reshape(nq, n),
+            force_t=np.array([over_t for _, over_t in pushed]).reshape(nq, len(products)),
             network=np.array([row(f"network {e}", r) for e, r in self.network.items()]).reshape(-1, n),
             signals=np.array([row(f"signal {s}", r) for s, r in self.signals.items()]).reshape(-1, n),
             patches=tuple(
-                Patch(name, over_coordinates(t), row(f"surface speed of {name}", surface), law)
-                for name, t, surface, law in self.patches
+                Patch(
+                    name,
+                    over_coordinates(t),
+                    row(f"surface speed of {name}", surface),
+                    law,
+                    None if travel is None else over_coordinates(travel),
+                )
+                for name, t, surface, law, travel in self.patches
             ),
             normals=tuple(
                 Normal(
                     name,
                     patch_names.index(patch),
-                    row(f"normal force {name}", r),
+                    *both(f"normal force {name}", r),
                     over_coordinates(d),
                     over_coordinates(g),
                     opens,
@@ -180,11 +219,35 @@ class Assembly:
                 Limiter(name, row(f"limiter {name}", r), low, high, index[signal], gain)
                 for name, r, low, high, signal, gain in self.limiters
             ),
+            sectors=tuple(
+                Sector(name, patch_names.index(patch), row(f"sector {name}", r), index[turn], period, edges, laws)
+                for name, patch, r, turn, period, edges, laws in self.sectors
+            ),
+            products=products,
             start=np.array([self.start.get(name, 0.0) for name in names]),
         )
         if faults:
             raise SceneError(self.title or "assembly", faults)
         return system
+
+    def _products(self, index: dict[str, int]) -> tuple[Product, ...]:
+        """The products in the order of their levels. Raises KeyError for an unknown factor."""
+        patches, normals = [p[0] for p in self.patches], [k[0] for k in self.normals]
+
+        def factor(part: Part) -> Factor:
+            if not isinstance(part, str):
+                angle = np.zeros(len(index))
+                for name, value in part[1].items():
+                    angle[index[name]] += value
+                return Factor({"sin": SINE, "cos-1": VERSINE}[part[0]], 0, angle)
+            if part.startswith("N:"):
+                return Factor(NORMAL, normals.index(part[2:]))
+            if part.startswith("T:"):
+                return Factor(FRICTION, patches.index(part[2:]))
+            return Factor(STATE, index[part])
+
+        found = [Product(name, tuple(factor(part) for part in parts)) for name, parts in self.products.items()]
+        return tuple(sorted(found, key=lambda product: product.level))
 
 
 def add(target: Row, row: Row) -> None:

@@ -7,10 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import inlined, inner, kernel
+from rig.kernel import inlined, inner, kernel, lent
 from rig.solve import dopri5, exact, ledger, rk4
 from rig.solve.emit import emit_linear
-from rig.solve.settle import CHATTER, DONE, LOST, OVERFULL, READY, SETTLE, dot, friction, settle
+from rig.solve.forces import dot, inputs
+from rig.solve.settle import CHATTER, DONE, LOST, OVERFULL, READY, SETTLE, settle
 
 Array = NDArray[np.float64]
 TICK, KEY, PENDING, EVENTS, OPENED, TRIALS, REPEAT, BEYOND, PAST, COUNTERS = range(10)  # of State.ic
@@ -64,21 +65,33 @@ class State(NamedTuple):
 
 
 @kernel
-def advance(shape, tables, lent, begin, origin, ticks, tolerance, substeps, booking, emitting, limit):
+def advance(shape, tables, loan, begin, origin, ticks, tolerance, substeps, booking, emitting, limit):
     """Carry the state from row `origin` of the log up to row `ticks`; returns a status.
 
     To be called again, no longer with `begin`, when that asks for a mode set. ic[BEYOND]: number of the first output
     beyond its bound, or -1; ic[PAST]: events of all calls so far.
-    `tolerance` is None for a system without laws over speed, `substeps` is None for other methods than rk4: what is
-    not asked for is not compiled.
+    `tolerance` is None for a system that is linear in every mode set, `substeps` is None for other methods than rk4:
+    what is not asked for is not compiled.
     """
-    w, state, log, seg = lent.content
+    w, state, log, seg = loan.content
     if begin:
         state.ic[TICK], state.ic[EVENTS] = origin, 0
         state.ic[PENDING] = max(state.ic[PENDING], SETTLE)
         seg.count[0] = 0
     return carry(
-        shape, tables.content, w, state, log, seg, origin, ticks, tolerance, substeps, booking, emitting, limit
+        shape,
+        lent(tables.content),
+        lent(w),
+        lent(state),
+        lent(log),
+        lent(seg),
+        origin,
+        ticks,
+        tolerance,
+        substeps,
+        booking,
+        emitting,
+        limit,
     )
 
 
@@ -146,7 +159,7 @@ def carry(shape, t, w, state, log, seg, origin, ticks, tolerance, substeps, book
                 emitting,
                 seg,
             )
-        elif tolerance is not None and t.falling[slot]:
+        elif tolerance is not None and t.curved[slot]:
             guard = dopri5.stretch(
                 shape,
                 t,
@@ -208,9 +221,7 @@ def count(modes, first, last, tally):
 def beyond(t, slot, x, w, watched, bound):
     """The first watched output whose size is beyond its bound; -1 if none is."""
     if watched.shape[0]:
-        friction(
-            t.sigma[slot], t.code, t.numbers, t.slip, t.load[slot], t.load_t[slot], t.coupled[slot], x, w.T, w.scratch
-        )
+        inputs(t, slot, x, w.T, w.scratch)
         for i in range(watched.shape[0]):
             value = dot(t.signals[slot, watched[i]], x) + dot(t.signals_t[slot, watched[i]], w.T)
             if not abs(value) <= bound[i]:
@@ -219,9 +230,9 @@ def beyond(t, slot, x, w, watched, bound):
 
 
 @kernel
-def evaluate(tables, lent, states, slots, values):
+def evaluate(tables, loan, states, slots, values):
     """values[i, output] = every output of the rig at states[i] in slot slots[i]."""
-    judge(tables.content, lent.content[0], states, slots, values)
+    judge(lent(tables.content), lent(loan.content[0]), states, slots, values)
 
 
 @inner
@@ -229,6 +240,6 @@ def judge(t, w, states, slots, values):
     """`evaluate` on borrowed arrays."""
     for i in range(states.shape[0]):
         s, x = slots[i], states[i]
-        friction(t.sigma[s], t.code, t.numbers, t.slip, t.load[s], t.load_t[s], t.coupled[s], x, w.T, w.scratch)
+        inputs(t, s, x, w.T, w.scratch)
         for k in range(values.shape[1]):
             values[i, k] = dot(t.signals[s, k], x) + dot(t.signals_t[s, k], w.T)

@@ -1,8 +1,8 @@
-"""Dormand-Prince 5(4) with dense output and events, for slip under a law that depends on speed.
+"""Dormand-Prince 5(4) with dense output and events, for what is not linear: laws over speed in slip, products.
 
 x' = A x + b T(x). Steps are not cut at ticks; the quartic dense output gives the state there. Guards are polynomials
-of the dense output and their first fall ends the step. Stick is linear for any law and is left to the exact
-propagator. The law is continued smoothly through w = 0, so the trial step over an event keeps its order.
+of the dense output and their first fall ends the step. Stick is linear for any law and, without products, is left to
+the exact propagator. The law is continued smoothly through w = 0, so the trial step over an event keeps its order.
 
 Source: Dormand and Prince, J. Comp. Appl. Math. 6 (1980) 19; dense output: Hairer, Norsett, Wanner, Solving Ordinary
 Differential Equations I, section II.6.
@@ -13,10 +13,11 @@ from __future__ import annotations
 import numpy as np
 
 from rig.kernel import inner
+from rig.solve.books import book, lend_books, read
 from rig.solve.emit import emit_quartic, quartic
-from rig.solve.field import book, forces, lend, lend_books, rate, read, slope
+from rig.solve.forces import dot, forces, lend, rate, rounding, slope
 from rig.solve.roots import NONE, first_fall
-from rig.solve.settle import LAND, dot, rounding, transition
+from rig.solve.settle import land, passed
 
 _STAGES = np.array(
     [
@@ -109,16 +110,18 @@ def fall(shape, f, d, x, z, poly, work):
     """First fall of any guard along the dense output: (theta or NONE, guard)."""
     first, guard = NONE, -1
     for g in range(f.G.shape[0]):
+        noise = rounding(f.G[g], x)
         if f.needs[g]:
             for q in range(5):
                 at(shape, d, 0.25 * q, z)
                 forces(f, z)
                 poly[q] = dot(f.G[g], z) + dot(f.GT[g], f.T)
+                noise = max(noise, rounding(f.GT[g], f.T))
             poly[0], poly[1], poly[2], poly[3], poly[4] = quartic(poly[0], poly[1], poly[2], poly[3], poly[4])
         else:
             for c in range(5):
                 poly[c] = dot(f.G[g], d[c])
-        theta = first_fall(poly, 4, rounding(f.G[g], x), work)
+        theta = first_fall(poly, 4, noise, work)
         if theta < first:
             first, guard = theta, g
     return first, guard
@@ -151,7 +154,7 @@ def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, out, modes, energy, boo
     """
     n = len(shape)
     tick_length = t.step[0]
-    f, b = lend(t, slot, w), lend_books(t, slot, w)
+    f, b = lend(t, slot, w.T, w.scratch), lend_books(t, slot, w.T)
     k, y, z, d, size = w.k, w.y, w.y2, w.derivatives, w.size
     slope(shape, f, True, x, k[0])
     for i in range(n):
@@ -202,13 +205,14 @@ def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, out, modes, energy, boo
             at(shape, d, end, z)
             for i in range(n):
                 x[i] = z[i]
-            ic[1] = transition(t.kind[slot, guard], t.owner[slot, guard], t.slip.shape[0], t.of_patch.shape[0], ic[1])
-            ic[2] = LAND
+            passed(t, slot, guard, ic, x)
             return guard
         for i in range(n):
             x[i] = y[i]
             k[0, i] = k[6, i]
             size[i] = max(size[i], abs(x[i]))
+        if t.stuck[slot]:
+            land(t, slot, x, w.copy)
     for i in range(n):
         out[ticks - 1, i] = x[i]
     return -1

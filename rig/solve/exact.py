@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from rig.kernel import inlined, inner
 from rig.solve.emit import emit_linear
+from rig.solve.forces import dot, rounding
 from rig.solve.ledger import book
 from rig.solve.roots import NONE, first_fall
-from rig.solve.settle import LAND, dot, rounding, transition
+from rig.solve.settle import passed
 
 
 @inner
@@ -152,8 +153,7 @@ def opened(t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
         u = u + reach * length if guard >= 0 else (int(position) + 1) / cells
         if guard >= 0:
             fc[0] = u
-            ic[2] = LAND
-            ic[1] = transition(t.kind[slot, guard], t.owner[slot, guard], t.slip.shape[0], t.of_patch.shape[0], ic[1])
+            passed(t, slot, guard, ic, x)
             return guard
     fc[0] = 0.0
     return -1

@@ -1,8 +1,9 @@
 """One formulation for every rig: the matrices of one mode set.
 
 Each friction patch is in slip+ (w > 0), slip- or stick, each normal force closed or open, each limiter linear, low or
-high. Within a mode set whose friction coefficients are constant the motion is linear, x' = A x. A patch whose
-coefficient depends on speed contributes x' = A x + b T with its friction force T as input:
+high, each place on a path in one sector. Within a mode set whose friction coefficients are constant the motion is
+linear, x' = A x. What is not, contributes x' = A x + b T with inputs T: the friction force of a patch whose coefficient
+depends on speed, and products of states (rig.solve.products):
 
     [ Me   -T_P ] [ a   ]   [ F - K q - D v + sum_closed d_k r_k + sum_limiters                ]
     [ C_P    0  ] [ lam ] = [ rest of dw/dt: W_q v + W_e E + W_s S                               ] x
@@ -16,133 +17,41 @@ Pi = I + M^-1 T (C M^-1 T)^-1 W, mass-weighted, removes the rest of w and moves 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve.laws import Law
+from rig.solve.system import (
+    CLOSED,
+    G_CLOSE,
+    G_LIMIT_BACK,
+    G_LIMIT_HIGH,
+    G_LIMIT_LOW,
+    G_NEXT,
+    G_OPEN,
+    G_PREVIOUS,
+    G_RELEASE_MINUS,
+    G_RELEASE_PLUS,
+    G_SLIP,
+    LINEAR,
+    LOW,
+    OPEN,
+    SLIP_PLUS,
+    STICK,
+    System,
+)
 
 Array = NDArray[np.float64]
-
-SLIP_PLUS, SLIP_MINUS, STICK = range(3)
-CLOSED, OPEN = range(2)
-LINEAR, LOW, HIGH = range(3)
-
-# kinds of guards: what happens when the guard falls through zero
-G_SLIP, G_RELEASE_PLUS, G_RELEASE_MINUS, G_OPEN, G_CLOSE, G_LIMIT_LOW, G_LIMIT_HIGH, G_LIMIT_BACK = range(8)
-GUARD_NAMES = ("slip ends", "releases +", "releases -", "opens", "closes", "clamps low", "clamps high", "unclamps")
-
-
-@dataclass(frozen=True)
-class Patch:
-    """A friction patch: `direction` [coordinate] of the friction force, `surface` speed row [state], its law."""
-
-    name: str
-    direction: Array
-    surface: Array
-    law: Law
-
-
-@dataclass(frozen=True)
-class Normal:
-    """A normal force N = row x + inertia . a of patch number `patch`, acting along `direction`."""
-
-    name: str
-    patch: int
-    row: Array
-    direction: Array
-    inertia: Array
-    opens: bool
-
-
-@dataclass(frozen=True)
-class Limiter:
-    """A clamp: the derivative of state `state` gains `gain * min(max(row x, low), high)`."""
-
-    name: str
-    row: Array
-    low: float
-    high: float
-    state: int
-    gain: float
-
-
-@dataclass(frozen=True)
-class System:
-    """A rig as matrices over x = [q, v, network, signals]; the first signal is the constant one."""
-
-    names: tuple[str, ...]
-    coordinates: tuple[str, ...]
-    mass: Array
-    damping: Array
-    stiffness: Array
-    force: Array
-    network: Array
-    signals: Array
-    patches: tuple[Patch, ...]
-    normals: tuple[Normal, ...]
-    limiters: tuple[Limiter, ...]
-    start: Array
-    slip_rows: Array = field(init=False)
-
-    def __post_init__(self) -> None:
-        nq = len(self.coordinates)
-        rows = np.array([p.surface for p in self.patches]).reshape(-1, self.n)
-        for i, patch in enumerate(self.patches):
-            rows[i, nq : 2 * nq] -= patch.direction
-        object.__setattr__(self, "slip_rows", rows)
-
-    @property
-    def n(self) -> int:
-        """Number of states."""
-        return len(self.names)
-
-    @property
-    def one(self) -> int:
-        """Index of the constant signal."""
-        return 2 * len(self.coordinates) + len(self.network)
-
-    @property
-    def keys(self) -> int:
-        """Number of mode sets."""
-        return int(3 ** len(self.patches) * 2 ** len(self.normals) * 3 ** len(self.limiters))
-
-    def key(self, patches: Sequence[int], normals: Sequence[int], limiters: Sequence[int]) -> int:
-        """Mixed-radix number of a mode set."""
-        key, base = 0, 1
-        for modes, radix in ((patches, 3), (normals, 2), (limiters, 3)):
-            for mode in modes:
-                key += int(mode) * base
-                base *= radix
-        return key
-
-    def modes(self, key: int) -> tuple[list[int], list[int], list[int]]:
-        """The mode set of a number."""
-        out: list[list[int]] = []
-        for count, radix in ((len(self.patches), 3), (len(self.normals), 2), (len(self.limiters), 3)):
-            modes = []
-            for _ in range(count):
-                modes.append(key % radix)
-                key //= radix
-            out.append(modes)
-        return out[0], out[1], out[2]
-
-    def describe(self, key: int) -> str:
-        """The mode set in words, e.g. "contact slip+"."""
-        patches, normals, limiters = self.modes(key)
-        words = [f"{p.name} {('slip+', 'slip-', 'stick')[m]}" for p, m in zip(self.patches, patches)]
-        words += [f"{k.name} open" for k, m in zip(self.normals, normals) if m == OPEN]
-        words += [f"{x.name} {('', 'low', 'high')[m]}" for x, m in zip(self.limiters, limiters) if m]
-        return ", ".join(words) or "free"
 
 
 @dataclass(frozen=True)
 class ModeSet:
     """One mode set: x' = A x + b T, every output and guard a row over x and, where a law needs it, over T.
 
-    T [patch]: friction force; rows `friction` + `friction_t` T give the force of every patch (reaction in stick),
-    `normal` + `normal_t` T the normal forces. `sigma` is +-1 in slip, 0 else. `jam` = det(Me)/det(M).
+    T: inputs [friction forces, products]; rows `friction` + `friction_t` T give the force of every patch (reaction in
+    stick), `normal` + `normal_t` T the normal forces. `sigma` is +-1 in slip, 0 else. `nonlinear`: slips under a law
+    over speed. `jam` = det(Me)/det(M).
     """
 
     key: int
@@ -164,20 +73,22 @@ class ModeSet:
 
 def assemble(system: System, key: int) -> ModeSet:
     """The matrices of mode set `key` (numpy, a fraction of a millisecond; runs once for each set visited)."""
-    patch_modes, normal_modes, limiter_modes = system.modes(key)
-    nq, n = len(system.coordinates), system.n
+    patch_modes, normal_modes, limiter_modes, sector_modes = system.modes(key)
+    nq, n, inputs = len(system.coordinates), system.n, system.inputs
     v = slice(nq, 2 * nq)
     P, K = len(system.patches), len(system.normals)
+    laws = [system.law(p, sector_modes) for p in range(P)]
     loaded = [any(k.patch == p and normal_modes[i] == CLOSED for i, k in enumerate(system.normals)) for p in range(P)]
     sigma = np.array(
         [0.0 if m == STICK or not loaded[p] else (1.0 if m == SLIP_PLUS else -1.0) for p, m in enumerate(patch_modes)]
     )
-    over_speed = np.array([not p.law.constant for p in system.patches], dtype=bool)
+    over_speed = np.array([not law.constant for law in laws], dtype=bool)
     nonlinear = over_speed & (sigma != 0.0)
     stuck = [p for p, m in enumerate(patch_modes) if m == STICK and loaded[p]]
 
     Me = system.mass.copy()
-    R = system.force.copy()
+    R, R_t = system.force.copy(), np.zeros((nq, inputs))
+    R_t[:, P:] = system.force_t
     R[:, :nq] -= system.stiffness
     R[:, v] -= system.damping
     for k, normal in enumerate(system.normals):
@@ -186,9 +97,10 @@ def assemble(system: System, key: int) -> ModeSet:
         d = normal.direction.copy()
         p = normal.patch
         if sigma[p] != 0.0 and not nonlinear[p]:
-            d += sigma[p] * system.patches[p].law.numbers[0] * system.patches[p].direction
+            d += sigma[p] * laws[p].numbers[0] * system.patches[p].direction
         Me -= np.outer(d, normal.inertia)
         R += np.outer(d, normal.row)
+        R_t[:, P:] += np.outer(d, normal.row_t)
 
     signals = system.signals.copy()
     first = system.one
@@ -213,8 +125,8 @@ def assemble(system: System, key: int) -> ModeSet:
     lhs[:nq, :nq] = Me
     lhs[:nq, nq:] = -directions[stuck].T
     lhs[nq:, :nq] = C
-    rhs = np.zeros((nq + s, n + P))
-    rhs[:nq, :n] = R
+    rhs = np.zeros((nq + s, n + inputs))
+    rhs[:nq, :n], rhs[:nq, n:] = R, R_t
     rhs[nq:, :n] = rest
     for p in range(P):
         if nonlinear[p]:
@@ -227,14 +139,15 @@ def assemble(system: System, key: int) -> ModeSet:
     A[v] = a[:, :n]
     A[2 * nq : first] = system.network
     A[first:] = signals
-    b = np.zeros((n, P))
+    b = np.zeros((n, inputs))
     b[v] = a[:, n:]
 
-    loads, loads_t = np.zeros((K, n)), np.zeros((K, P))
+    loads, loads_t = np.zeros((K, n)), np.zeros((K, inputs))
     for k, contact in enumerate(system.normals):
         loads[k] = contact.row + contact.inertia @ a[:, :n]
         loads_t[k] = contact.inertia @ a[:, n:]
-    friction, friction_t = np.zeros((P, n)), np.zeros((P, P))
+        loads_t[k, P:] += contact.row_t
+    friction, friction_t = np.zeros((P, n)), np.zeros((P, inputs))
     for p in range(P):
         if p in stuck:
             friction[p], friction_t[p] = lam[stuck.index(p), :n], lam[stuck.index(p), n:]
@@ -243,8 +156,11 @@ def assemble(system: System, key: int) -> ModeSet:
         elif sigma[p] != 0.0:
             for k, contact in enumerate(system.normals):
                 if contact.patch == p and normal_modes[k] == CLOSED:
-                    friction[p] += sigma[p] * system.patches[p].law.numbers[0] * loads[k]
-                    friction_t[p] += sigma[p] * system.patches[p].law.numbers[0] * loads_t[k]
+                    friction[p] += sigma[p] * laws[p].numbers[0] * loads[k]
+                    friction_t[p] += sigma[p] * laws[p].numbers[0] * loads_t[k]
+    for j, product in enumerate(system.products):
+        if product.level == 2 and np.any(friction_t[:, P + j]):
+            raise ValueError(f"product {product.name}: what a stuck contact needs cannot depend on its own force")
 
     landing = np.eye(n)
     if stuck:
@@ -264,7 +180,7 @@ def assemble(system: System, key: int) -> ModeSet:
         sigma=sigma,
         nonlinear=nonlinear,
         guards=np.array(guards).reshape(-1, n),
-        guards_t=np.array(guards_t).reshape(len(guards), P),
+        guards_t=np.array(guards_t).reshape(len(guards), inputs),
         kinds=np.array(kinds, dtype=np.int64),
         owners=np.array(owners, dtype=np.int64),
         jam=float(np.linalg.det(Me) / np.linalg.det(system.mass)) if nq else 1.0,
@@ -282,8 +198,8 @@ def _guards(
     loads_t: Array,
 ) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
     """What holds while the mode set lasts, as rows over x and T that stay positive; their kinds and owners."""
-    _, normal_modes, limiter_modes = system.modes(key)
-    n, P = system.n, len(system.patches)
+    _, normal_modes, limiter_modes, sector_modes = system.modes(key)
+    n, inputs = system.n, system.inputs
     guards: list[Array] = []
     guards_t: list[Array] = []
     kinds: list[int] = []
@@ -296,17 +212,18 @@ def _guards(
             kinds.append(kind)
             owners.append(owner)
 
-    for p, patch in enumerate(system.patches):
+    for p in range(len(system.patches)):
+        static = system.law(p, sector_modes).static
         if p in stuck:
-            limit, limit_t = np.zeros(n), np.zeros(P)
+            limit, limit_t = np.zeros(n), np.zeros(inputs)
             for k, contact in enumerate(system.normals):
                 if contact.patch == p and normal_modes[k] == CLOSED:
-                    limit += patch.law.static * loads[k]
-                    limit_t += patch.law.static * loads_t[k]
+                    limit += static * loads[k]
+                    limit_t += static * loads_t[k]
             guard(limit - friction[p], limit_t - friction_t[p], G_RELEASE_PLUS, p)
             guard(limit + friction[p], limit_t + friction_t[p], G_RELEASE_MINUS, p)
         elif sigma[p] != 0.0:
-            guard(sigma[p] * system.slip_rows[p], np.zeros(P), G_SLIP, p)
+            guard(sigma[p] * system.slip_rows[p], np.zeros(inputs), G_SLIP, p)
     for k, contact in enumerate(system.normals):
         if not contact.opens or _never_changes(loads[k], loads_t[k], system):
             continue
@@ -318,14 +235,19 @@ def _guards(
     for x, (limiter, mode) in enumerate(zip(system.limiters, limiter_modes)):
         below, above = limiter.row - limiter.low * one, limiter.high * one - limiter.row
         if mode == LINEAR:
-            guard(below, np.zeros(P), G_LIMIT_LOW, x)
-            guard(above, np.zeros(P), G_LIMIT_HIGH, x)
+            guard(below, np.zeros(inputs), G_LIMIT_LOW, x)
+            guard(above, np.zeros(inputs), G_LIMIT_HIGH, x)
         else:
-            guard(-below if mode == LOW else -above, np.zeros(P), G_LIMIT_BACK, x)
+            guard(-below if mode == LOW else -above, np.zeros(inputs), G_LIMIT_BACK, x)
+    for s, (sector, where) in enumerate(zip(system.sectors, sector_modes)):
+        if sigma[sector.patch] != 0.0:  # a stuck contact stays where it is
+            ends = (*sector.edges, sector.period)
+            guard(ends[where + 1] * one - sector.row, np.zeros(inputs), G_NEXT, s)
+            guard(sector.row - ends[where] * one, np.zeros(inputs), G_PREVIOUS, s)
 
     return (
         np.array(guards).reshape(-1, n),
-        np.array(guards_t).reshape(len(guards), P),
+        np.array(guards_t).reshape(len(guards), inputs),
         np.array(kinds, dtype=np.int64),
         np.array(owners, dtype=np.int64),
     )

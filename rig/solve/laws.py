@@ -75,9 +75,13 @@ def table(speeds: NDArray[np.float64], values: NDArray[np.float64], static: floa
     return Law(static, TABLE, tuple(float(v) for v in numbers))
 
 
-def pack(laws: tuple[Law, ...]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Codes [patch] and numbers [patch, widest] for the kernels."""
-    width = max((len(law.numbers) for law in laws), default=1)
+def width(laws: tuple[Law, ...]) -> int:
+    """How many numbers the longest of these laws has."""
+    return max((len(law.numbers) for law in laws), default=1)
+
+
+def pack(laws: tuple[Law, ...], width: int) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Codes [patch] and numbers [patch, width] for the kernels."""
     numbers = np.zeros((len(laws), width))
     for i, law in enumerate(laws):
         numbers[i, : len(law.numbers)] = law.numbers

@@ -1,10 +1,10 @@
 """The energy ledger: where the energy of the structure comes from and where it goes, each term on its own.
 
     stored'  = v.M a + q.K v = drive - friction - damper + forces + normal
-    drive    = sum_p T_p V_p      supplied by the belt or disc
+    drive    = sum_p T_p V_p      supplied by the belt or disc; V_p = w_p + t_p.v
     friction = sum_p T_p w_p      turned into heat at the contacts, never negative
     damper   = v.D v
-    forces   = v.F x              supplied by external forces
+    forces   = v.(F x + F_t T)    supplied by external forces and products
     normal   = sum_k N_k n_k.v    supplied through normal forces
 
 Every power is a quadratic form x.Q x of the mode set; its integral over a cell is x.W x with W from the same ladder as
@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from rig.kernel import inner
 from rig.solve.expm import ORDER, taylor
-from rig.solve.formulation import ModeSet, System
+from rig.solve.formulation import ModeSet
+from rig.solve.system import System
 
 Array = NDArray[np.float64]
 NAMES = ("drive", "friction", "damper", "forces", "normal")
@@ -32,10 +33,11 @@ def powers(system: System, modes: ModeSet) -> Array:
     """Quadratic forms of the five powers, [term, n, n], symmetric."""
     nq, n = len(system.coordinates), system.n
     velocity = np.eye(n)[nq : 2 * nq]
-    _, normal_modes, _ = system.modes(modes.key)
+    normal_modes = system.modes(modes.key)[1]
     out = np.zeros((TERMS, n, n))
-    for p, patch in enumerate(system.patches):
-        out[0] += np.outer(modes.friction[p], patch.surface)
+    surface = supplied(system)
+    for p in range(len(system.patches)):
+        out[0] += np.outer(modes.friction[p], surface[p])
         out[1] += np.outer(modes.friction[p], system.slip_rows[p])
     out[2] = velocity.T @ system.damping @ velocity
     out[3] = velocity.T @ system.force
@@ -43,6 +45,15 @@ def powers(system: System, modes: ModeSet) -> Array:
         if normal_modes[k] == 0:
             out[4] += np.outer(modes.normal[k], contact.direction @ velocity)
     return 0.5 * (out + out.transpose(0, 2, 1))
+
+
+def supplied(system: System) -> Array:
+    """Rows of the surface speeds that friction forces draw their power from, [patch, n]."""
+    nq = len(system.coordinates)
+    rows = system.slip_rows.copy()
+    for p, patch in enumerate(system.patches):
+        rows[p, nq : 2 * nq] += patch.direction
+    return rows
 
 
 def stored(system: System, x: Array) -> float:

@@ -1,7 +1,8 @@
 """Small motions about steady sliding: the equilibrium of a mode set and its linearisation, from the run's own matrices.
 
-    0 = A x + b T(x),   dx' = (A + sum_p b_p dT_p/dx) dx
+    0 = A x + b T(x),   dx' = (A + b dT/dx) dx
     T_p = sigma mu(sigma w_p) N_p,   dT_p = sigma mu dN_p + N_p mu' dw_p,   N = load x + load_t T
+    products by the product rule (rig.solve.products)
 
 Signals that nothing settles (commands, generators) are held at their values; lags settle. Eigenvalues are those of the
 states that structure and network move: what only drives them (the exosystem) has a spectrum of its own.
@@ -15,7 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve.formulation import CLOSED, SLIP_MINUS, SLIP_PLUS, STICK, ModeSet, System, assemble
+from rig.solve import products
+from rig.solve.formulation import ModeSet, assemble
+from rig.solve.system import CLOSED, SLIP_MINUS, SLIP_PLUS, STICK, System
 
 Array = NDArray[np.float64]
 Contact = Callable[[int, float, float], tuple[float, float, float]]
@@ -138,7 +141,7 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
     nq = len(system.coordinates)
     x[nq : 2 * nq] = 0.0  # q' = v: what Newton leaves there is rounding
     speed = system.slip_rows @ x
-    friction = np.where(modes.nonlinear, T, modes.friction @ x + modes.friction_t @ T)
+    friction = modes.friction @ x + modes.friction_t @ T
     agrees = bool(np.all(modes.sigma * speed > 0.0)) and bool(np.all(load[modes.sigma != 0.0] > 0.0))
     exists = not stuck and residual <= 1e-9 * scale and agrees
     return Steady(system, modes, exists, x, A, moving, speed, load, friction)
@@ -146,9 +149,11 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
 
 def own_law(system: System, modes: ModeSet) -> Contact:
     """The friction of a patch in slip by its own law, continued to rest where w has the other sign."""
+    sectors = system.modes(modes.key)[3]
+    laws = [system.law(p, sectors) for p in range(len(system.patches))]
 
     def contact(p: int, w: float, N: float) -> tuple[float, float, float]:
-        sigma, law = float(modes.sigma[p]), system.patches[p].law
+        sigma, law = float(modes.sigma[p]), laws[p]
         v = max(sigma * w, 0.0)
         mu = law.mu(v)
         return sigma * mu * N, law.slope(v) * N, sigma * mu
@@ -157,24 +162,50 @@ def own_law(system: System, modes: ModeSet) -> Contact:
 
 
 def linearised(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[Array, Array, Array]:
-    """Matrix of small motions at x, friction forces T and normal forces [patch] there."""
-    P = len(system.patches)
-    _, normal_modes, _ = system.modes(modes.key)
-    load, load_t = np.zeros((P, system.n)), np.zeros((P, P))
+    """Matrix of small motions at x, inputs T and normal forces [patch] there."""
+    T, dT = inputs(system, modes, x, contact)
+    load, load_t = loads(system, modes)
+    return modes.A + modes.b @ dT, T, load @ x + load_t @ T
+
+
+def loads(system: System, modes: ModeSet) -> tuple[Array, Array]:
+    """Rows of the closed normal forces of each patch: over x [patch, n] and over the inputs [patch, inputs]."""
+    P, closed = len(system.patches), system.modes(modes.key)[1]
+    load, load_t = np.zeros((P, system.n)), np.zeros((P, system.inputs))
     for k, normal in enumerate(system.normals):
-        if normal_modes[k] == CLOSED:
+        if closed[k] == CLOSED:
             load[normal.patch] += modes.normal[k]
             load_t[normal.patch] += modes.normal_t[k]
+    return load, load_t
+
+
+def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[Array, Array]:
+    """The inputs T at x and their slopes over x [input, n]: what rig.solve.forces does, with the chain rule."""
+    P, n = len(system.patches), system.n
+    T, dT = np.zeros(system.inputs), np.zeros((system.inputs, n))
+    closed = np.array([mode == CLOSED for mode in system.modes(modes.key)[1]], dtype=bool).reshape(-1, 1)
+
+    def multiply(level: int) -> None:
+        pressed = closed[:, 0] * (modes.normal @ x + modes.normal_t @ T), closed * (modes.normal + modes.normal_t @ dT)
+        rubbed = modes.friction @ x + modes.friction_t @ T, modes.friction + modes.friction_t @ dT
+        values, slopes = products.tangent(system.products, level, x, (pressed, rubbed))
+        T[P:] += values
+        dT[P:] += slopes
+
+    multiply(0)
+    multiply(1)
+    load, load_t = loads(system, modes)
     slipping = np.flatnonzero(modes.nonlinear)
     w = system.slip_rows @ x
-    T, by_speed, by_load = np.zeros(P), np.zeros(P), np.zeros(P)
-    for _ in range(_ROUNDS if np.any(load_t) else 2):  # N depends on T only where the inertia of an absorber bears it
+    by_speed, by_load = np.zeros(P), np.zeros(P)
+    for _ in range(_ROUNDS if np.any(load_t[:, :P]) else 1):  # N depends on T where the inertia of an absorber bears it
         N = load @ x + load_t @ T
         before = T.copy()
         for p in slipping:
             T[p], by_speed[p], by_load[p] = contact(int(p), float(w[p]), float(N[p]))
         if np.allclose(T, before, rtol=1e-14, atol=0.0):
             break
-    change = by_speed[:, None] * system.slip_rows + by_load[:, None] * load
-    dT = np.linalg.solve(np.eye(P) - by_load[:, None] * load_t, change) if P else change
-    return modes.A + modes.b @ dT, T, load @ x + load_t @ T
+    change = by_speed[:, None] * system.slip_rows + by_load[:, None] * (load + load_t[:, P:] @ dT[P:])
+    dT[:P] = np.linalg.solve(np.eye(P) - by_load[:, None] * load_t[:, :P], change) if P else change
+    multiply(2)
+    return T, dT

@@ -34,14 +34,20 @@ from rig.solve.carry import (
     evaluate,
 )
 from rig.solve.emit import empty_segments
-from rig.solve.formulation import G_LIMIT_LOW, G_OPEN, GUARD_NAMES, STICK, System
 from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
 from rig.solve.settle import CHATTER, DONE, JAM, LOST, NEED, OVERFULL, SETTLE, START
 from rig.solve.slots import Slots
+from rig.solve.system import G_LIMIT_LOW, G_NEXT, G_OPEN, GUARD_NAMES, STICK, System
 
 Array = NDArray[np.float64]
 METHODS = ("exact", "dopri5", "rk4")
 SEGMENTS = 1024
+UNROLLED = 8
+
+
+def chosen(method: str, system: System) -> str:
+    """The method that "auto" stands for: exact where the motion is linear in every mode set, else dopri5."""
+    return method if method != "auto" else "exact" if system.linear else "dopri5"
 
 
 @dataclass(frozen=True)
@@ -110,16 +116,19 @@ class Motion:
         self._run(0, 0)
 
     def _set(self, system: System) -> None:
-        if self.method == "exact" and any(not p.law.constant for p in system.patches):
-            names = ", ".join(p.name for p in system.patches if not p.law.constant)
-            raise ValueError(f"exact needs friction that is constant in slip; {names} depends on speed: use dopri5")
+        if self.method == "exact" and not system.linear:
+            bent = [p.name for i, p in enumerate(system.patches) if any(not law.constant for law in system.laws(i))]
+            bent += [product.name for product in system.products]
+            raise ValueError(
+                f"exact needs motion that is linear in every mode set; not so {', '.join(bent)}: use dopri5"
+            )
         self.system = system
         self.slots = Slots(system, self.step_ns * 1e-9, self._outputs)
-        self._shape = (0.0,) * system.n
+        # n as a constant of the compiled code where that pays; above, one compiled code serves all
+        self._shape = (0.0,) * system.n if system.n <= UNROLLED else np.zeros(system.n)
         self._carry: Callable[..., int] | None = None
-        falling = any(not p.law.constant for p in system.patches)
         self._how = (
-            self.tolerance if falling and self.method == "dopri5" else None,
+            self.tolerance if not system.linear and self.method == "dopri5" else None,
             self.substeps if self.method == "rk4" else None,
             self.booking,
             self._read > 0,
@@ -189,12 +198,12 @@ class Motion:
     def replace(self, system: System) -> None:
         """Go on as another system from here: equal states keep their values, modes are settled anew.
 
-        Both must have the same patches, normals and limiters. What the change does to the stored energy is booked as
-        an impulse.
+        Both must have the same patches, normals, limiters and sectors. What the change does to the stored energy is
+        booked as an impulse.
         """
         x = dict(zip(self.system.names, self.state.x.tolist()))
         before = ledger.stored(self.system, self.state.x)
-        key = self.key
+        modes = self.system.modes(self.key)
         old, tally = self.system, self.state.tally.copy()
         visited = [s.key for s in self.slots.sets]
         self._set(system)
@@ -205,7 +214,7 @@ class Motion:
             self.work = _work(system, self._read, self.slots.tables.G.shape[1])
             self.log = self.log._replace(out=np.zeros((len(self.log.out), system.n)))
         self.state = self.state._replace(x=kept, tally=tally)
-        self.state.ic[KEY] = key
+        self.state.ic[KEY] = system.key(*modes[:3], [sector.at(kept) for sector in system.sectors])
         self.state.ic[PENDING] = SETTLE
         self._jumps += ledger.stored(system, kept) - before
         self._lend()
@@ -273,7 +282,9 @@ class Motion:
 
     def what(self, kind: int, owner: int) -> str:
         """An event in words, e.g. "contact releases +"."""
-        if kind >= G_LIMIT_LOW:
+        if kind >= G_NEXT:
+            name = self.system.sectors[owner].name
+        elif kind >= G_LIMIT_LOW:
             name = self.system.limiters[owner].name
         elif kind >= G_OPEN:
             name = self.system.normals[owner].name
@@ -332,7 +343,7 @@ def _work(system: System, read: int, guards: int) -> Work:
         x0=np.zeros(n),
         copy=np.zeros(n),
         size=np.zeros(n),
-        T=np.zeros(P),
+        T=np.zeros(system.inputs),
         scratch=np.zeros((P, P)),
         derivatives=np.zeros((DEGREE + 1, n)),
         spare=np.zeros((DEGREE + 1, n)),

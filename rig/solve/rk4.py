@@ -7,22 +7,32 @@ the reason it is not the default. It serves comparison, and it serves every mode
 from __future__ import annotations
 
 from rig.kernel import inlined, inner
+from rig.solve.books import book, lend_books, read
 from rig.solve.emit import emit_quartic
-from rig.solve.field import book, forces, guard, lend, lend_books, rate, read, slope
-from rig.solve.settle import LAND, dot, rounding, transition
+from rig.solve.forces import forces, guard, lend, rate, rounding, slope
+from rig.solve.settle import land, passed
 
 
 @inlined
-def move(shape, f, falling, k, x, h, y, z):
+def move(shape, f, curved, k, x, h, y, z):
     """One step of length h from x, whose derivative k[0] is known: its end y; z is scratch."""
     n = len(shape)
     for stage in range(3):
         reach = h if stage == 2 else 0.5 * h
         for i in range(n):
             z[i] = x[i] + reach * k[stage, i]
-        rate(shape, f, falling, z, k[stage + 1])
+        rate(shape, f, curved, z, k[stage + 1])
     for i in range(n):
         y[i] = x[i] + (h / 6.0) * (k[0, i] + 2.0 * (k[1, i] + k[2, i]) + k[3, i])
+
+
+@inner
+def noise(f, g, x):
+    """Size of the rounding error of guard g at x, whose inputs are f.T where the guard needs them."""
+    size = rounding(f.G[g], x)
+    if f.needs[g]:
+        size = max(size, rounding(f.GT[g], f.T))
+    return size
 
 
 @inlined
@@ -31,25 +41,25 @@ def fell(f, x, y):
     fallen = -1
     for g in range(f.G.shape[0]):
         if fallen < 0 and guard(f, g, y) <= 0.0:
-            if guard(f, g, x) > rounding(f.G[g], x) or dot(f.G[g], y) < -rounding(f.G[g], y):
+            if guard(f, g, x) > noise(f, g, x) or guard(f, g, y) < -noise(f, g, y):
                 fallen = g
     return fallen
 
 
 @inner
-def bisect(shape, f, falling, k, x, h, y, z):
+def bisect(shape, f, curved, k, x, h, y, z):
     """Shorten the step until the first guard is zero to rounding: its length, y at that instant."""
     low, high = 0.0, h
     for _ in range(60):
         middle = 0.5 * (low + high)
         if middle <= low or middle >= high:
             break
-        move(shape, f, falling, k, x, middle, y, z)
+        move(shape, f, curved, k, x, middle, y, z)
         if fell(f, x, y) >= 0:
             high = middle
         else:
             low = middle
-    move(shape, f, falling, k, x, high, y, z)
+    move(shape, f, curved, k, x, high, y, z)
     return high
 
 
@@ -81,30 +91,31 @@ def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, substeps, out, modes, e
     """Carry x until an event or the end of the ticks asked for, `substeps` steps a tick. Returns the guard or -1."""
     n = len(shape)
     full = t.step[0] / substeps
-    f, b = lend(t, slot, w), lend_books(t, slot, w)
+    f, b = lend(t, slot, w.T, w.scratch), lend_books(t, slot, w.T)
     k, y, z = w.k, w.y, w.y2
-    falling = t.falling[slot] != 0
+    curved = t.curved[slot] != 0
     while ic[0] < ticks:
         position = fc[0] * substeps
         whole = int(position + 1e-12) + 1
         h = full if position - (whole - 1) <= 1e-12 else (whole - position) * full
-        rate(shape, f, falling, x, k[0])
-        move(shape, f, falling, k, x, h, y, z)
+        rate(shape, f, curved, x, k[0])
+        move(shape, f, curved, k, x, h, y, z)
         fallen = fell(f, x, y)
         length = h
         if fallen >= 0:
-            length = bisect(shape, f, falling, k, x, h, y, z)
+            length = bisect(shape, f, curved, k, x, h, y, z)
             fallen = max(fell(f, x, y), 0)
         if booking or emitting:
-            slope(shape, f, falling, y, k[1])
+            slope(shape, f, curved, y, k[1])
             start = (ic[0] - origin + fc[0]) * t.step[0]
             observe(shape, f, b, k, x, y, length, z, start, booking, energy, emitting, w.values, seg)
         for i in range(n):
             x[i] = y[i]
+        if t.stuck[slot]:
+            land(t, slot, x, w.copy)
         if fallen >= 0:
             fc[0] = min((position + length / full) / substeps, 1.0 - 1.2e-16)
-            ic[1] = transition(t.kind[slot, fallen], t.owner[slot, fallen], t.slip.shape[0], t.of_patch.shape[0], ic[1])
-            ic[2] = LAND
+            passed(t, slot, fallen, ic, x)
             return fallen
         if whole >= substeps:
             for i in range(n):

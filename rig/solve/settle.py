@@ -9,10 +9,12 @@ belt: a stuck body whose belt jumps slips, and no energy moves by itself.
 from __future__ import annotations
 
 from rig.kernel import inlined, inner
-from rig.solve.formulation import (
+from rig.solve.forces import dot, inputs, rounding
+from rig.solve.system import (
     G_CLOSE,
     G_LIMIT_BACK,
     G_LIMIT_LOW,
+    G_NEXT,
     G_OPEN,
     G_RELEASE_PLUS,
     G_SLIP,
@@ -20,76 +22,11 @@ from rig.solve.formulation import (
     SLIP_PLUS,
     STICK,
 )
-from rig.solve.laws import mu
 
 DONE, NEED, CHATTER, JAM, LOST, OVERFULL = range(6)  # what a kernel returns
 READY, SETTLE, LAND, START = range(4)  # what a run has to do first
 
-_ROUND = 64.0 * 2.2e-16
 _SLACK = 1e-9  # a contact that slips and sticks in the same instant may hold this much more
-
-
-@inner
-def dot(row, x):
-    """Row . x, summed in index order."""
-    s = 0.0
-    for j in range(row.shape[0]):
-        s += row[j] * x[j]
-    return s
-
-
-@inner
-def rounding(row, x):
-    """Size of the rounding error of row . x."""
-    s = 0.0
-    for j in range(row.shape[0]):
-        s += abs(row[j] * x[j])
-    return s * _ROUND
-
-
-@inlined
-def friction(sigma, code, numbers, slip, load, load_t, coupled, x, T, scratch):
-    """Friction forces T[patch] of the slipping patches with a law over speed (0 for the others); all of one slot.
-
-    T = sigma mu(sigma w) N with N = load x + load_t T. `coupled`: some load does depend on T.
-    """
-    for p in range(T.shape[0]):
-        if sigma[p] != 0.0 and code[p] != 0:
-            w, N = 0.0, 0.0
-            for j in range(x.shape[0]):
-                w += slip[p, j] * x[j]
-                N += load[p, j] * x[j]
-            T[p] = sigma[p] * mu(code[p], numbers[p], sigma[p] * w) * N
-        else:
-            T[p] = 0.0
-    if coupled:
-        couple(sigma, code, numbers, slip, load_t, x, T, scratch)
-
-
-@inner
-def couple(sigma, code, numbers, slip, load_t, x, T, M):
-    """Solve T = T0 + diag(sigma mu) load_t T for T, in place of T0; M is scratch.
-
-    Elimination without pivoting: the matrix is one plus a small coupling.
-    """
-    P = T.shape[0]
-    for p in range(P):
-        m = 0.0
-        if sigma[p] != 0.0 and code[p] != 0:
-            m = sigma[p] * mu(code[p], numbers[p], sigma[p] * dot(slip[p], x))
-        for r in range(P):
-            M[p, r] = -m * load_t[p, r]
-        M[p, p] += 1.0
-    for p in range(P):
-        for q in range(p + 1, P):
-            f = M[q, p] / M[p, p]
-            for r in range(p, P):
-                M[q, r] -= f * M[p, r]
-            T[q] -= f * T[p]
-    for p in range(P - 1, -1, -1):
-        for r in range(p + 1, P):
-            T[p] -= M[p, r] * T[r]
-        T[p] /= M[p, p]
 
 
 @inner
@@ -120,6 +57,15 @@ def of_normal(P, k):
 def of_limiter(P, K, x):
     """Weight of the mode of limiter x, behind P patches and K normals."""
     return 3**P * 2**K * 3**x
+
+
+@inner
+def of_sector(t, s):
+    """Weight of the mode of sector row s, behind patches, normals and limiters."""
+    weight = 3 ** t.slip.shape[0] * 2 ** t.of_patch.shape[0] * 3 ** t.limiters[0]
+    for i in range(s):
+        weight *= t.sectors[i]
+    return weight
 
 
 @inlined
@@ -163,6 +109,39 @@ def transition(kind, owner, P, K, key):
     return with_digit(key, of_limiter(P, K, owner), 3, mode)
 
 
+@inner
+def passed(t, slot, guard, ic, x):
+    """What follows when a guard of `slot` falls: the next key to `ic`, modes to be settled anew.
+
+    Beyond the ends of the range of sectors the place is moved by a period.
+    """
+    kind, owner, key = t.kind[slot, guard], t.owner[slot, guard], ic[1]
+    ic[2] = LAND
+    if kind < G_NEXT:
+        ic[1] = transition(kind, owner, t.slip.shape[0], t.of_patch.shape[0], key)
+        return
+    base, count = of_sector(t, owner), t.sectors[owner]
+    mode = digit(key, base, count) + (1 if kind == G_NEXT else -1)
+    if mode == count:
+        mode = 0
+        x[t.turn[owner]] -= t.edges[owner, count]
+    elif mode < 0:
+        mode = count - 1
+        x[t.turn[owner]] += t.edges[owner, count]
+    ic[1] = with_digit(key, base, count, mode)
+
+
+@inner
+def place(t, key, x):
+    """The key with every sector where x is."""
+    for s in range(t.sectors.shape[0]):
+        at, mode = dot(t.path[s], x), 0
+        while mode + 1 < t.sectors[s] and at >= t.edges[s, mode + 1]:
+            mode += 1
+        key = with_digit(key, of_sector(t, s), t.sectors[s], mode)
+    return key
+
+
 @inlined
 def disagreement(t, slot, key, x, size, T, slack):
     """The first mode that the state contradicts, as the key that mends it; -1 when all agree.
@@ -182,7 +161,7 @@ def disagreement(t, slot, key, x, size, T, slack):
             if abs(w) > noise:
                 return with_digit(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
             need = dot(t.friction[slot, p], x) + dot(t.friction_t[slot, p], T)
-            limit = t.static[p] * (dot(t.load[slot, p], x) + dot(t.load_t[slot, p], T))
+            limit = t.static[slot, p] * (dot(t.load[slot, p], x) + dot(t.load_t[slot, p], T))
             if abs(need) > limit * (1.0 + slack):
                 return with_digit(key, base, 3, SLIP_PLUS if need > 0.0 else SLIP_MINUS)
         elif (w if mode == SLIP_PLUS else -w) < -noise:
@@ -199,7 +178,7 @@ def disagreement(t, slot, key, x, size, T, slack):
             new = with_digit(key, base, 2, 0)
             return new if was_loaded else choose(t.slip, new, p, x, size)
     for g in range(t.guards[slot]):
-        if t.kind[slot, g] > G_CLOSE and dot(t.G[slot, g], x) < -rounding(t.G[slot, g], x):
+        if G_CLOSE < t.kind[slot, g] < G_NEXT and dot(t.G[slot, g], x) < -rounding(t.G[slot, g], x):
             return transition(t.kind[slot, g], t.owner[slot, g], P, K, key)
     return -1
 
@@ -218,6 +197,7 @@ def settle(t, ic, x, size, T, scratch, copy, repeat):
     if pending == START:
         for p in range(t.slip.shape[0]):
             key = choose(t.slip, key, p, x, size)
+        key = place(t, key, x)
         pending = LAND
     slack = _SLACK if repeat else 0.0
     for _ in range(4 * (t.slip.shape[0] + t.of_patch.shape[0]) + 12):
@@ -228,10 +208,8 @@ def settle(t, ic, x, size, T, scratch, copy, repeat):
         if pending == LAND:
             land(t, slot, x, copy)
             pending = SETTLE
-        if t.falling[slot]:
-            friction(
-                t.sigma[slot], t.code, t.numbers, t.slip, t.load[slot], t.load_t[slot], t.coupled[slot], x, T, scratch
-            )
+        if t.curved[slot]:
+            inputs(t, slot, x, T, scratch)
         else:
             for p in range(T.shape[0]):
                 T[p] = 0.0

@@ -15,9 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.kernel import bundle
-from rig.solve import expm, laws
-from rig.solve.formulation import ModeSet, System, assemble
-from rig.solve.ledger import TERMS, powers, work
+from rig.solve import expm, laws, products
+from rig.solve.formulation import ModeSet, assemble
+from rig.solve.ledger import TERMS, powers, supplied, work
+from rig.solve.products import Products
+from rig.solve.system import STICK, System
 
 Array = NDArray[np.float64]
 _SAMPLES = 128
@@ -25,49 +27,57 @@ _MARGIN = 1.25
 
 
 class Tables(NamedTuple):
-    """All mode sets visited so far, stacked by slot; unknown ones have slot -1 in `slot_of`."""
+    """All mode sets visited so far, stacked by slot; unknown ones have slot -1 in `slot_of`. I: number of inputs T."""
 
     slot_of: NDArray[np.int32]  # [mode sets]
     depth: NDArray[np.int64]  # [slot]
     order: NDArray[np.int64]  # [slot] terms of a finest cell's Taylor polynomial
-    falling: NDArray[np.int64]  # [slot] 1: a slipping patch has a law over speed
+    curved: NDArray[np.int64]  # [slot] 1: not linear: a slipping patch has a law over speed, or there are products
+    stuck: NDArray[np.int64]  # [slot] 1: some patch sticks
     E: Array  # [slot, level, n, n] propagators over step / 2^level less one, landing folded in
     A: Array  # [slot, n, n]
-    b: Array  # [slot, n, P]
+    b: Array  # [slot, n, I]
     landing: Array  # [slot, n, n]
     guards: NDArray[np.int64]  # [slot] number of guards
     kind: NDArray[np.int64]  # [slot, guard]
     owner: NDArray[np.int64]  # [slot, guard]
     G: Array  # [slot, guard, n]
-    GT: Array  # [slot, guard, P]
+    GT: Array  # [slot, guard, I]
     GA: Array  # [slot, guard, n]
     B: Array  # [slot, guard, n] bound of the chord over one step
     BA: Array  # [slot, guard, n] the same for the guard's slope
     normal: Array  # [slot, K, n]
-    normal_t: Array  # [slot, K, P]
+    normal_t: Array  # [slot, K, I]
     friction: Array  # [slot, P, n]
-    friction_t: Array  # [slot, P, P]
+    friction_t: Array  # [slot, P, I]
     load: Array  # [slot, P, n] sum of the closed normal forces of a patch
-    load_t: Array  # [slot, P, P]
+    load_t: Array  # [slot, P, I]
     sigma: Array  # [slot, P]
     signals: Array  # [slot, S, n] quantities the sensors read
-    signals_t: Array  # [slot, S, P]
-    coupled: NDArray[np.int64]  # [slot] 1: some load depends on the friction forces
-    needs: NDArray[np.int64]  # [slot, guard] 1: the guard depends on the friction forces
+    signals_t: Array  # [slot, S, I]
+    coupled: NDArray[np.int64]  # [slot] 1: some load depends on the friction forces T
+    needs: NDArray[np.int64]  # [slot, guard] 1: the guard depends on the inputs
     press: Array  # [slot, K, n] the normal forces that are closed, 0 for the others
-    press_t: Array  # [slot, K, P]
+    press_t: Array  # [slot, K, I]
     active: NDArray[np.int64]  # [slot, terms] 1: the power is not zero throughout
     powers: Array  # [slot, terms, n, n] quadratic forms of power
     work: Array  # [slot, level, terms, n, n] their integrals over step / 2^level
     slip: Array  # [P, n] slip speed rows
-    surface: Array  # [P, n] surface speed rows
+    surface: Array  # [P, n] slip speed and the speed of the body under the friction force: what the drive supplies
     lift: Array  # [K, n] rows of the speed along each normal force
     damping: Array  # [nq, nq]
     force: Array  # [nq, n]
-    static: Array  # [P]
-    code: NDArray[np.int64]  # [P]
-    numbers: Array  # [P, widest]
+    force_t: Array  # [nq, products]
+    static: Array  # [slot, P]
+    code: NDArray[np.int64]  # [slot, P]
+    numbers: Array  # [slot, P, widest]
     of_patch: NDArray[np.int64]  # [K]
+    limiters: NDArray[np.int64]  # [1] number of limiters
+    sectors: NDArray[np.int64]  # [sector row] number of sectors
+    turn: NDArray[np.int64]  # [sector row] the state that is moved by a period
+    path: Array  # [sector row, n] place
+    edges: Array  # [sector row, widest + 1] the last is the period
+    products: Products | None
     step: Array  # [1] s
 
 
@@ -86,51 +96,63 @@ class Slots:
     def _empty(self) -> Tables:
         s = self.system
         n, nq, P, K, S = s.n, len(s.coordinates), len(s.patches), len(s.normals), len(self.rows)
-        g = 2 * P + K + 2 * len(s.limiters)
-        code, numbers = laws.pack(tuple(p.law for p in s.patches))
+        I = s.inputs
+        g = 2 * P + K + 2 * len(s.limiters) + 2 * len(s.sectors)
+        nodes = max((len(sector.laws) + 1 for sector in s.sectors), default=1)
+        edges = np.zeros((len(s.sectors), nodes))
+        for i, sector in enumerate(s.sectors):
+            edges[i, : len(sector.laws) + 1] = (*sector.edges, sector.period)
         z = np.zeros
         return Tables(
             slot_of=np.full(s.keys, -1, dtype=np.int32),
             depth=z(0, dtype=np.int64),
             order=z(0, dtype=np.int64),
-            falling=z(0, dtype=np.int64),
+            curved=z(0, dtype=np.int64),
+            stuck=z(0, dtype=np.int64),
             E=z((0, 1, n, n)),
             A=z((0, n, n)),
-            b=z((0, n, P)),
+            b=z((0, n, I)),
             landing=z((0, n, n)),
             guards=z(0, dtype=np.int64),
             kind=z((0, g), dtype=np.int64),
             owner=z((0, g), dtype=np.int64),
             G=z((0, g, n)),
-            GT=z((0, g, P)),
+            GT=z((0, g, I)),
             GA=z((0, g, n)),
             B=z((0, g, n)),
             BA=z((0, g, n)),
             normal=z((0, K, n)),
-            normal_t=z((0, K, P)),
+            normal_t=z((0, K, I)),
             friction=z((0, P, n)),
-            friction_t=z((0, P, P)),
+            friction_t=z((0, P, I)),
             load=z((0, P, n)),
-            load_t=z((0, P, P)),
+            load_t=z((0, P, I)),
             sigma=z((0, P)),
             signals=z((0, S, n)),
-            signals_t=z((0, S, P)),
+            signals_t=z((0, S, I)),
             coupled=z(0, dtype=np.int64),
             needs=z((0, g), dtype=np.int64),
             press=z((0, K, n)),
-            press_t=z((0, K, P)),
+            press_t=z((0, K, I)),
             active=z((0, TERMS), dtype=np.int64),
             powers=z((0, TERMS, n, n)),
             work=z((0, 1, TERMS, n, n)),
             slip=s.slip_rows.copy(),
-            surface=np.array([p.surface for p in s.patches]).reshape(P, n),
+            surface=supplied(s),
             lift=np.array([k.direction for k in s.normals]).reshape(K, nq) @ np.eye(n)[nq : 2 * nq],
             damping=s.damping.copy(),
             force=s.force.copy(),
-            static=np.array([p.law.static for p in s.patches], dtype=np.float64),
-            code=code,
-            numbers=numbers,
+            force_t=s.force_t.copy(),
+            static=z((0, P)),
+            code=z((0, P), dtype=np.int64),
+            numbers=z((0, P, laws.width(tuple(law for p in range(P) for law in s.laws(p))))),
             of_patch=np.array([k.patch for k in s.normals], dtype=np.int64),
+            limiters=np.array([len(s.limiters)]),
+            sectors=np.array([len(sector.laws) for sector in s.sectors], dtype=np.int64),
+            turn=np.array([sector.turn for sector in s.sectors], dtype=np.int64),
+            path=np.array([sector.row for sector in s.sectors]).reshape(-1, n),
+            edges=edges,
+            products=products.pack(s.products, n, P, K),
             step=np.array([self.step]),
         )
 
@@ -141,12 +163,13 @@ class Slots:
         t = self.tables
         g = t.G.shape[1]
         guards = _padded(modes.guards, g)
-        falling = bool(modes.nonlinear.any())
         E = expm.ladder(modes.A, self.step)
         bounds, slopes = _bounds(modes.A, guards, self.step)
         E = (modes.landing - np.eye(system.n)) + modes.landing @ E @ modes.landing
         forms = powers(system, modes)
-        _, normal_modes, _ = system.modes(key)
+        patch_modes, normal_modes, _, sector_modes = system.modes(key)
+        met = tuple(system.law(p, sector_modes) for p in range(len(system.patches)))
+        code, numbers = laws.pack(met, t.numbers.shape[2])
         closed = 1.0 - np.array(normal_modes, dtype=np.float64).reshape(-1, 1)
         load, load_t = np.zeros_like(modes.friction), np.zeros_like(modes.friction_t)
         for k, contact in enumerate(system.normals):
@@ -159,7 +182,11 @@ class Slots:
         new: dict[str, Any] = {
             "depth": len(E) - 1,
             "order": expm.order(modes.A, self.step),
-            "falling": int(falling),
+            "curved": int(bool(modes.nonlinear.any()) or bool(system.products)),
+            "stuck": int(STICK in patch_modes),
+            "static": np.array([law.static for law in met]),
+            "code": code,
+            "numbers": numbers,
             "E": E,
             "A": modes.A,
             "b": modes.b,
@@ -181,7 +208,7 @@ class Slots:
             "sigma": modes.sigma,
             "signals": rows,
             "signals_t": rows_t,
-            "coupled": int(load_t.any()),
+            "coupled": int(load_t[:, : len(system.patches)].any()),
             "needs": _padded(np.array(modes.guards_t.any(axis=1), dtype=np.int64), g),
             "press": modes.normal * closed,
             "press_t": modes.normal_t * closed,
@@ -189,27 +216,37 @@ class Slots:
             "powers": forms,
             "work": work(modes.A, modes.landing, forms, self.step, E),
         }
-        self.tables = t._replace(slot_of=slot_of, **{name: _stack(getattr(t, name), new[name]) for name in new})
+        stacked: dict[str, Any] = {name: _stack(getattr(t, name), new[name]) for name in new}
+        if t.products is not None:
+            stacked["products"] = t.products._replace(
+                press=stacked["press"],
+                press_t=stacked["press_t"],
+                rub=stacked["friction"],
+                rub_t=stacked["friction_t"],
+            )
+        self.tables = t._replace(slot_of=slot_of, **stacked)
         self.handle = bundle(self.tables)
         self.sets.append(modes)
         return modes
 
 
 def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) -> tuple[Array, Array]:
-    """Extended rows by name as rows over x [signal, n] and T [signal, P] of one mode set."""
-    nq = len(system.coordinates)
+    """Extended rows by name as rows over x [signal, n] and T [signal, inputs] of one mode set."""
+    nq, inputs = len(system.coordinates), np.eye(system.inputs)
     known: dict[str, tuple[Array, Array]] = {}
     for i, name in enumerate(system.names):
-        known[name] = (np.eye(system.n)[i], np.zeros(len(system.patches)))
+        known[name] = (np.eye(system.n)[i], np.zeros(system.inputs))
+    for j, product in enumerate(system.products):
+        known[product.name] = (np.zeros(system.n), inputs[len(system.patches) + j])
     for i, name in enumerate(system.coordinates):
         known[f"{name}''"] = (modes.A[nq + i], modes.b[nq + i])
     for p, patch in enumerate(system.patches):
         known[f"T:{patch.name}"] = (modes.friction[p], modes.friction_t[p])
-        known[f"w:{patch.name}"] = (system.slip_rows[p], np.zeros(len(system.patches)))
+        known[f"w:{patch.name}"] = (system.slip_rows[p], np.zeros(system.inputs))
     for k, normal in enumerate(system.normals):
         closed = system.modes(modes.key)[1][k] == 0
         known[f"N:{normal.name}"] = (modes.normal[k] * closed, modes.normal_t[k] * closed)
-    over_x, over_t = np.zeros((len(rows), system.n)), np.zeros((len(rows), len(system.patches)))
+    over_x, over_t = np.zeros((len(rows), system.n)), np.zeros((len(rows), system.inputs))
     for i, row in enumerate(rows):
         for name, value in row.items():
             over_x[i] += value * known[name][0]

@@ -26,7 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.solve import laws
-from rig.solve.formulation import (
+from rig.solve.formulation import assemble
+from rig.solve.linear import Steady, moving_states, steady
+from rig.solve.system import (
     CLOSED,
     G_LIMIT_LOW,
     G_OPEN,
@@ -39,9 +41,7 @@ from rig.solve.formulation import (
     Normal,
     Patch,
     System,
-    assemble,
 )
-from rig.solve.linear import Steady, moving_states, steady
 
 Array = NDArray[np.float64]
 Level = Literal["info", "warning", "error"]
@@ -100,14 +100,15 @@ def verdict(system: System, method: str, step: float, substeps: int = 1) -> list
 
 
 def mode_sets(system: System) -> Iterator[int]:
-    """The mode sets to look at: contacts closed in slip and stick, and all open; limiters in their range."""
+    """The mode sets to look at: contacts closed in slip and stick, in every sector, and all open; limiters free."""
     P, K, free = len(system.patches), len(system.normals), [LINEAR] * len(system.limiters)
     kinds = (SLIP_PLUS, SLIP_MINUS, STICK)
     patches: list[tuple[int, ...]] = list(product(kinds, repeat=P)) if 3**P <= MOST else [(k,) * P for k in kinds]
     if 3**P > MOST:
         patches += [(SLIP_PLUS,) * p + (STICK,) + (SLIP_PLUS,) * (P - p - 1) for p in range(P)]
-    for modes in patches:
-        yield system.key(modes, [CLOSED] * K, free)
+    places = list(product(*(range(len(sector.laws)) for sector in system.sectors)))
+    for modes, where in product(patches, places):
+        yield system.key(modes, [CLOSED] * K, free, where)
     if any(k.opens for k in system.normals):
         yield system.key([SLIP_PLUS] * P, [OPEN if k.opens else CLOSED for k in system.normals], free)
 
@@ -153,7 +154,7 @@ def _drivers(system: System) -> Iterator[Finding]:
 
 def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
     """det(Me)/det(M) with the coefficients of rest and of fast sliding, whichever is worse."""
-    patch_modes, normal_modes, _ = system.modes(key)
+    patch_modes, normal_modes, _, sector_modes = system.modes(key)
     M, worst = system.mass, 1.0
     if not len(M) or not any(np.any(k.inertia) for k in system.normals):
         return
@@ -164,7 +165,8 @@ def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
                 continue
             d, patch, mode = normal.direction.copy(), system.patches[normal.patch], patch_modes[normal.patch]
             if mode != STICK:
-                mu = patch.law.mu(0.0 if at_rest else _FAST) if not patch.law.constant else patch.law.numbers[0]
+                law = system.law(normal.patch, sector_modes)
+                mu = law.mu(0.0 if at_rest else _FAST) if not law.constant else law.numbers[0]
                 d += (1.0 if mode == SLIP_PLUS else -1.0) * mu * patch.direction
             Me -= np.outer(d, normal.inertia)
         worst = min(worst, float(np.linalg.det(Me) / np.linalg.det(M)))
@@ -208,7 +210,7 @@ def _growth(at: Steady, name: str, fastest: float) -> Iterator[Finding]:
 def _stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: float) -> tuple[Level, str, str]:
     """How grave a growing motion is, what stops it, what helps."""
     system = at.system
-    patch_modes, normal_modes, _ = system.modes(at.modes.key)
+    patch_modes, normal_modes, *_ = system.modes(at.modes.key)
     for x, limiter in enumerate(system.limiters):
         if abs(limiter.row @ shape) <= 1e-9 * np.abs(limiter.row) @ np.abs(shape):
             continue
@@ -250,17 +252,20 @@ def _undriven(at: Steady) -> Steady:
     system = at.system
     signals, network = np.zeros_like(system.signals), np.zeros_like(system.network)
     held = replace(system, signals=signals, network=network, limiters=(), start=at.x)
-    patch_modes, normal_modes, _ = system.modes(at.modes.key)
+    patch_modes, normal_modes, *_ = system.modes(at.modes.key)
     return steady(held, held.key(patch_modes, normal_modes, []))
 
 
 def _flat(at: Steady) -> Steady:
     """The same mode set with the coefficients of now, whatever the speed."""
+    *modes, sector_modes = at.system.modes(at.modes.key)
     flat = []
     for p, patch in enumerate(at.system.patches):
-        mu = patch.law.mu(max(float(at.modes.sigma[p] * at.speed[p]), 0.0))
-        flat.append(replace(patch, law=replace(laws.coulomb(mu, mu), static=patch.law.static)))
-    return steady(replace(at.system, patches=tuple(flat)), at.modes.key)
+        law = at.system.law(p, sector_modes)
+        mu = law.mu(max(float(at.modes.sigma[p] * at.speed[p]), 0.0))
+        flat.append(replace(patch, law=replace(laws.coulomb(mu, mu), static=law.static)))
+    system = replace(at.system, patches=tuple(flat), sectors=())
+    return steady(system, system.key(*modes))
 
 
 def _largest(values: NDArray[Any]) -> float:

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.solve import laws
-from rig.solve.formulation import System
 from rig.solve.laws import COULOMB, Law
 from rig.solve.linear import Steady, sliding_key, steady
+from rig.solve.system import System
 
 Array = NDArray[np.float64]
 ORDER = 64

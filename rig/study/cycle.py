@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 from rig.scenes.scene import Scene
 from rig.solve import ledger
 from rig.solve.assembly import Assembly
-from rig.solve.formulation import CLOSED, STICK, System
 from rig.solve.linear import sliding_key, steady
-from rig.solve.motion import Event, Motion
+from rig.solve.motion import Event, Motion, chosen
+from rig.solve.system import CLOSED, STICK, System
 from rig.study.dense import Dense
 
 Array = NDArray[np.float64]
@@ -105,8 +105,7 @@ def limit_cycle(scene: Scene, tolerance: float = TIGHT, longest: float = LONGEST
     """
     assembly = scene.assemble()
     system = assembly.system()
-    constant = all(p.law.constant for p in system.patches)
-    method = scene.clock.method if scene.clock.method != "auto" else "exact" if constant else "dopri5"
+    method = chosen(scene.clock.method, system)
     repeat = max(REPEAT, 10.0 * tolerance) if method == "dopri5" else 1e-7 if method == "rk4" else REPEAT
     sliding = steady(system, sliding_key(system))
     if not sliding.exists:
@@ -239,7 +238,7 @@ class _Runner:
         )
 
     def _stuck(self, key: int, p: int) -> bool:
-        patches, normals, _ = self.system.modes(key)
+        patches, normals, *_ = self.system.modes(key)
         closed = any(k.patch == p and mode == CLOSED for k, mode in zip(self.system.normals, normals))
         return patches[p] == STICK and closed
 

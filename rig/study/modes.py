@@ -17,9 +17,10 @@ import numpy as np
 
 from rig.scenes.scene import Scene
 from rig.solve.assembly import Assembly
-from rig.solve.formulation import System
 from rig.solve.linear import Steady, sliding_key, steady
+from rig.solve.motion import chosen
 from rig.solve.slots import signal_rows
+from rig.solve.system import System
 from rig.solve.verdict import Finding, verdict
 from rig.study.averaged import averaged
 
@@ -140,7 +141,7 @@ def modes(scene: Scene) -> Modes:
     assembly, at = at_rest(scene)
     system = at.system
     clock = scene.clock
-    method = clock.method if clock.method != "auto" else "dopri5" if at.modes.nonlinear.any() else "exact"
+    method = chosen(clock.method, system)
     substeps = max(1, scene.step_ns // int(clock.rk4_step))
     found = Modes(
         scene=scene.name,

@@ -18,7 +18,8 @@ import llvmlite.binding
 from rig import kernel, scenes
 from rig.bench.stand import Stand
 from rig.scenes.scene import Scene
-from rig.solve.formulation import System
+from rig.solve.motion import UNROLLED, chosen
+from rig.solve.system import System
 
 FRAMES = 3
 TYPICAL = 25.0  # s for one shape on one core, measured; only the first estimate
@@ -27,9 +28,10 @@ TYPICAL = 25.0  # s for one shape on one core, measured; only the first estimate
 class Shape(NamedTuple):
     """What a compiled kernel depends on."""
 
-    states: int
+    states: int  # 0: any number
     adaptive: bool
     fixed: bool
+    products: bool
 
 
 def shape(scene: Scene) -> Shape:
@@ -39,9 +41,8 @@ def shape(scene: Scene) -> Shape:
 
 def shape_of(system: System, method: str) -> Shape:
     """The kernel shape of a system and a method of integration."""
-    falling = any(not p.law.constant for p in system.patches)
-    chosen = method if method != "auto" else "dopri5" if falling else "exact"
-    return Shape(system.n, falling and chosen == "dopri5", chosen == "rk4")
+    how, states = chosen(method, system), system.n if system.n <= UNROLLED else 0
+    return Shape(states, not system.linear and how == "dopri5", how == "rk4", bool(system.products))
 
 
 def warmup(report: Callable[[str], object] | None = None, names: Iterable[str] | None = None) -> dict[Shape, float]:
@@ -62,7 +63,9 @@ def warmup(report: Callable[[str], object] | None = None, names: Iterable[str] |
         scene = wanted[one][0]
         each = max(spent.values(), default=TYPICAL)
         left = len(missing) - len(spent)
-        say(f"{number} of {len(missing)}: {scene.name}, {one.states} states; at most {each * left:.0f} s left")
+        say(
+            f"{number} of {len(missing)}: {scene.name}, {one.states or 'many'} states; at most {each * left:.0f} s left"
+        )
         begin = time.perf_counter()
         _run(scene)
         spent[one] = time.perf_counter() - begin

@@ -11,7 +11,7 @@ import json
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve.formulation import OPEN, SLIP_MINUS, SLIP_PLUS, STICK, System
+from rig.solve.system import OPEN, SLIP_MINUS, SLIP_PLUS, STICK, System
 
 NAMES = ("stick", "slip+", "slip-", "open")
 COLOURS = ("#3b6fb6", "#e08b3c", "#b4508a", "#9a9a9a")
@@ -53,7 +53,7 @@ class Modes:
         system = self._system
         if system is None or not system.patches or not 0 <= key < system.keys:
             return _LIFTED
-        patches, normals, _ = system.modes(key)
+        patches, normals, *_ = system.modes(key)
         loads = [mode for normal, mode in zip(system.normals, normals) if normal.patch == 0]
         return _LIFTED if loads and all(mode == OPEN for mode in loads) else _OF_PATCH[patches[0]]
 

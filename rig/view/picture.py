@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve.formulation import System
+from rig.solve.system import System
 from rig.view import contact
 
 if TYPE_CHECKING:

@@ -38,7 +38,7 @@ def move(scene, changes=None, step_ms=1.0, duration=0.0, method=None, moved=None
     plant = rig.scenes.scene.plant_module(loaded.plant)
     assembly = plant.assemble(loaded.parameters, moved or {})
     system = assembly.system()
-    chosen = method or ("exact" if all(p.law.constant for p in system.patches) else "dopri5")
+    chosen = method or ("exact" if system.linear else "dopri5")
     ticks = round(duration * 1e3 / step_ms)
     names = tuple(assembly.outputs)
     rows = [assembly.outputs[name].row for name in names]

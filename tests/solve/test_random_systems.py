@@ -5,7 +5,8 @@ import pytest
 
 from rig.solve import laws
 from rig.solve.assembly import Assembly
-from rig.solve.formulation import OPEN, STICK, assemble
+from rig.solve.formulation import assemble
+from rig.solve.system import OPEN, STICK
 
 COARSE, FINE, DURATION = 4.0, 0.2, 1.0  # ms, ms, s
 NQ = 3

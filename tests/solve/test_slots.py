@@ -8,8 +8,9 @@ from hypothesis import strategies as st
 
 from rig.errors import SceneError
 from rig.solve import expm
-from rig.solve.formulation import OPEN, SLIP_MINUS, SLIP_PLUS, STICK, assemble
+from rig.solve.formulation import assemble
 from rig.solve.slots import Slots
+from rig.solve.system import OPEN, SLIP_MINUS, SLIP_PLUS, STICK
 
 
 def test_only_mode_sets_that_are_visited_are_built(rigs, run):

@@ -18,7 +18,7 @@ from rig.bus import encode, messages
 from rig.bus.setup import Setup
 from rig.bus.twin import Twin
 from rig.scenes.scene import Scene
-from rig.solve.formulation import SLIP_PLUS, STICK
+from rig.solve.system import SLIP_PLUS, STICK
 
 OUTPUTS = {
     "displacement": "m",

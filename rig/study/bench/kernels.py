@@ -19,8 +19,8 @@ from rig.kernel import kernel
 from rig.plants import PLANTS
 from rig.scenes.loader import load
 from rig.solve.exact import quiet
-from rig.solve.formulation import STICK
 from rig.solve.motion import Motion
+from rig.solve.system import STICK
 
 Array = NDArray[np.float64]
 ROUNDS = 15

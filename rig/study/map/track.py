@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from rig.errors import NumericsError
 from rig.scenes.scene import Scene, plant_module
 from rig.solve.carry import EVENTS, KEY, PENDING, TRY
-from rig.solve.formulation import CLOSED, STICK, System
 from rig.solve.linear import Steady, sliding_key, steady
-from rig.solve.motion import Motion
+from rig.solve.motion import Motion, chosen
 from rig.solve.settle import START
+from rig.solve.system import CLOSED, STICK, System
 from rig.study.axis import Axis
 from rig.study.cycle import stuck
 from rig.study.map.job import PERIODS, Settings
@@ -81,11 +81,10 @@ class Track:
     @cached_property
     def _motion(self) -> Motion:
         clock = self.scene.clock
-        constant = all(p.law.constant for p in self._system.patches)
         return Motion(
             self._system,
             self.step_ns,
-            clock.method if clock.method != "auto" else "exact" if constant else "dopri5",
+            chosen(clock.method, self._system),
             outputs=[self._row],
             tolerance=clock.tolerance,
             substeps=max(1, math.ceil(self.step_ns / int(clock.rk4_step))),
@@ -232,7 +231,7 @@ class Track:
         """Whether a loaded contact sticks in a mode set."""
         if key not in self._held:
             system = self._motion.system
-            patches, normals, _ = system.modes(key)
+            patches, normals, *_ = system.modes(key)
             loaded = {k.patch for k, mode in zip(system.normals, normals) if mode == CLOSED}
             self._held[key] = any(mode == STICK and p in loaded for p, mode in enumerate(patches))
         return self._held[key]

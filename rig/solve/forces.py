@@ -1,0 +1,181 @@
+"""The inputs of the equations: friction forces of laws over speed, and products. One slot's field, x' = A x + b T(x).
+
+The arrays of the slot are lent once for a stretch of steps; what runs many times in a step is written into the
+callers. That is what brings plain array code near the speed of C.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.kernel import inlined, inner
+from rig.solve.laws import mu
+from rig.solve.products import Products, early, late
+
+Array = NDArray[np.float64]
+_ROUND = 64.0 * 2.2e-16
+
+
+@inner
+def dot(row, x):
+    """Row . x, summed in index order."""
+    s = 0.0
+    for j in range(row.shape[0]):
+        s += row[j] * x[j]
+    return s
+
+
+@inner
+def rounding(row, x):
+    """Size of the rounding error of row . x."""
+    s = 0.0
+    for j in range(row.shape[0]):
+        s += abs(row[j] * x[j])
+    return s * _ROUND
+
+
+class Field(NamedTuple):
+    """The slot's tables (see slots.Tables) and the scratch of the inputs T [friction forces, products]."""
+
+    A: Array
+    b: Array
+    sigma: Array
+    code: NDArray[np.int64]
+    numbers: Array
+    slip: Array
+    load: Array
+    load_t: Array
+    coupled: int
+    T: Array
+    scratch: Array
+    G: Array
+    GT: Array
+    needs: NDArray[np.int64]
+    products: Products | None
+    slot: int
+
+
+@inlined
+def lend(t, slot, T, scratch):
+    """The field of a slot; T [inputs] and `scratch` [patch, patch] are written to."""
+    count = t.guards[slot]
+    return Field(
+        t.A[slot],
+        t.b[slot],
+        t.sigma[slot],
+        t.code[slot],
+        t.numbers[slot],
+        t.slip,
+        t.load[slot],
+        t.load_t[slot],
+        t.coupled[slot],
+        T,
+        scratch,
+        t.G[slot, :count],
+        t.GT[slot, :count],
+        t.needs[slot, :count],
+        t.products,
+        slot,
+    )
+
+
+@inlined
+def fill(f, x):
+    """f.T = the inputs at x: friction forces of the slipping patches with a law over speed (else 0), then products.
+
+    T = sigma mu(sigma w) N with N = load x + load_t T. `coupled`: some load does depend on a friction force.
+    """
+    early(f.products, f.slot, x, f.T)
+    patches = f.sigma.shape[0]
+    for p in range(patches):
+        if f.sigma[p] != 0.0 and f.code[p] != 0:
+            w, N = 0.0, 0.0
+            for j in range(x.shape[0]):
+                w += f.slip[p, j] * x[j]
+                N += f.load[p, j] * x[j]
+            for q in range(patches, f.T.shape[0]):
+                N += f.load_t[p, q] * f.T[q]
+            f.T[p] = f.sigma[p] * mu(f.code[p], f.numbers[p], f.sigma[p] * w) * N
+        else:
+            f.T[p] = 0.0
+    if f.coupled:
+        couple(f.sigma, f.code, f.numbers, f.slip, f.load_t, x, f.T, f.scratch)
+    late(f.products, f.slot, x, f.T)
+
+
+@inner
+def forces(f, x):
+    """`fill`, where it runs once in a step."""
+    fill(f, x)
+
+
+@inner
+def inputs(t, slot, x, T, scratch):
+    """T = the inputs of a slot at x."""
+    f = lend(t, slot, T, scratch)
+    fill(f, x)
+
+
+@inner
+def couple(sigma, code, numbers, slip, load_t, x, T, M):
+    """Solve T = T0 + diag(sigma mu) load_t T for the friction forces T, in place of T0; M is scratch.
+
+    Elimination without pivoting: the matrix is one plus a small coupling.
+    """
+    P = sigma.shape[0]
+    for p in range(P):
+        m = 0.0
+        if sigma[p] != 0.0 and code[p] != 0:
+            m = sigma[p] * mu(code[p], numbers[p], sigma[p] * dot(slip[p], x))
+        for r in range(P):
+            M[p, r] = -m * load_t[p, r]
+        M[p, p] += 1.0
+    for p in range(P):
+        for q in range(p + 1, P):
+            f = M[q, p] / M[p, p]
+            for r in range(p, P):
+                M[q, r] -= f * M[p, r]
+            T[q] -= f * T[p]
+    for p in range(P - 1, -1, -1):
+        for r in range(p + 1, P):
+            T[p] -= M[p, r] * T[r]
+        T[p] /= M[p, p]
+
+
+@inlined
+def rate(shape, f, curved, x, k):
+    """Derivative k = A x + b T(x); `curved`: some input is not zero."""
+    if curved:
+        fill(f, x)
+        for i in range(len(shape)):
+            s = 0.0
+            for j in range(len(shape)):
+                s += f.A[i, j] * x[j]
+            for p in range(f.T.shape[0]):
+                s += f.b[i, p] * f.T[p]
+            k[i] = s
+    else:
+        for i in range(len(shape)):
+            s = 0.0
+            for j in range(len(shape)):
+                s += f.A[i, j] * x[j]
+            k[i] = s
+
+
+@inner
+def slope(shape, f, curved, x, k):
+    """`rate`, where it runs once in a step."""
+    rate(shape, f, curved, x, k)
+
+
+@inlined
+def guard(f, g, x):
+    """Guard g at x."""
+    value = dot(f.G[g], x)
+    if f.needs[g]:
+        forces(f, x)
+        value += dot(f.GT[g], f.T)
+    return value

@@ -1,0 +1,190 @@
+"""Products: what a rig's equations hold beyond linear terms, e.g. x y, C (cos k phi - 1), N sin k phi.
+
+A product is an input of the equations like the friction force of a law over speed: rows name it, and its value is
+found from the state. Factors are states, sine or cosine less one (versine, negative) of a row over the state, normal
+forces and friction forces. Order of evaluation, so that nothing depends on itself:
+
+    level 0   states and angles      these may enter a normal force
+    level 1   with a normal force
+    level 2   with a friction force  these may not act on what a stuck contact needs
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.kernel import inner
+
+Array = NDArray[np.float64]
+STATE, SINE, VERSINE, NORMAL, FRICTION = range(5)
+
+
+@dataclass(frozen=True)
+class Factor:
+    """One factor: its kind; which state, normal or patch; the row over the state of an angle [rad]."""
+
+    kind: int
+    index: int = 0
+    row: Array | None = None
+
+
+@dataclass(frozen=True)
+class Product:
+    """The product of some factors, by the name that rows use."""
+
+    name: str
+    factors: tuple[Factor, ...]
+
+    @property
+    def level(self) -> int:
+        """0, 1 or 2: see above."""
+        kinds = {factor.kind for factor in self.factors}
+        return 2 if FRICTION in kinds else 1 if NORMAL in kinds else 0
+
+
+class Products(NamedTuple):
+    """All products of a system for the kernels, in the order of their levels, and the scratch of their factors."""
+
+    patches: NDArray[np.int64]  # [1] number of friction forces before the products among the inputs
+    upto: NDArray[np.int64]  # [3] number of products up to each level
+    first: NDArray[np.int64]  # [product + 1] first factor of each
+    kind: NDArray[np.int64]  # [factor]
+    which: NDArray[np.int64]  # [factor] state, angle, normal or patch
+    angles: Array  # [angle, n]
+    sine: Array  # [angle]
+    versine: Array  # [angle]
+    normal: Array  # [normal]
+    friction: Array  # [patch]
+    press: Array  # [slot, normal, n] rows of the closed normal forces (see slots.Tables)
+    press_t: Array  # [slot, normal, input]
+    rub: Array  # [slot, patch, n] rows of the friction forces
+    rub_t: Array  # [slot, patch, input]
+
+
+def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> Products | None:
+    """The arrays of `products`, which are in the order of their levels; None without any, so that kernels drop them."""
+    if not products:
+        return None
+    angles: list[Array] = []
+    kind, index, first = [], [], [0]
+    for product in products:
+        for factor in product.factors:
+            kind.append(factor.kind)
+            index.append(factor.index)
+            if factor.row is not None:
+                known = [i for i, row in enumerate(angles) if np.array_equal(row, factor.row)]
+                if not known:
+                    angles.append(factor.row)
+                index[-1] = known[0] if known else len(angles) - 1
+        first.append(len(kind))
+    levels = [product.level for product in products]
+    return Products(
+        patches=np.array([patches]),
+        upto=np.array([sum(level <= top for level in levels) for top in range(3)]),
+        first=np.array(first),
+        kind=np.array(kind, dtype=np.int64),
+        which=np.array(index, dtype=np.int64),
+        angles=np.array(angles).reshape(-1, n),
+        sine=np.zeros(len(angles)),
+        versine=np.zeros(len(angles)),
+        normal=np.zeros(normals),
+        friction=np.zeros(patches),
+        press=np.zeros((0, normals, n)),
+        press_t=np.zeros((0, normals, patches + len(products))),
+        rub=np.zeros((0, patches, n)),
+        rub_t=np.zeros((0, patches, patches + len(products))),
+    )
+
+
+@inner
+def _row(row, x):
+    s = 0.0
+    for j in range(row.shape[0]):
+        s += row[j] * x[j]
+    return s
+
+
+@inner
+def _fill(p, begin, end, x, T):
+    """T of the products `begin` to `end`."""
+    for j in range(begin, end):
+        value = 1.0
+        for f in range(p.first[j], p.first[j + 1]):
+            kind, i = p.kind[f], p.which[f]
+            if kind == STATE:
+                value *= x[i]
+            elif kind == SINE:
+                value *= p.sine[i]
+            elif kind == VERSINE:
+                value *= p.versine[i]
+            elif kind == NORMAL:
+                value *= p.normal[i]
+            else:
+                value *= p.friction[i]
+        T[p.patches[0] + j] = value
+
+
+@inner
+def early(p, slot, x, T):
+    """T of the products of levels 0 and 1."""
+    if p is None:
+        return
+    for a in range(p.angles.shape[0]):
+        angle = _row(p.angles[a], x)
+        half = np.sin(0.5 * angle)
+        p.sine[a], p.versine[a] = np.sin(angle), -2.0 * half * half
+    _fill(p, 0, p.upto[0], x, T)
+    if p.upto[2] > p.upto[0]:
+        for k in range(p.normal.shape[0]):
+            p.normal[k] = _row(p.press[slot, k], x) + _row(p.press_t[slot, k], T)
+        _fill(p, p.upto[0], p.upto[1], x, T)
+
+
+@inner
+def late(p, slot, x, T):
+    """T of the products of level 2."""
+    if p is None:
+        return
+    if p.upto[2] > p.upto[1]:
+        for q in range(p.friction.shape[0]):
+            p.friction[q] = _row(p.rub[slot, q], x) + _row(p.rub_t[slot, q], T)
+        _fill(p, p.upto[1], p.upto[2], x, T)
+
+
+def tangent(
+    products: tuple[Product, ...],
+    level: int,
+    x: Array,
+    forces: tuple[tuple[Array, Array], tuple[Array, Array]],
+) -> tuple[Array, Array]:
+    """Values [product] and slopes over x [product, n] of the products of one level, 0 for the others.
+
+    `forces`: values and slopes of the normal forces, and of the friction forces, as far as they are known.
+    """
+    n = len(x)
+    values, slopes = np.zeros(len(products)), np.zeros((len(products), n))
+    for j, product in enumerate(products):
+        if product.level != level:
+            continue
+        value, slope = 1.0, np.zeros(n)
+        for factor in product.factors:
+            v, s = _tangent(factor, x, forces)
+            value, slope = value * v, slope * v + value * s
+        values[j], slopes[j] = value, slope
+    return values, slopes
+
+
+def _tangent(factor: Factor, x: Array, forces: tuple[tuple[Array, Array], tuple[Array, Array]]) -> tuple[float, Array]:
+    if factor.kind == STATE:
+        return float(x[factor.index]), np.eye(len(x))[factor.index]
+    if factor.row is not None:
+        angle = float(factor.row @ x)
+        if factor.kind == SINE:
+            return float(np.sin(angle)), np.cos(angle) * factor.row
+        return float(-2.0 * np.sin(0.5 * angle) ** 2), -np.sin(angle) * factor.row
+    values, slopes = forces[factor.kind == FRICTION]
+    return float(values[factor.index]), slopes[factor.index]
