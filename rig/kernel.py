@@ -144,8 +144,7 @@ class _Lent(types.Type):  # type: ignore[misc]
 register_model(_Lent)(models.OpaqueModel)
 
 
-@intrinsic  # type: ignore[untyped-decorator]
-def lent(typing: Any, content: Any) -> Any:
+def _lend(typing: Any, content: Any) -> Any:
     """`content`, a named tuple of arrays, to be read by name in the kernels that it is passed on to.
 
     Fifty arrays as arguments of every kernel are what compiling would spend its time on; this passes a pointer. It is
@@ -153,24 +152,29 @@ def lent(typing: Any, content: Any) -> Any:
     """
 
     def borrow(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.bitcast(cgutils.alloca_once_value(builder, arguments[0]), cgutils.voidptr_t)
+        place = cgutils.alloca_once_value(builder, arguments[0])  # type: ignore[no-untyped-call]
+        return builder.bitcast(place, cgutils.voidptr_t)
 
     return _Lent(content)(content), borrow
+
+
+lent: Any = intrinsic(_lend)
 
 
 @infer_getattr
 class _LentNames(AttributeTemplate):  # type: ignore[misc]
     key = _Lent
 
-    def generic_resolve(self, kind: Any, name: str) -> Any:
+    def generic_resolve(self, kind: Any, name: str) -> Any:  # type: ignore[override]
         """The type of a field."""
         return kind.content.types[kind.content.fields.index(name)] if name in kind.content.fields else None
 
 
-@lower_getattr_generic(_Lent)  # type: ignore[untyped-decorator]
+@lower_getattr_generic(_Lent)  # type: ignore[no-untyped-call, untyped-decorator]
 def _lent_field(context: Any, builder: Any, kind: Any, pointer: Any, name: str) -> Any:
     typed = builder.bitcast(pointer, context.get_value_type(kind.content).as_pointer())
-    return builder.load(cgutils.gep_inbounds(builder, typed, 0, kind.content.fields.index(name)))
+    at = cgutils.gep_inbounds(builder, typed, 0, kind.content.fields.index(name))  # type: ignore[no-untyped-call]
+    return builder.load(at)
 
 
 def entry(function: Any, *examples: Any) -> Callable[..., Any]:
