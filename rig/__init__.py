@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from rig.record.run import Run
     from rig.scenes.scene import Scene
     from rig.study.cycle import Cycle
-    from rig.study.map import Map
+    from rig.study.map import Boundary, Map
     from rig.study.modes import Modes
     from rig.study.sweep import Sweep
 
@@ -96,12 +96,13 @@ def map(
     longest: float | None = None,
     folder: str | Path = "maps",
     workers: int | None = None,
-) -> Map:
+) -> Map | Boundary:
     """Which steady motions there are over one axis or two: `rig.map("belt", "drive.speed=0.05:0.8:40")`.
 
     Axes are KEY=FROM:TO:COUNT; `output`: plant output to watch; `runs`: carried up and down, near and far starts;
-    `longest`: simulated seconds for one point. Results go to a folder of their own in `folder`, from which a broken run
-    goes on. Raises rig.errors.SceneError, UsageError, and WorkerError when a worker process is lost.
+    `longest`: simulated seconds for one point. Over dither.frequency and dither.amplitude it is the boundary above
+    which dither keeps the rig sliding, averaged and simulated. Results go to a folder of their own in `folder`, from
+    which a broken run goes on. Raises rig.errors.SceneError, UsageError, and WorkerError when a worker is lost.
     """
     from rig.study.map import chart, job
 

@@ -60,12 +60,13 @@ def _zeros(mean: float, amplitude: complex) -> Array:
     return np.sort(np.mod([middle - half, middle + half], 2.0 * np.pi))
 
 
-def averaged(system: System, sine: int, cosine: int, amplitude: float, leading: bool = False) -> Steady:
-    """Steady sliding under a generator a' = omega b, b' = -omega a (states `sine`, `cosine`) of given amplitude.
+def fast_motion(
+    system: System, sine: int, cosine: int, amplitude: float, leading: bool = False
+) -> NDArray[np.complex128]:
+    """Complex amplitude of every state under a generator a' = omega b, b' = -omega a, without friction.
 
-    Fast and slow motion are taken apart: good where the generator is much faster than the structure's modes.
-    `leading`: of the fast motion only what inertia leaves of it, the leading order of theories that part the motion
-    directly: a force A on a mass m shakes it with A / (m omega). Springs and dampers change that by 1 / omega^2.
+    The states are Re(. exp(i omega t)); those of the generator, `sine` and `cosine`, are a sin and a cos.
+    `leading`: only what inertia leaves.
     """
     omega = float(system.signals[sine - system.one, cosine])
     nq = len(system.coordinates)
@@ -84,10 +85,23 @@ def averaged(system: System, sine: int, cosine: int, amplitude: float, leading: 
         dynamic += omega**2 * np.outer(k.direction, k.inertia)
         if not leading:
             dynamic -= np.outer(k.direction, k.row[:nq] + 1j * omega * k.row[nq : 2 * nq])
+    answer = np.zeros(system.n, dtype=np.complex128)
     q = np.linalg.solve(dynamic, push.astype(complex)) if nq else push
-    answer = np.zeros(system.n, dtype=complex)
     answer[:nq], answer[nq : 2 * nq] = q, 1j * omega * q
     answer[shaken[0]] = shaken[1]
+    return answer
+
+
+def averaged(system: System, sine: int, cosine: int, amplitude: float, leading: bool = False) -> Steady:
+    """Steady sliding under a generator a' = omega b, b' = -omega a (states `sine`, `cosine`) of given amplitude.
+
+    Fast and slow motion are taken apart: good where the generator is much faster than the structure's modes.
+    `leading`: of the fast motion only what inertia leaves of it, the leading order of theories that part the motion
+    directly: a force A on a mass m shakes it with A / (m omega). Springs and dampers change that by 1 / omega^2.
+    """
+    answer = fast_motion(system, sine, cosine, amplitude, leading)
+    omega = float(system.signals[sine - system.one, cosine])
+    q = answer[: len(system.coordinates)]
     fast = [complex(system.slip_rows[p] @ answer) for p in range(len(system.patches))]
     pressed = [(k.patch, k.row @ answer - omega**2 * k.inertia @ q) for k in system.normals]
     load = [complex(sum(N for patch, N in pressed if patch == p)) for p in range(len(system.patches))]

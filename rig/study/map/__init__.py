@@ -18,10 +18,11 @@ from rig.scenes.scene import Scene
 from rig.study.axis import axes
 from rig.study.map.chart import Map, gathered
 from rig.study.map.crew import Progress, cores, make
+from rig.study.map.dither import Boundary, put_together
 from rig.study.map.job import PERIODS, RUNS, Job, Settings, checked
 from rig.study.map.store import Store
 
-__all__ = ["PERIODS", "RUNS", "Job", "Map", "Settings", "Store", "chart", "job"]
+__all__ = ["PERIODS", "RUNS", "Boundary", "Job", "Map", "Settings", "Store", "chart", "job"]
 ROOT = Path("maps")
 _SECTION = 24  # local maxima kept of each point of a bifurcation diagram
 
@@ -44,8 +45,10 @@ def job(
     return checked(Job(scene, found[0], found[1] if y else None, settings))
 
 
-def chart(job: Job, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None) -> Map:
-    """The map of `job`: what is not in its folder under `root` yet is computed by `workers` processes.
+def chart(job: Job, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None) -> Map | Boundary:
+    """The map of `job`, over frequency and amplitude of a dither its boundary.
+
+    What is not in the job's folder under `root` yet is computed by `workers` processes.
 
     All cores by default. Raises UsageError where the folder cannot be used, WorkerError when a worker is lost. What is
     done by then, or when the user interrupts, stays, and the same call goes on from there.
@@ -53,4 +56,4 @@ def chart(job: Job, root: Path = ROOT, workers: int | None = None, progress: Pro
     store = Store.of(job, root)
     with store.open(job):
         found = make(job, store, workers or cores(), progress or (lambda done, total: None))
-    return gathered(job, found, store.folder)
+    return (put_together if job.dithered else gathered)(job, found, store.folder)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rig.study.map.chart import MEANING, REGIONS, Map
+from rig.study.map.dither import Boundary
 from rig.study.map.job import RUNS
 
 if TYPE_CHECKING:
@@ -28,8 +29,8 @@ _STYLE: dict[str, Any] = {
 }
 
 
-def draw(found: Map, path: Path) -> None:
-    """Draw a map into the file `path` (PNG; other endings as matplotlib knows them)."""
+def draw(found: Map | Boundary, path: Path) -> None:
+    """Draw what `rig.map` found into the file `path` (PNG; other endings as matplotlib knows them)."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -37,7 +38,9 @@ def draw(found: Map, path: Path) -> None:
     with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
         figure = Figure(figsize=(9.6, 6.4), dpi=125, facecolor="white", layout="constrained")
         FigureCanvasAgg(figure)
-        if found.job.y is None:
+        if isinstance(found, Boundary):
+            _dither(figure.add_subplot(), found)
+        elif found.job.y is None:
             _bifurcation(figure, found)
         else:
             _regions(figure.add_subplot(), found)
@@ -64,7 +67,7 @@ def _regions(axes: Axes, found: Map) -> None:
             _line(axes, np.column_stack([ends, y]), "-", colour, marker, f"{label} loses vibration")
     axes.set(xlabel=job.x.label, ylabel=job.y.label)
     axes.margins(0.0)
-    _legend(axes, found)
+    _legend(axes, _there(found))
 
 
 def _line(axes: Axes, points: Any, style: str, colour: str, marker: str, label: str) -> None:
@@ -74,11 +77,15 @@ def _line(axes: Axes, points: Any, style: str, colour: str, marker: str, label: 
     axes.plot(points[:, 0], points[:, 1], style if joined else ".", color=colour, marker=few, ms=4, label=label)
 
 
-def _legend(axes: Axes, found: Map) -> None:
+def _there(found: Map) -> dict[int, str]:
+    there = np.unique(found.regions).tolist()
+    return {r: f"{REGIONS[r]}  {MEANING[r]}" for r in (1, 2, 3, 4, 0) if r in there}
+
+
+def _legend(axes: Axes, labels: dict[int, str]) -> None:
     from matplotlib.patches import Patch
 
-    there = np.unique(found.regions).tolist()
-    patches = [Patch(color=COLOURS[r], label=f"{REGIONS[r]}  {MEANING[r]}") for r in (1, 2, 3, 4, 0) if r in there]
+    patches = [Patch(color=COLOURS[r], label=label) for r, label in labels.items()]
     lines = axes.get_legend_handles_labels()[0]
     axes.legend(handles=[*patches, *lines], loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=3)
 
@@ -111,7 +118,24 @@ def _bifurcation(figure: Figure, found: Map) -> None:
     bottom.set_ylabel("share of\ntime stuck")
     bottom.set_xlabel(found.job.x.label)
     top.legend(loc="upper left", ncols=4)
-    _legend(bottom, found)
+    _legend(bottom, _there(found))
     bottom.get_legend().set_bbox_to_anchor((0.0, -0.42))  # type: ignore[union-attr]
     top.set_xlim(edges[0], edges[-1])
     figure.align_ylabels(panels)
+
+
+def _dither(axes: Axes, found: Boundary) -> None:
+    x, y = found.job.x, found.job.y
+    assert y is not None
+    edge = np.clip(found.averaged / y.scale, y.told[0], y.told[-1])
+    axes.fill_between(x.told, y.told[0], edge, color=COLOURS[3], lw=0)
+    axes.fill_between(x.told, edge, y.told[-1], color=COLOURS[1], lw=0)
+    seen = np.isfinite(found.simulated).all(axis=1)
+    middle, half = found.simulated[seen].mean(axis=1), 0.5 * np.diff(found.simulated[seen], axis=1).ravel()
+    axes.plot(x.told, np.where(np.isinf(found.averaged), np.nan, found.averaged) / y.scale, "k", label="averaged")
+    axes.errorbar(
+        x.told[seen], middle / y.scale, half / y.scale, fmt="o", ms=4, color=_RUNS["up"][0], label="simulated"
+    )
+    axes.set(xlabel=x.label, ylabel=y.label)
+    axes.margins(0.0)
+    _legend(axes, {1: "dither keeps the rig sliding", 3: "sliding is lost"})
