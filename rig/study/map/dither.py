@@ -5,17 +5,19 @@ averaged    the least stable motion of rig.study.averaged neither grows nor deca
 simulated   a run that starts on the fast orbit, pushed along that motion, neither grows nor decays: its slow part
             (means over periods of the dither) swings as much in the last third as in the first
 
-Just above the speed of the surface both show a thin range of stability of its own, below a range without; what counts
-is the largest amplitude at which sliding is lost. So amplitudes are gone through downwards from the largest, and the
-first gap with a loss in it is halved. Source: Thomsen, J. Sound Vib. 228 (1999); Liu, Ouyang, Meccanica (2020).
+Where dither just reverses the slip speed both show a thin range of stability, and above it one without; what counts is
+the largest amplitude at which sliding is lost. So amplitudes are gone through downwards from the largest, closely just
+above that place, and the first gap with a loss in it is halved.
+Source: Thomsen, J. Sound Vib. 228 (1999); Liu and Ouyang, Meccanica 55 (2020), sections 2 and 4.1.
 """
 
 from __future__ import annotations
 
 import csv
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +40,7 @@ SLOW = 60.0
 """Length of a run where none is stated, in slow periods."""
 _SAMPLES = 64  # of a period of the dither
 _CLOSE = 1e-3  # relative: gaps of the amplitude that are not halved any more
+_ABOVE = (0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08)  # relative
 _LOST = 10.0  # pushes: a slow motion of this size has left
 
 
@@ -115,12 +118,12 @@ def boundary(job: Job, column: int) -> Arrays:
     shaken = _Shaken(job.x.at(job.scene, job.x.values[column]), job.settings.longest)
     middle = {}
     for name, leading in (("averaged", False), ("leading", True)):
-        low, high = _last(lambda a, leading=leading: shaken.growth(a, leading) > 0.0, amplitudes, 1e-9)
-        middle[name] = np.array(0.5 * (low + high))
-    return {**middle, "simulated": np.array(_last(shaken.lost, amplitudes, _CLOSE))}
+        tried = shaken.closely(amplitudes, leading)
+        middle[name] = np.array(np.mean(_last(partial(shaken.grows, leading=leading), tried, 1e-9)))
+    return {**middle, "simulated": np.array(_last(shaken.lost, shaken.closely(amplitudes, False), _CLOSE))}
 
 
-def _last(lost: Callable[[float], bool], amplitudes: tuple[float, ...], close: float) -> tuple[float, float]:
+def _last(lost: Callable[[float], bool], amplitudes: Sequence[float], close: float) -> tuple[float, float]:
     """The largest amplitude at which sliding is lost and the smallest above it at which it is kept."""
     kept = math.inf
     for amplitude in reversed(amplitudes):
@@ -145,10 +148,22 @@ class _Shaken:
         self.sine, self.cosine = (self.system.names.index(name) for name in GENERATOR)
         self.omega = float(self.system.signals[self.sine - self.system.one, self.cosine])
 
-    def growth(self, amplitude: float, leading: bool) -> float:
-        """Largest growth rate [1/s] of averaged sliding; nan where there is none."""
+    def closely(self, amplitudes: Sequence[float], leading: bool) -> list[float]:
+        """`amplitudes`, and more of them just above those at which dither reverses the slip speed of a contact."""
+        still = self.system.start.copy()
+        still[[self.sine, self.cosine]] = 0.0
+        fast = np.abs(self.system.slip_rows @ fast_motion(self.system, self.sine, self.cosine, 1.0, leading))
+        more = [
+            float(abs(patch.surface @ still) / shake * (1.0 + share))
+            for patch, shake in zip(self.system.patches, fast)
+            for share in (_ABOVE if shake else ())
+        ]
+        return sorted({*amplitudes, *(a for a in more if amplitudes[0] < a < amplitudes[-1])})
+
+    def grows(self, amplitude: float, leading: bool) -> bool:
+        """Whether averaged sliding is unstable."""
         at = averaged(self.system, self.sine, self.cosine, amplitude, leading)
-        return float(at.eigenvalues()[0].real) if at.exists else math.nan
+        return at.exists and bool(at.eigenvalues()[0].real > 0.0)
 
     def lost(self, amplitude: float) -> bool:
         """Whether a run leaves sliding. One that has to stop has left it."""
