@@ -1,7 +1,7 @@
 """The rig as a moving picture, drawn from its outputs: what rubs on what, how it moves, which forces act.
 
     pendulum   an arm on the axis of a rotating disc, its shoe on the disc, a spring to a post
-    belt       a mass on a running belt, a spring to a wall
+    belt       a mass on a running belt, a spring to a wall; rigs like it are drawn by `lumped`
 
 Motions are magnified, arm and disc (mass and belt) alike, so that in stick they move as one. The shoe has the colour of
 the contact mode; arrows show friction and normal force. Geometry is sent once; a frame is a few transforms.
@@ -56,7 +56,8 @@ def scale_of(system: System | None) -> Scale:
     patch = system.patches[0]
     load = float(abs(system.normals[0].row @ system.start)) or 1.0
     force = patch.law.static * load
-    stiffness = system.stiffness
+    count = len(system.coordinates)
+    stiffness = system.stiffness - sum(np.outer(k.direction, k.row[:count]) for k in system.normals)
     reach = float(np.abs(np.linalg.lstsq(stiffness, patch.direction * force, rcond=None)[0]).max())
     return Scale(_round_down(_REACH / (1.5 * reach)) if reach else 1.0, force or 1.0)
 
@@ -73,6 +74,11 @@ def picture_of(system: System | None, outputs: Mapping[str, str]) -> Picture | N
     if {"angle", "disc_speed", *needed} <= set(outputs):
         return Pendulum(scale_of(system))
     if needed <= set(outputs):
+        from rig.view import lumped  # pictures that build on those here
+
+        for mark, drawn in (("height", lumped.Lifting), ("tilt", lumped.Tilting), ("pin_displacement", lumped.Pin)):
+            if mark in outputs:
+                return drawn(scale_of(system))
         return Belt(scale_of(system))
     return None
 

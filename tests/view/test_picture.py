@@ -52,6 +52,24 @@ def test_motion_is_magnified_by_a_round_number_that_keeps_it_in_the_picture(name
     assert 0.05 < scale.motion * reach < 0.5
 
 
+@pytest.mark.parametrize(("name", "moves"), [("pin", (0, 2)), ("north", (2,)), ("tread", (0, 2)), ("two_dof", (0, 2))])
+def test_bodies_that_move_across_the_surface_are_drawn_so(name, moves):
+    """A short run: along which axes the body goes, and no farther than the picture reaches."""
+    scene = rig.load(name)
+    picture = picture_of(scene.assemble().system(), outputs(scene))
+    run = rig.simulate(scene, 0.05 if name != "two_dof" else 20.0)
+    t_ns = np.round(run.time * 1e9).astype(np.int64)
+    shown = np.arange(0, t_ns.size, max(t_ns.size // 200, 1))
+    columns = picture.frames(t_ns, run.signals, np.zeros(t_ns.size, int), shown)
+    place = moving(columns, "rig/mass", "translation")
+    assert {axis for axis in range(3) if np.ptp(place[:, axis]) > 1e-3} == set(moves)
+    assert np.abs(place).max() < 0.5
+    if name == "north":
+        turn = moving(columns, "rig/mass", "quaternion")
+        assert 0.01 < np.abs(turn[:, 1]).max() < 0.5
+        assert np.linalg.norm(turn, axis=1) == pytest.approx(1.0, rel=1e-6)
+
+
 def test_modes_have_names_for_each_state_of_the_contact():
     system = rig.load("belt").assemble().system()
     modes = contact.Modes(system)
@@ -81,7 +99,7 @@ def test_a_strain_is_laid_over_the_force_that_it_means_and_a_stranger_gets_a_plo
 
 
 @pytest.mark.parametrize("live", [True, False])
-@pytest.mark.parametrize("name", ["pendulum", "belt", None])
+@pytest.mark.parametrize("name", ["pendulum", "belt", "pin", "north", "tread", "tread_rough", "two_dof", None])
 def test_every_rig_has_a_window(name, live):
     scene = rig.load(name).to_json() if name else "{}"
     told = outputs(rig.load(name)) if name else {"velocity": "m/s"}

@@ -1,0 +1,70 @@
+"""Pictures of the rigs whose body does not only run along its surface: `picture.Belt`, its body moved otherwise."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.view.picture import Belt, Columns, Integers, Reals
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+_GAP = 0.17
+_ACROSS = 0.25  # motion across the belt, of the magnification along it: preload alone presses far in
+_LEAN = 0.35  # rad
+
+
+class Moved(Belt):
+    """A belt rig whose body is moved as `_placed` says."""
+
+    def _placed(self, s: Mapping[str, Reals]) -> dict[str, Any]:
+        """Translations and turns of the body [frame], as components of a transform."""
+        raise NotImplementedError
+
+    def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
+        import rerun as rr
+
+        columns = [one for one in super()._frames(t_ns, s, modes, ran) if one.path != "rig/mass"]
+        return [*columns, Columns("rig/mass", t_ns, rr.Transform3D.columns(**self._placed(s)))]
+
+
+class Lifting(Moved):
+    """A body on a contact spring, seen as a gap, that may leave the belt: two_dof, tread."""
+
+    def _placed(self, s: Mapping[str, Reals]) -> dict[str, Any]:
+        x, height = self.scale.motion * s["displacement"], self.scale.motion * _ACROSS * s["height"]
+        return {"translation": np.stack((x, np.zeros_like(x), _GAP + height), axis=1)}
+
+
+class Pin(Moved):
+    """A pin that leans against the motion of the disc and moves along its axis."""
+
+    def static(self, rec: rr.RecordingStream) -> None:
+        """See `Picture.static`."""
+        import rerun as rr
+
+        super().static(rec)
+        turn = (0.0, -np.sin(_LEAN), 0.0, np.cos(_LEAN))
+        rod = rr.Boxes3D(
+            half_sizes=[(0.06, 0.06, 0.4)], centers=[(-0.26, 0, 0.32)], quaternions=[turn], fill_mode="solid"
+        )
+        rec.log("rig/mass/body", rod, static=True)
+
+    def _placed(self, s: Mapping[str, Reals]) -> dict[str, Any]:
+        x, up = (self.scale.motion * s[name] for name in ("displacement", "disc_displacement"))
+        return {"translation": np.stack((x, np.zeros_like(x), up), axis=1)}
+
+
+class Tilting(Moved):
+    """North's body: towards the surface, and about its centre."""
+
+    def _placed(self, s: Mapping[str, Reals]) -> dict[str, Any]:
+        down, half = self.scale.motion * s["displacement"], 0.5 * self.scale.motion * s["tilt"]
+        zero = np.zeros_like(down)
+        return {
+            "translation": np.stack((zero, zero, _GAP - down), axis=1),
+            "quaternion": np.stack((zero, np.sin(half), zero, np.cos(half)), axis=1),
+        }
