@@ -3,7 +3,7 @@
 #   make test       the tests            make test-slow   those that take longer
 #   make check      formatting, lint, import rules, types
 #   make bench      figures for this machine
-#   make docs       the figures of docs/gallery, made again
+#   make docs       docs/gallery, made again: the figures of the papers and how their numbers compare
 #   make golden     recordings/golden, made again
 #   make lock       requirements.lock, made again from pyproject.toml (needs uv)
 
@@ -12,7 +12,6 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
-GALLERY := $(basename $(notdir $(wildcard rig/scenes/*.toml)))
 
 .DEFAULT_GOAL := install
 .PHONY: install demo test test-slow check bench docs golden lock clean
@@ -47,8 +46,7 @@ bench: install
 	@$(RUN) rig.study.bench
 
 docs: install
-	@mkdir -p docs/gallery
-	@for scene in $(GALLERY); do echo $$scene; $(BIN)/rig simulate $$scene --figure docs/gallery/$$scene.png >/dev/null || exit 1; done
+	@$(BIN)/rig reproduce all --out docs/gallery
 
 golden: install
 	@rm -f recordings/golden/pendulum.mcap

@@ -117,6 +117,55 @@ def map_(
     tell.line(f"\n{store.folder}/map.png, map.csv")
 
 
+def reproduce(
+    figure: Annotated[str, typer.Argument(metavar="FIGURE", help="A figure, a paper, or all.")] = "",
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where pictures and page go.")] = Path("gallery"),
+    as_json: Json = False,
+) -> None:
+    """A figure of the papers, made again from a scene, with published or reference numbers beside ours.
+
+    Without FIGURE: what there is. Exit code 1 where a number does not agree.
+    """
+    from rig.record.provenance import provenance
+    from rig.study import reproduce as again
+
+    if not figure:
+        entries = again.pick("all")
+        if as_json:
+            tell.report([{"name": e.name, "title": e.title, "scenes": list(e.scenes)} for e in entries])
+        else:
+            rows = [(e.name, e.number, e.title, ", ".join(e.scenes)) for e in entries]
+            tell.table("", ("figure", "in the paper", "what it shows", "scenes"), rows)
+        return
+    wanted = again.pick(figure)
+    results = []
+    with _bar("figures") as progress:
+        for number, entry in enumerate(wanted):
+            progress(number, len(wanted))
+            results.append(again.make(entry, out))
+            if not as_json:
+                agree = sum(c.agrees for c in results[-1].comparisons)
+                tell.note(
+                    f"{entry.name}: {agree} of {len(results[-1].comparisons)} numbers agree; {results[-1].picture}"
+                )
+        progress(len(wanted), len(wanted))
+    machine = provenance(0, ())
+    host = f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, numba {machine['numba']}"
+    (out / "README.md").write_text(again.page(results, host))
+    if as_json:
+        tell.report([result.to_json() for result in results])
+    else:
+        for result in results:
+            numbers = [
+                (c.what, f"{c.ours:.7g}", f"{c.expected:.7g}", c.unit, c.source, c.bound, "" if c.agrees else "DIFFERS")
+                for c in result.comparisons
+            ]
+            columns = ("number", "ours", "expected", "", "source", "bound", "")
+            tell.table(f"{result.entry.name}: {result.entry.title}", columns, numbers)
+    if not all(result.agrees for result in results):
+        raise typer.Exit(1)
+
+
 @contextlib.contextmanager
 def _bar(what: str) -> Iterator[Callable[[int, int], object]]:
     """A progress bar with an estimate of what is left, on standard error."""
@@ -147,4 +196,5 @@ COMMANDS = {
     "modes": (modes, 'rig modes belt --sweep "drive.speed=0.05 m/s:0.4 m/s:50" --figure locus.png'),
     "cycle": (cycle, "rig cycle belt_b --json"),
     "map": (map_, 'rig map belt --x "drive.speed=0.05 m/s:0.8 m/s:40" --y "load.force=10 N:30 N:5"'),
+    "reproduce": (reproduce, "rig reproduce kroeger-3"),
 }

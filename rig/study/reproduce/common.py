@@ -1,0 +1,42 @@
+"""What the figures share: colours, scenes with changes, runs without a protocol."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rig.record.run import Run
+    from rig.scenes.scene import Scene
+    from rig.solve.laws import Law
+
+BLUE, RED, GREEN, GREY, AMBER = "#1d4f91", "#c03a3a", "#2a9d77", "#8a8a8a", "#d1802f"
+
+
+def load(name: str, **changes: Any) -> Scene:
+    """A scene with changes; two underscores stand for the dot: body__damping=2.0, in SI."""
+    import rig
+
+    return rig.load(name, {key.replace("__", "."): value for key, value in changes.items()})
+
+
+def run(scene: Scene, seconds: float | None = None) -> Run:
+    """The scene, run in this process."""
+    import rig
+
+    return rig.simulate(scene, seconds)
+
+
+def quiet(scene: Scene) -> Scene:
+    """The scene without protocol, controllers and limits: held at its start."""
+    return replace(scene, protocol=(), controllers={}, limits={})
+
+
+def value(scene: Scene, key: str) -> float:
+    """A value of a scene in SI."""
+    return float(scene.values()[key][0])
+
+
+def law_of(scene: Scene) -> Law:
+    """The friction law of the scene's first contact."""
+    return scene.assemble().system().patches[0].law  # type: ignore[no-any-return]
