@@ -264,6 +264,18 @@ def test_at_the_end_of_the_time_a_drift_is_undecided_and_irregular_motion_is_not
     assert NAMES[judge.at_last()] == verdict
 
 
+def over_sectors(windows):
+    judge = Judge(0.01, near=False, pushed=True)
+    return [NAMES[judge.take(w)] for w in windows]
+
+
+def test_over_sectors_a_cycle_must_live_through_five_turns():
+    sticks, slides = window(1.0, share=0.3), window(1.0)
+    assert over_sectors([sticks] * 5) == ["undecided"] * 4 + ["stick-slip"]
+    assert over_sectors([sticks, sticks, slides, slides])[-1] == "sliding"
+    assert over_sectors([window(1.0, slip=0.1), window(1.0, slip=0.2)])[-1] == "undecided"
+
+
 def test_extremes_are_read_between_samples_but_not_beside_a_corner():
     t = np.arange(0.0, 3.0, 0.01)
     assert extremes(np.sin(2.0 * np.pi * (t + 0.0031))) == pytest.approx((-1.0, 1.0), abs=1e-6)

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from rig.bench.stand import with_value
 from rig.errors import NumericsError
 from rig.scenes.scene import Scene, plant_module
-from rig.solve.formulation import System
-from rig.solve.motion import Motion
+from rig.solve.motion import Motion, chosen
+from rig.solve.system import System
 from rig.study.averaged import averaged, fast_motion
 from rig.study.map.job import Arrays, Job
 from rig.study.modes import GENERATOR
@@ -192,11 +192,10 @@ class _Shaken:
 
     def _motion(self, start: Array, step_ns: int, ticks: int) -> Motion:
         clock = self.scene.clock
-        constant = all(p.law.constant for p in self.system.patches)
         return Motion(
             replace(self.system, start=start),
             step_ns,
-            clock.method if clock.method != "auto" else "exact" if constant else "dopri5",
+            chosen(clock.method, self.system),
             tolerance=clock.tolerance,
             substeps=max(1, math.ceil(step_ns / int(clock.rk4_step))),
             cap=clock.events_per_frame,

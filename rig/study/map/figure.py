@@ -133,6 +133,7 @@ def _dither(axes: Axes, found: Boundary) -> None:
     seen = np.isfinite(found.simulated).all(axis=1)
     middle, half = found.simulated[seen].mean(axis=1), 0.5 * np.diff(found.simulated[seen], axis=1).ravel()
     axes.plot(x.told, np.where(np.isinf(found.averaged), np.nan, found.averaged) / y.scale, "k", label="averaged")
+    axes.plot(x.told, np.where(np.isinf(found.leading), np.nan, found.leading) / y.scale, "k:", label="leading order")
     axes.errorbar(
         x.told[seen], middle / y.scale, half / y.scale, fmt="o", ms=4, color=_RUNS["up"][0], label="simulated"
     )

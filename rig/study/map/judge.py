@@ -6,6 +6,11 @@
     stuck        the surfaces stand still and so does the rig
     undecided    none of this within the stated longest time
 
+Over sectors of other friction nothing comes to rest: every edge pushes. A window is a turn there at least, and
+
+    sliding      nothing sticks in two turns in a row, and the slip speed swings no more in the second
+    stick-slip   a contact sticks in each of five turns
+
 Near a fold a motion that will die lingers as if it were a cycle; a cycle that is still being approached and one that is
 slowly leaving look alike. Both are told apart from a cycle by their drift: what still drifts to one side at the end is
 undecided. A motion that does not repeat, without a drift, is what it does: it sticks or it does not.
@@ -25,6 +30,9 @@ NONE, SLIDING, STICK_SLIP, VIBRATION, STUCK, UNDECIDED, STOPPED = range(7)
 NAMES = ("none", "sliding", "stick-slip", "vibration", "stuck", "undecided", "stopped")
 SAME = 1e-4
 """Relative difference up to which the amplitudes of two windows agree."""
+TURNS = 5
+"""In which a contact over sectors must stick: a cycle may live through two crossings and die at the third."""
+_EQUAL = 1.02  # swings from turn to turn, which meet the edges at other phases
 _GROWN = 4.0  # a near start has left when it swings by so many perturbations
 
 
@@ -101,10 +109,13 @@ def sticking(times: Array, stuck: NDArray[np.bool_], after: bool, span: float) -
 
 
 class Judge:
-    """Takes windows until it knows. `near`: the motion started at sliding, with a slip speed that swung by `kick`."""
+    """Takes windows until it knows.
 
-    def __init__(self, kick: float, near: bool) -> None:
-        self.kick, self.near = kick, near
+    `near`: the motion started at sliding, with a slip speed that swung by `kick`. `pushed`: by the edges of sectors.
+    """
+
+    def __init__(self, kick: float, near: bool, pushed: bool = False) -> None:
+        self.kick, self.near, self.pushed = kick, near, pushed
         self.windows: list[Window] = []
 
     def take(self, window: Window) -> int:
@@ -113,6 +124,8 @@ class Judge:
         last = self.windows[-3:]
         if not window.moving and window.share >= 1.0:
             return STUCK
+        if self.pushed:
+            return self._over_sectors()
         stuck = [w.share > 0.0 for w in last]
         if len(last) > 1 and not any(stuck[-2:]) and window.slip < 0.5 * self.kick and window.slip <= last[-2].slip:
             return SLIDING
@@ -123,8 +136,17 @@ class Judge:
         swings = window.slip > (_GROWN if self.near else 0.5) * self.kick
         return VIBRATION if swings and not any(stuck) else UNDECIDED
 
+    def _over_sectors(self) -> int:
+        turns = self.windows[-TURNS:]
+        if len(turns) == TURNS and all(w.share > 0.0 for w in turns):
+            return STICK_SLIP
+        calm = len(turns) > 1 and not any(w.share > 0.0 for w in turns[-2:])
+        return SLIDING if calm and turns[-1].slip <= _EQUAL * turns[-2].slip else UNDECIDED
+
     def at_last(self) -> int:
         """The verdict when the time is over: of a motion that does not repeat, unless it drifts."""
+        if self.pushed:
+            return UNDECIDED
         late = self.windows[len(self.windows) // 2 :]
         steps = np.diff([w.travel for w in late])
         half = len(steps) // 2

@@ -32,6 +32,8 @@ _PARTS = 4  # steps from one point to the next of a parameter that cannot be ram
 _SAMPLES = 24  # of a period of the fastest motion
 _FEW, _MANY = 3, 30  # sticks in a window: it is made longer, or shorter for the next point
 _EVENTS = 40  # in ten ticks
+_LATEST = 20  # turns over sectors
+_ROOM = 200_000  # ticks in a window: a turn of a surface that creeps is watched in parts
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,6 @@ class Track:
         frame, fastest = scene.frame_ns, 2.0 * math.pi / float(turning.max())
         self.step_ns = frame // math.ceil(frame * 1e-9 * _SAMPLES / fastest)
         self.step = self.step_ns * 1e-9
-        self.longest = settings.longest or PERIODS * self.slowest
         self._short = max(8, round(WINDOW * self.slowest / self.step))
         self._window = self._short
         self._held: dict[int, bool] = {}
@@ -176,23 +177,33 @@ class Track:
 
     def settle(self, near: bool = False) -> Point:
         """Watch until the motion has settled, or until the longest time is over."""
-        judge = Judge(self.settings.kick, near)
+        turn = self._turn()
+        judge = Judge(self.settings.kick, near, turn > 0)
+        longest = self.settings.longest or max(PERIODS * self.slowest, _LATEST * turn * self.step)
         window, spent = BLANK, 0.0
         try:
-            while spent < self.longest:
-                span = self._window
+            while spent < longest:
+                span = max(self._window, turn)
                 window = self._watch(span)
                 spent += span * self.step
                 state = judge.take(window)
                 if state != UNDECIDED:
                     self._fit(window)
                     return Point(state, window, spent)
-                if 0.0 < window.share and window.sticks < _FEW and 4 * span * self.step < self.longest:
+                if 0.0 < window.share and window.sticks < _FEW and 4 * span * self.step < longest:
                     self._window = 2 * span
                     judge.windows.clear()
         except NumericsError:
             return Point(STOPPED, BLANK, spent)
         return Point(judge.at_last(), window, spent)
+
+    def _turn(self) -> int:
+        """Ticks in which the slowest path over sectors is gone through once; 0 without sectors."""
+        if not self._system.sectors:
+            return 0
+        at = self.sliding(self.value)
+        rates = [abs(float(sector.row @ (at.modes.A @ at.x))) / sector.period for sector in self._system.sectors]
+        return min(_ROOM, math.ceil(1.0 / (min(rates) * self.step))) if min(rates) > 0.0 else self._short
 
     def _fit(self, window: Window) -> None:
         if window.sticks > _MANY or not window.share:
@@ -210,7 +221,7 @@ class Track:
             surface = abs(float((states @ patch.surface).mean()))
             moving = moving or surface > 0.0
             swing = max(swing, 0.5 * float(np.ptp(slips[:, p])) / surface if surface > 0.0 else math.inf)
-            bottom, top = extremes(states[:, :nq] @ patch.direction)
+            bottom, top = extremes(states[:, :nq] @ system.slip_rows[p, nq : 2 * nq])
             travel = math.hypot(travel, 0.5 * (top - bottom))
         count = int(motion.state.ic[EVENTS])
         event = motion.log.event[:count]
