@@ -134,6 +134,8 @@ class _Replay:
         self._result = Replayed(compared=dict.fromkeys(controllers, 0))
         self._open: set[tuple[str, int]] = set()
         """Answers that are due: (controller, tick)."""
+        self._last: dict[str, int] = {}
+        """Tick of the last step that each controller has to answer."""
 
     def _admit(self, body: dict[str, Any]) -> dict[str, Any]:
         name = body.get("controller")
@@ -155,6 +157,7 @@ class _Replay:
                 tick = messages.decode("step", record.payload).tick
                 due = [name for name, one in self._controllers.items() if one.answers_to(tick, record.t_ns)]
                 self._open |= {(name, tick) for name in due}
+                self._last |= dict.fromkeys(due, tick)
             self._session.publisher(record.topic).put(record.payload, record.t_ns)
             result.messages += 1
             result.seconds = max(result.seconds, record.t_ns * 1e-9)
@@ -164,8 +167,8 @@ class _Replay:
                 if time.monotonic() - told > 0.1:
                     told = time.monotonic()
                     self._progress(result.seconds)
-        if self._pace is not None:
-            self._sleep_until(time.monotonic() + 0.1)  # the last answers are on their way
+        for name in self._controllers:  # the last answers are on their way
+            self._settle(name)
         self._session.publisher("total/plant").put(self._session.totals(), round(result.seconds * 1e9))
         result.unanswered = len(self._open)
         return result
@@ -193,7 +196,17 @@ class _Replay:
                 raise BusError(f"{', '.join(gone or late)} {'left' if gone else 'did not answer'} at tick {tick}")
         for name, one in self._controllers.items():
             if tick in one.tuned:
+                self._settle(name)
                 self._session.ask(f"param/{name}", {"set": one.tuned[tick]}, _PATIENCE_S)
+
+    def _settle(self, name: str) -> None:
+        """Wait until a controller has taken the last step it has to: what tunes it would overtake steps that wait."""
+        deadline = time.monotonic() + _PATIENCE_S
+        while (name, self._last.get(name, -1)) in self._open and time.monotonic() < deadline:
+            self._take(0.02)
+            self._watch.poll()
+            if ("controller", name) not in self._watch.present:
+                return
 
     def _sleep_until(self, instant: float) -> None:
         while (left := instant - time.monotonic()) > 0.0:

@@ -1,6 +1,7 @@
 """A recording into a controller once more: same bytes in, same answers out, or the first that is not."""
 
 import threading
+import time
 
 import numpy as np
 import pytest
@@ -73,8 +74,8 @@ def logs(tmp_path_factory):
     return folder
 
 
-def control(me, gain=2.0, dies_at=FRAMES + 1):
-    """A controller's process in small; answers until the replay ends."""
+def control(me, gain=2.0, dies_at=FRAMES + 1, held_up_at=FRAMES + 1):
+    """A controller's process in small; answers until the replay ends. A held-up one sleeps once, for 0.1 s."""
     gains = [gain]
 
     def retune(body):
@@ -97,6 +98,8 @@ def control(me, gain=2.0, dies_at=FRAMES + 1):
         if step.tick == dies_at:
             me.close()
             return
+        if step.tick == held_up_at:
+            time.sleep(0.1)
         state, values = answer(state, tuple(step.values), gains[-1])
         if me.name != "feedback" and step.tick % 2:
             continue
@@ -156,6 +159,14 @@ def test_a_paced_replay_keeps_time_and_compares_too(stage, logs):
     assert found.divergence is None
     assert found.compared["feedback"] + found.unanswered == FRAMES
     assert found.compared["feedback"] > 0
+
+
+def test_a_change_of_parameters_does_not_overtake_steps_that_wait(stage, logs):
+    hub, start = stage
+    start(held_up_at=TUNED_AFTER - 10)  # 5 ms before it is tuned
+    found = replay(hub, logs / "recorded.mcap", into=["feedback"], pace=2.0)
+    assert found.divergence is None
+    assert (found.compared, found.unanswered) == ({"feedback": FRAMES}, 0)
 
 
 def test_a_controller_that_leaves_ends_the_replay(stage, logs):
