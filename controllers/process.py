@@ -13,9 +13,7 @@ from __future__ import annotations
 import argparse
 import gc
 import json
-import signal
 import sys
-import threading
 import traceback
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -29,6 +27,7 @@ from rig import bus
 from rig.bus import encode, messages, setup
 from rig.bus.port import Session
 from rig.errors import BusError, RigError, UsageError
+from rig.process import as_process, stopping
 
 PATIENCE = 0.1  # s without a step, after which this process looks whether the plant still lives
 
@@ -143,37 +142,32 @@ def run(
 ) -> None:
     """Run the controller `what`, a name in the scene or a Python file, in a live run (the newest by default).
 
-    Returns when the plant ends or on SIGINT or SIGTERM; raises RigError when it cannot begin or the controller fails.
+    Returns when the plant ends or on a signal to stop; raises RigError when it cannot begin or the controller fails.
     """
     file = Path(what) if what.endswith(".py") else None
     name = file.stem if file is not None else what
-    stop = threading.Event()
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        with bus.join(run, role="controller", name=name, wait=wait) as session:
-            described = setup.fetch(session, wait)
-            worker = Worker(session, described, made(described, name, file))
-            if changes:
-                worker.loop.retune(changes)
-            drives, reads = ", ".join(worker.loop.controller.drives), ", ".join(worker.loop.controller.reads)
-            say(f"{name} drives {drives} and reads {reads or 'nothing'} in {session.run}")
-            gc.collect()
-            gc.freeze()
-            gc.disable()
-            try:
+    with bus.join(run, role="controller", name=name, wait=wait) as session:
+        described = setup.fetch(session, wait)
+        worker = Worker(session, described, made(described, name, file))
+        if changes:
+            worker.loop.retune(changes)
+        drives, reads = ", ".join(worker.loop.controller.drives), ", ".join(worker.loop.controller.reads)
+        say(f"{name} drives {drives} and reads {reads or 'nothing'} in {session.run}")
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        try:
+            with stopping() as stop:
                 worker.follow(stop.is_set)
-            except RigError:
-                raise
-            except Exception as error:  # of the user's own code
-                raise UsageError(f"{name} failed at tick {worker.tick}: {traceback.format_exc()}") from error
-            finally:
-                gc.enable()
-                gc.unfreeze()
-            counted = ", ".join(f"{count} {what}" for what, count in worker.loop.counters().items())
-            say(f"{name} has left {session.run}: {counted}")
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        except RigError:
+            raise
+        except Exception as error:  # of the user's own code
+            raise UsageError(f"{name} failed at tick {worker.tick}: {traceback.format_exc()}") from error
+        finally:
+            gc.enable()
+            gc.unfreeze()
+        counted = ", ".join(f"{count} {what}" for what, count in worker.loop.counters().items())
+        say(f"{name} has left {session.run}: {counted}")
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -192,4 +186,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    as_process(main)

@@ -17,7 +17,6 @@ from __future__ import annotations
 import argparse
 import json
 import queue
-import signal
 import sys
 import threading
 import time
@@ -42,6 +41,7 @@ from rig.bench.timing import Timing
 from rig.bus.port import Session
 from rig.bus.setup import Setup
 from rig.errors import NumericsError, RigError
+from rig.process import INTERRUPTED, as_process, told_to_stop
 from rig.quantities import si
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
@@ -264,15 +264,10 @@ def carry_out(
 
 @contextmanager
 def stop_signals() -> Iterator[Callable[[], str]]:
-    """Which of SIGINT and SIGTERM has asked for the end, "" while none has."""
+    """Which signal has asked for the end, "" while none has."""
     asked: list[str] = []
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = {n: signal.signal(n, lambda n, _: asked.append(f"stopped by {signal.Signals(n).name}")) for n in numbers}
-    try:
-        yield lambda: asked[0] if asked else ""
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with told_to_stop(asked.append):
+        yield lambda: f"stopped by {asked[0]}" if asked else ""
 
 
 def warm(scene: Scene, say: Say) -> None:
@@ -303,7 +298,7 @@ def main(arguments: list[str] | None = None) -> int:
         with stop_signals() as stopping:
             summary = carry_out(job, stopping, say)
     except KeyboardInterrupt:
-        return 130
+        return INTERRUPTED
     except RigError as error:
         sys.stderr.write(f"{error}\n")
         return error.exit_code
@@ -313,4 +308,4 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    as_process(main)

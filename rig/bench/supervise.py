@@ -12,9 +12,7 @@ import os
 import signal
 import sys
 import tempfile
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +24,7 @@ from rig.bench.status import Live
 from rig.bus import messages
 from rig.bus.port import Receiver, Session
 from rig.errors import BusError, RigError, UsageError
+from rig.process import told_to_stop
 from rig.scenes.scene import Scene
 
 JOIN_S = 30.0
@@ -76,8 +75,8 @@ def run(
         parent=os.getpid(),
         command=tuple(sys.argv),
     )
-    live = Live()
-    with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder, _interrupts() as interrupts:
+    live, interrupts = Live(), list[str]()
+    with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder, told_to_stop(interrupts.append):
         team = Team(Path(folder), job, out, web, say or live.say)
         try:
             return team.run(live, interrupts)
@@ -108,7 +107,7 @@ class Team:
         """All processes."""
         return [*self.others.values(), self.plant]
 
-    def run(self, live: Live, interrupts: list[int]) -> Outcome:
+    def run(self, live: Live, interrupts: list[str]) -> Outcome:
         """Wait for the run, start the others, watch until the plant has ended, then see everybody off."""
         while not self.name:
             if self.plant.wait(0.02):
@@ -192,7 +191,7 @@ class Team:
             if event.kind in TOLD:
                 self._say(f"{event.t_ns / 1e9:9.3f} s  {event.kind}: {event.text.partition(chr(10))[0]}")
 
-    def _interrupt(self, interrupts: list[int]) -> None:
+    def _interrupt(self, interrupts: list[str]) -> None:
         """The first Ctrl-C ends the plant, the second everybody."""
         while interrupts:
             interrupts.pop()
@@ -246,18 +245,3 @@ class _Failed(UsageError):
     def __init__(self, plant: Child) -> None:
         self.exit_code = max(plant.code or 1, 1)
         super().__init__("\n".join(plant.tail) or plant.told)
-
-
-@contextmanager
-def _interrupts() -> Iterator[list[int]]:
-    """Ctrl-C and the like, gathered instead of raised."""
-    found: list[int] = []
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    if threading.current_thread() is not threading.main_thread():
-        numbers = ()  # type: ignore[assignment]
-    before = {number: signal.signal(number, lambda n, _: found.append(n)) for number in numbers}
-    try:
-        yield found
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -19,10 +19,16 @@ from __future__ import annotations
 
 import os
 
+from rig.process import as_process
+
 
 def main() -> None:
     """Entry point of the command `rig`."""
     os.environ["RIG_OWN_PROCESS"] = "1"  # see rig.kernel: for this process and those it starts
+    as_process(_run)
+
+
+def _run() -> None:
     from rig.cli.app import run
 
     run()

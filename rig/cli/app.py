@@ -9,8 +9,6 @@ import typer
 from rig.cli import host, live, logs, processes, runs, scenes, study
 from rig.errors import RigError
 
-INTERRUPTED = 130
-
 app = typer.Typer(
     name="rig",
     help="friction-rig: a laboratory in software for friction-induced vibration.",
@@ -41,5 +39,8 @@ def run(arguments: list[str] | None = None) -> None:
     except RigError as error:
         sys.stderr.write(f"{error}\n")
         sys.exit(error.exit_code)
-    except KeyboardInterrupt:
-        sys.exit(INTERRUPTED)
+    except BrokenPipeError:  # whoever read the output has seen enough
+        pass
+    except OSError as error:  # of the system, as a full disk
+        sys.stderr.write(f"{error}\n")
+        sys.exit(1)

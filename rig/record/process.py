@@ -1,18 +1,16 @@
 """The recorder: a process of its own that listens to everything and can never slow the plant.
 
 Messages wait in a deep ring outside of Python, so that a slow disk costs memory first and counted messages last.
-The file is finished when the plant leaves, or on SIGINT or SIGTERM.
+The file is finished when the plant leaves, or on a signal to stop.
 """
 
 from __future__ import annotations
 
 import json
-import os
-import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -21,6 +19,7 @@ from rig import bus
 from rig.bus import messages, setup
 from rig.bus.port import Count, Message, Receiver, Session, Watch
 from rig.errors import BusError, LogError
+from rig.process import stand_back, stopping
 from rig.record.writer import Writer
 
 _DEPTH = 1 << 17
@@ -72,8 +71,8 @@ def record(
 
     Waits at most `wait` seconds for the run. A file that cannot be written raises LogError; the run goes on without.
     """
-    _stand_back()
-    with bus.join(run, role="recorder", name=name, wait=wait) as session, _stopping() as stop:
+    stand_back(_NICE)
+    with bus.join(run, role="recorder", name=name, wait=wait) as session:
         heard = session.subscribe("**", _DEPTH, polled=True)  # before anything is asked: from here on nothing is missed
         plant = session.watch("plant/*")
         described = setup.fetch(session, wait)
@@ -82,7 +81,8 @@ def record(
         writer = Writer(path or default_path(session.run), described, "recorded")
         try:
             session.announce()
-            recording = _Recorder(session, heard, plant, writer).run(stop)
+            with stopping() as stop:
+                recording = _Recorder(session, heard, plant, writer).run(stop)
         except LogError as fault:  # let the run's verdict name the reason
             told = messages.event(writer.last_ns, 0, name, "fault", str(fault))
             session.publisher(f"event/{name}").put(told, writer.last_ns)
@@ -91,29 +91,6 @@ def record(
             writer.abandon()
     tell(recording)
     return recording
-
-
-def _stand_back() -> None:
-    """Never compete with the plant: no real-time class inherited from it, and a lower priority."""
-    with suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, _NICE)
-
-
-@contextmanager
-def _stopping() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set."""
-    stop = threading.Event()
-    if threading.current_thread() is not threading.main_thread():
-        yield stop
-        return
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 class _Recorder:

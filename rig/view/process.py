@@ -2,18 +2,16 @@
 
 It only listens: no publisher ever waits for it. A thread hands each batch to rerun; while rerun is slow or hangs,
 messages are collected, then dropped, and counted. It ends when the plant goes, when the window is closed, or with
-SIGINT and SIGTERM, within a second or two whatever rerun does. What becomes of the window: `rig.view.viewer`.
+a signal to stop, within a second or two whatever rerun does. What becomes of the window: `rig.view.viewer`.
 """
 
 from __future__ import annotations
 
-import os
 import queue
-import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +20,7 @@ from rig import bus
 from rig.bus import setup
 from rig.bus.port import Receiver, Session, Watch
 from rig.errors import BusError
+from rig.process import stand_back, stopping
 from rig.view import viewer
 from rig.view.drawing import Drawing, send
 from rig.view.feed import Feed
@@ -33,7 +32,7 @@ if TYPE_CHECKING:
 PAUSE_S = 0.08
 TOPICS = ("state", "meas/*", "applied/*", "health", "event/*", "total/plant")
 _DEPTH = 4096
-_NICE = 10
+_NICE = 5
 _LAST_WORDS_S = 0.3
 _LEAVING_S = 0.5
 
@@ -75,8 +74,8 @@ def view(
     address; `save`: in a file (.rrd); `headless`: off screen. Raises BusError without a run, UsageError without a
     display, LogError for a file that cannot be written.
     """
-    _stand_back()
-    with bus.join(run, role="viewer", name=name, wait=wait) as session, _stopping() as stop:
+    stand_back(_NICE)
+    with bus.join(run, role="viewer", name=name, wait=wait) as session:
         bridge = Bridge(session, wait)
         target = viewer.sink(
             session.run, bridge.drawing, live=True, save=save, web=web, connect=connect, headless=headless
@@ -85,29 +84,10 @@ def view(
             if shown is not None and shown.page:
                 say(f"live at {shown.page}")
             session.announce()
-            viewing = bridge.run(rec, stop, lambda: shown is None or shown.alive)
+            with stopping() as stop:
+                viewing = bridge.run(rec, stop, lambda: shown is None or shown.alive)
     say(str(viewing))
     return viewing
-
-
-def _stand_back() -> None:
-    """Never compete with the plant: no real-time class inherited from it, and a lower priority."""
-    with suppress(OSError, AttributeError):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, _NICE)
-
-
-@contextmanager
-def _stopping() -> Iterator[threading.Event]:
-    """An event that SIGINT and SIGTERM set."""
-    stop = threading.Event()
-    before = {number: signal.signal(number, lambda *_: stop.set()) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 class Bridge:

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
 _OPENING_S = 15.0
 _LEAVING_S = 0.5
+_WRITTEN_S = 2.0
+"""Longest wait for the end of a file, which is written however late it is read."""
 _SETTLED_S = 0.4
 """A viewer that finds no display gives up within a tenth of this, after it has begun to listen."""
 _MEMORY, _SERVED = "2GB", "256MB"
@@ -163,16 +165,16 @@ def sink(
         rec.send_recording_name(name)
         yield rec, viewer
     finally:
-        _leave(rec)
+        _leave(rec, _LEAVING_S if save is None else _WRITTEN_S)
         if viewer is not None and (web or headless):
             viewer.stop()
 
 
-def _leave(rec: rr.RecordingStream) -> None:
-    """Send what is on its way and close, within a moment: a viewer that hangs would hold it for ever."""
+def _leave(rec: rr.RecordingStream, patience: float) -> None:
+    """Send what is on its way and close, within `patience` [s]: a viewer that hangs would hold it for ever."""
     import rerun as rr
 
     rr.unregister_shutdown()
     leaving = threading.Thread(target=rec.disconnect, name="rerun-leaves", daemon=True)
     leaving.start()
-    leaving.join(_LEAVING_S)
+    leaving.join(patience)

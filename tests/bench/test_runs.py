@@ -8,6 +8,8 @@ import sys
 import tempfile
 import threading
 import time
+from collections import Counter
+from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
@@ -18,12 +20,13 @@ import controllers
 import rig
 from rig import bus, scenes
 from rig.bench import supervise
-from rig.bench.child import Child, end
 from rig.bench.plant_process import warm
 from rig.bench.simulate import simulate
-from rig.bus import address
+from rig.bus import address, messages
 from rig.errors import UsageError
+from rig.record.reader import Scan
 from rig.study import design
+from rig.view.process import TOPICS
 
 SCENE = "belt_normal_force"
 pytestmark = pytest.mark.timeout(300)
@@ -81,13 +84,12 @@ class Going:
             time.sleep(0.02)
         raise AssertionError(f"no process has {words}: {self.lines}")
 
-    def line(self, text, child=None):
-        """Wait until a line with `text` has been said; not longer than `child` lives."""
+    def line(self, text):
+        """Wait until a line with `text` has been said."""
         deadline = time.monotonic() + 60.0
         while not any(text in line for line in self.lines):
             assert time.monotonic() < deadline, self.lines
             assert self.thread.is_alive(), self.lines
-            assert child is None or child.code is None, child.tail
             time.sleep(0.01)
 
 
@@ -129,10 +131,32 @@ def test_lockstep_gives_the_bits_of_a_run_in_one_process(folder, load):
     same_bits(rig.open(folder / "run.mcap"), simulate(scene, built, 2 * 10**9))
 
 
-def test_a_paced_run_loses_nothing(folder):
+@pytest.fixture
+def picture(folder, monkeypatch):
+    """The file that a supervised viewer writes, in place of a window: there is no screen here."""
+    plain = supervise.Team._arguments
+
+    def into_file(team, role, name):
+        return [*plain(team, role, name), *(["--save", str(folder / "run.rrd")] if role == "viewer" else [])]
+
+    monkeypatch.setattr(supervise.Team, "_arguments", into_file)
+    return folder / "run.rrd"
+
+
+def test_a_paced_run_loses_nothing(folder, picture):
     scene = scenes.load(SCENE, {"sensors.vibrometer.rate": "10 kHz"})
-    outcome = Going(scene, duration=5.0, out=folder / "run.mcap").wait(100.0)
+    going = Going(scene, duration=5.0, view=True, out=folder / "run.mcap")
+    outcome = going.wait(100.0)
     assert outcome.summary["lost"] == {}, outcome.text()
+    records = list(Scan(folder / "run.mcap"))
+    recorded = Counter(record.topic for record in records)
+    told = [messages.decode(record.topic, record.payload) for record in records if record.topic == "total/plant"][-1]
+    sent = dict(zip(told.sent_topic, told.sent))
+    assert {"step", "state", "health", "event/plant", "applied/nf", "meas/vibrometer"} < set(sent)
+    assert {topic: recorded[topic] for topic in sent} == sent | {"total/plant": sent["total/plant"] + 1}  # this one too
+    shown = sum(count for topic, count in recorded.items() if any(fnmatch(topic, one) for one in TOPICS))
+    assert f"the plant left; {shown} messages shown, none dropped" in going.lines
+    assert picture.stat().st_size > 0
     assert outcome.died == ()
     assert outcome.summary["verdict"] in ("VALID", "DEGRADED", "INVALID")
     assert outcome.summary["timing"]["frames"] == 5001
@@ -145,21 +169,16 @@ def test_a_paced_run_loses_nothing(folder):
     same_bits(log, again)
 
 
-def test_the_plant_goes_on_without_the_others_and_a_second_run_beside_is_not_touched(folder):
-    first = Going(scenes.load(SCENE), duration=100.0, out=folder / "first.mcap", name="first")
+def test_the_plant_goes_on_without_the_others_and_a_second_run_beside_is_not_touched(folder, picture):
+    first = Going(scenes.load(SCENE), duration=100.0, view=True, out=folder / "first.mcap", name="first")
     second = Going(scenes.load("belt"), duration=4.0, out=folder / "second.mcap", name="second")
-    first.line("run first")
-    viewer = Child("viewer", ["rig", "view", "--run", "first", "--save", str(folder / "first.rrd")])
-    try:
-        first.line("viewer viewer is here", viewer)
-        for who, words in (("controller nf", "controllers.process first"), ("recorder recorder", "record first")):
-            first.process(words).send_signal(signal.SIGKILL)
-            first.line(f"{who} was killed by SIGKILL; the plant goes on")
-            first.line(f"{who} left at t = ")
-        viewer.send(signal.SIGKILL)
-        first.line("viewer viewer left at t = ")
-    finally:
-        end([viewer], 0.0)
+    first.line("begins with nf, recorder, viewer")
+    time.sleep(1.0)  # something has been written by then
+    victims = {"controller nf": "controllers.process", "recorder recorder": "record", "viewer viewer": "view"}
+    for who, word in victims.items():
+        first.process(f"{word} first").send_signal(signal.SIGKILL)
+        first.line(f"{who} was killed by SIGKILL; the plant goes on")
+        first.line(f"{who} left at t = ")
     first.line("load.force to safe values")
     with bus.join("first", role="operator", name="test") as session:
         session.ask("cmd/plant", {"do": "stop"}, 5.0)
@@ -169,18 +188,19 @@ def test_the_plant_goes_on_without_the_others_and_a_second_run_beside_is_not_tou
     told = " ".join(outcome.summary["faults"])
     assert "controller nf left at t = " in told
     assert "recorder recorder left at t = " in told
-    assert "viewer" not in told
+    assert "viewer" not in told  # it may come and go; the summary tells that it was killed
+    assert all(f"{who} was killed by SIGKILL" in outcome.text() for who in victims)
     assert outcome.summary["loop"]["nf"]["safe"] > 0
     assert rig.open(folder / "first.mcap").time[-1] > 0.0
     assert (other.summary["ended"], other.died, other.summary["lost"]) == ("done", (), {})
     assert rig.open(folder / "second.mcap").time[-1] == 4.0
 
 
-def test_nobody_outlives_the_plant(folder):
-    going = Going(scenes.load(SCENE), duration=60.0, out=folder / "run.mcap", name="killed")
-    going.line("begins with nf, recorder")
+def test_nobody_outlives_the_plant(folder, picture):
+    going = Going(scenes.load(SCENE), duration=60.0, view=True, out=folder / "run.mcap", name="killed")
+    going.line("begins with nf, recorder, viewer")
     begun = time.monotonic()
-    others = [going.process("controllers.process killed"), going.process("record killed")]
+    others = [going.process(f"{word} killed") for word in ("controllers.process", "record", "view")]
     plant = going.process("rig.bench.plant_process")
     time.sleep(2.0)
     plant.send_signal(signal.SIGKILL)

@@ -1,0 +1,83 @@
+"""How the processes of the laboratory behave beside each other: they stand back, hear when to stop, leave at once."""
+
+from __future__ import annotations
+
+import atexit
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import NoReturn
+
+INTERRUPTED = 130
+"""Exit code of a process that Ctrl-C has ended before it had begun."""
+
+
+def stand_back(nice: int) -> None:
+    """Never compete with the plant: no real-time class inherited from it, and a lower priority."""
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    with suppress(OSError):
+        os.setpriority(os.PRIO_PROCESS, 0, nice)
+
+
+@contextmanager
+def told_to_stop(take: Callable[[str], object]) -> Iterator[None]:
+    """Have `take` called with the name of each signal that asks this process to end as it should end.
+
+    These are Ctrl-C, kill, and a terminal that is closed, unless that is ignored (nohup). Only the main thread hears.
+    """
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+                before[number] = signal.signal(number, lambda n, _: take(signal.Signals(n).name))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def stopping() -> Iterator[threading.Event]:
+    """An event that is set when this process is told to stop."""
+    stop = threading.Event()
+    with told_to_stop(lambda _: stop.set()):
+        yield stop
+
+
+def as_process(main: Callable[[], int | None]) -> NoReturn:
+    """Be the process that carries out `main`: end with the code it returns, or leaves with.
+
+    The interpreter is not taken apart. That costs 0.3 s of processor time once rerun or numba are loaded: 14 s for a
+    viewer that stands back on a machine whose cores are busy (measured), and nobody needs what it holds any more.
+    """
+    try:
+        code = main()
+    except SystemExit as end:
+        code = end.code if isinstance(end.code, int | None) else 1
+    except KeyboardInterrupt:
+        code = INTERRUPTED
+    except Exception:
+        traceback.print_exc()
+        code = 1
+    _leave(code or 0)
+
+
+def _leave(code: int) -> NoReturn:
+    with suppress(Exception):
+        atexit._run_exitfuncs()  # noqa: SLF001 (there is no public name)
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except BrokenPipeError:  # whoever read has seen enough
+            pass
+        except (OSError, ValueError) as fault:
+            code = code or 1
+            with suppress(OSError, ValueError):
+                sys.stderr.write(f"the output could not be written: {fault}\n")
+    os._exit(code)
