@@ -22,14 +22,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from control import StateSpace
+
     from rig.record.run import Run
     from rig.scenes.scene import Scene
     from rig.study.cycle import Cycle
+    from rig.study.loop import Loop
     from rig.study.map import Boundary, Map
     from rig.study.modes import Modes
     from rig.study.sweep import Sweep
 
-__all__ = ["limit_cycle", "load", "map", "modes", "open", "simulate", "sweep"]
+__all__ = ["limit_cycle", "load", "loop", "map", "modes", "open", "simulate", "state_space", "sweep"]
 
 
 def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
@@ -64,16 +67,40 @@ def modes(scene: Scene | str) -> Modes:
     return solve(load(scene) if isinstance(scene, str) else scene)
 
 
-def sweep(scene: Scene | str, key: str, values: Iterable[float]) -> Sweep:
+def sweep(scene: Scene | str, key: str, values: Iterable[float], controller: str = "") -> Sweep:
     """The eigenvalues about steady sliding over a parameter of the rig, `values` in SI, and the critical values.
 
-    Raises rig.errors.SceneError for a key that is no number of the rig and for values that the scene cannot have.
+    With `controller`, those of its closed loop; the key may then be one of its own (controllers.NAME.gain). Raises
+    rig.errors.SceneError for a key that is no number of the rig and for values that the scene cannot have.
     """
     from rig.study.axis import Axis
+    from rig.study.loop import sweep_loop
     from rig.study.sweep import sweep as solve
 
     loaded = load(scene) if isinstance(scene, str) else scene
-    return solve(loaded, Axis.of(key, values, loaded))
+    axis = Axis.of(key, values, loaded, controller)
+    return sweep_loop(loaded, axis, controller) if controller else solve(loaded, axis)
+
+
+def loop(scene: Scene | str, controller: str) -> Loop:
+    """The closed loop of a controller about steady sliding: eigenvalues, range of gains, margins of phase and delay.
+
+    Raises rig.errors.SceneError for a controller that is no linear feedback and where nothing slides steadily.
+    """
+    from rig.study.loop import loop as solve
+
+    return solve(load(scene) if isinstance(scene, str) else scene, controller)
+
+
+def state_space(scene: Scene | str, delay: float = 0.0) -> StateSpace:
+    """The rig linearised about steady sliding as python-control's StateSpace, from its actuators to its outputs.
+
+    `delay` [s] of the commands as a Pade approximation of order 8. Raises rig.errors.SceneError where nothing slides
+    steadily.
+    """
+    from rig.study.plant import state_space as solve
+
+    return solve(load(scene) if isinstance(scene, str) else scene, delay)
 
 
 def limit_cycle(scene: Scene | str) -> Cycle:

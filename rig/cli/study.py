@@ -5,13 +5,19 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.cli import tell
 from rig.cli.options import Changes, Json, SceneName, changes, seconds
-from rig.errors import UsageError
+from rig.errors import SceneError
+
+if TYPE_CHECKING:
+    from rig.scenes.scene import Scene
+    from rig.study.loop import Loop
+    from rig.study.modes import Modes
+    from rig.study.sweep import Sweep
 
 Along = Annotated[
     str | None,
@@ -20,6 +26,10 @@ Along = Annotated[
         metavar="KEY=A:B:N",
         help='Follow the eigenvalues over a parameter and find the critical values: "drive.speed=0.05 m/s:0.4 m/s:50".',
     ),
+]
+Controller = Annotated[
+    str | None,
+    typer.Option("--controller", metavar="NAME", help="Close the loop of this controller: eigenvalues and margins."),
 ]
 Picture = Annotated[Path | None, typer.Option("--figure", metavar="FILE", help="Draw the sweep (PNG).")]
 XAxis = Annotated[str, typer.Option(metavar="KEY=FROM:TO:COUNT", help='Carried axis: --x "drive.speed=1:8 rpm:36".')]
@@ -34,35 +44,64 @@ Folder = Annotated[Path, typer.Option(metavar="FOLDER", help="Where the folder o
 
 
 def modes(
-    scene: SceneName, p: Changes = None, along: Along = None, figure: Picture = None, as_json: Json = False
+    scene: SceneName,
+    p: Changes = None,
+    along: Along = None,
+    controller: Controller = None,
+    figure: Picture = None,
+    as_json: Json = False,
 ) -> None:
-    """Eigenvalues at the sliding equilibrium: growth rate, frequency, damping ratio; along a parameter with --sweep."""
+    """Eigenvalues at the sliding equilibrium, or of the closed loop of a controller; along a parameter with --sweep."""
     from rig.scenes import load
-    from rig.study.axis import axes
-    from rig.study.modes import modes as solve
 
-    if figure is not None and along is None:
-        raise UsageError("--figure: draws a sweep; say over what, e.g. --sweep drive.speed=0.05:0.4:50")
     loaded = load(scene, changes(p))
-    if along is None:
-        single = solve(loaded)
-        if as_json:
-            tell.report(single.to_json())
-        else:
-            tell.line(single.text())
-        return
-    from rig.study.sweep import sweep
+    faults = ["--figure: draws a sweep; say over what: --sweep KEY=A:B:N"] if figure is not None and not along else []
+    found: Modes | Loop | Sweep | None = None
+    try:
+        if along is not None:
+            found = _swept(loaded, along, controller)
+        elif controller is not None:
+            from rig.study.loop import loop
 
-    [axis] = axes(loaded, {"--sweep": along})
-    found = sweep(loaded, axis)
+            found = loop(loaded, controller)
+        else:
+            from rig.study.modes import modes as solve
+
+            found = solve(loaded)
+    except SceneError as error:
+        faults += error.faults
+    if faults or found is None:
+        raise SceneError(loaded.name, faults)
     if figure is not None:
         from rig.study.locus import draw
+        from rig.study.sweep import Sweep
 
+        assert isinstance(found, Sweep)
         draw(found, figure)
     if as_json:
         tell.report(found.to_json())
     else:
         tell.line(found.text())
+
+
+def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
+    from rig.study.axis import axes
+    from rig.study.loop import loop, sweep_loop
+    from rig.study.sweep import sweep
+
+    faults: list[str] = []
+    if controller is not None:
+        try:
+            loop(scene, controller)
+        except SceneError as error:
+            faults += error.faults
+    try:
+        [axis] = axes(scene, {"--sweep": along}, controller or "")
+    except SceneError as error:
+        faults += error.faults
+    if faults:
+        raise SceneError(scene.name, faults)
+    return sweep(scene, axis) if controller is None else sweep_loop(scene, axis, controller)
 
 
 def cycle(scene: SceneName, p: Changes = None, as_json: Json = False) -> None:

@@ -4,6 +4,8 @@ design      plant matrices in, controller numbers out
 modes       eigenvalues at the sliding equilibrium
 axis        a parameter at evenly spaced values, as a user writes it
 sweep       eigenvalues over a parameter, critical values; `spectrum` tells which is which, `locus` draws them
+plant       the linearised rig as a state space from actuators to outputs
+loop        closed-loop eigenvalues and margins of a controller; `sampled` is its exact discretisation
 averaged    friction under a fast vibration, averaged
 cycle       the limit cycle
 dense       quantities between samples

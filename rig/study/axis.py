@@ -40,13 +40,13 @@ class Axis:
     scale: float = 1.0
 
     @classmethod
-    def parse(cls, text: str, scene: Scene) -> Self:
-        """`text` as an axis of `scene`. Raises SceneError with every fault."""
+    def parse(cls, text: str, scene: Scene, controller: str = "") -> Self:
+        """`text` as an axis of `scene`, or of its `controller`. Raises SceneError with every fault."""
         key, equals, rest = text.partition("=")
         key, parts = key.strip(), [part.strip() for part in rest.split(":")]
         if not equals or not key or len(parts) != 3 or not all(parts):
             raise SceneError(text, [FORM])
-        known = dict(sweepable(scene.parameters))
+        known = _numbers(scene, controller)
         faults = []
         if key not in known:
             faults.append(f"{key}: is no number of this scene's rig; {near(key, known)}")
@@ -73,9 +73,12 @@ class Axis:
         return axis
 
     @classmethod
-    def of(cls, key: str, values: Iterable[float], scene: Scene) -> Self:
-        """`key` of `scene` at values in SI, rising or falling. Raises SceneError with every fault."""
-        known, given = dict(sweepable(scene.parameters)), tuple(float(value) for value in values)
+    def of(cls, key: str, values: Iterable[float], scene: Scene, controller: str = "") -> Self:
+        """`key` of `scene` or of its `controller` at values in SI, rising or falling.
+
+        Raises SceneError with every fault.
+        """
+        known, given = _numbers(scene, controller), tuple(float(value) for value in values)
         faults = [] if key in known else [f"{key}: is no number of this scene's rig; {near(key, known)}"]
         steps = np.diff(given)
         if not 2 <= len(given) <= MOST:
@@ -103,7 +106,12 @@ class Axis:
 
     def at(self, scene: Scene, value: float) -> Scene:
         """`scene` with this parameter at `value` (SI). Raises SceneError where the scene cannot have it."""
-        return replace(scene, parameters=with_value(scene.parameters, self.key, value))
+        room, _, rest = self.key.partition(".")
+        if room != "controllers":
+            return replace(scene, parameters=with_value(scene.parameters, self.key, value))
+        name, _, field = rest.partition(".")
+        changed = with_value(scene.controllers[name], field, value)
+        return replace(scene, controllers={**scene.controllers, name: changed})
 
     def tell(self, value: float, digits: int = 6) -> str:
         """A value (SI) for a reader."""
@@ -120,14 +128,17 @@ class Axis:
         return np.array(self.values) / self.scale
 
 
-def axes(scene: Scene, given: Mapping[str, str | None]) -> list[Axis]:
-    """The axes of several options (`--x`, `--y`), those that were given. Raises SceneError with all their faults."""
+def axes(scene: Scene, given: Mapping[str, str | None], controller: str = "") -> list[Axis]:
+    """The axes of several options (`--x`, `--y`), those that were given. Raises SceneError with all their faults.
+
+    `controller`: one whose own numbers may be swept too.
+    """
     found, faults = [], []
     for option, text in given.items():
         if text is None:
             continue
         try:
-            found.append(Axis.parse(text, scene))
+            found.append(Axis.parse(text, scene, controller))
         except SceneError as error:
             faults += [f"{option} {text}: {fault}" for fault in error.faults]
     keys = [axis.key for axis in found]
@@ -137,14 +148,22 @@ def axes(scene: Scene, given: Mapping[str, str | None]) -> list[Axis]:
     return found
 
 
+def _numbers(scene: Scene, controller: str) -> dict[str, str]:
+    """Key and unit of what can be swept."""
+    found = dict(sweepable(scene.parameters))
+    if controller in scene.controllers:
+        found |= sweepable(scene.controllers[controller], f"controllers.{controller}")
+    return found
+
+
 def sweepable(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]:
     """(dotted key, unit) of every number of a section and of the sections in it, also of those left out."""
     for name, info in type(section).model_fields.items():
         value, key = getattr(section, name), f"{prefix}.{name}" if prefix else name
         if isinstance(value, BaseModel):
             yield from sweepable(value, key)
-        elif (value is None or isinstance(value, float)) and (unit := unit_of(info)):
-            yield key, unit
+        elif (value is None or (isinstance(value, float | int) and not isinstance(value, bool))) and unit_of(info):
+            yield key, unit_of(info)
 
 
 def _unit(part: str) -> str:

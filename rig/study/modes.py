@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rig.scenes.scene import Scene
+from rig.scenes.scene import Scene, plant_module
 from rig.solve.assembly import Assembly
 from rig.solve.linear import Steady, sliding_key, steady
 from rig.solve.motion import chosen
@@ -125,9 +125,13 @@ class Modes:
         return "\n".join(lines)
 
 
-def at_rest(scene: Scene) -> tuple[Assembly, Steady]:
-    """The rig of `scene` and its sliding equilibrium, dither off, controllers left out."""
-    assembly: Assembly = scene.assemble()
+def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assembly, Steady]:
+    """The rig of `scene` and its sliding equilibrium, dither off, controllers left out.
+
+    `moved`: actuators that are states, as for a plant; by default those that the scene moves.
+    """
+    given = scene.moved if moved is None else moved
+    assembly: Assembly = plant_module(scene.plant).assemble(scene.parameters, given)
     system = assembly.system()
     if GENERATOR[0] in system.names:
         quiet = system.start.copy()

@@ -27,8 +27,9 @@ DEPTH = 8  # halvings of a step between two values in which the pairs are not su
 class Spectrum(NamedTuple):
     """Eigenvalues `rates` [i], least stable first, right and left vectors [state, i], names of the states.
 
-    `exists`: whether the rig slides steadily there; `counts`: whether the rates say something; `note`: what speaks
-    against it. `inertia`: determinant of the mass matrix with friction in it over that without; jams below zero.
+    The first states are those of the rig, `own` of them, and of these the first are its `coordinates`. `exists`:
+    whether the rig slides steadily there; `counts`: whether the rates say something; `note`: what speaks against it.
+    `inertia`: determinant of the mass matrix with friction in it over that without; the rig jams below zero.
     """
 
     rates: Complex
@@ -36,6 +37,7 @@ class Spectrum(NamedTuple):
     left: Complex
     names: tuple[str, ...]
     coordinates: int
+    own: int
     exists: bool = True
     counts: bool = True
     note: str = ""
@@ -65,8 +67,8 @@ def sliding(at: Steady) -> Spectrum:
     inertia = _inertia(at)
     counts = inertia > 0.0 and (at.exists or (slides and not at.modes.nonlinear.any()))
     note = "jams" if inertia <= 0.0 else "" if at.exists else "the contact would open" if counts else NOTHING
-    names = tuple(at.system.names[i] for i in at.moving)
-    return Spectrum(rates, right, left, names, len(at.system.coordinates), at.exists and counts, counts, note, inertia)
+    names, nq = tuple(at.system.names[i] for i in at.moving), len(at.system.coordinates)
+    return Spectrum(rates, right, left, names, nq, len(names), at.exists and counts, counts, note, inertia)
 
 
 def _inertia(at: Steady) -> float:
@@ -76,7 +78,7 @@ def _inertia(at: Steady) -> float:
         patches, sigma = at.system.patches, at.modes.sigma
         by_force = np.zeros((len(patches), len(patches)))
         for k, normal in enumerate(at.system.normals):
-            by_force[normal.patch] += at.modes.normal_t[k]
+            by_force[normal.patch] += at.modes.normal_t[k][: len(patches)]
         mu = np.array([s * patch.law.mu(max(s * w, 0.0)) for patch, s, w in zip(patches, sigma, at.speed)])
         share *= float(np.linalg.det(np.eye(len(patches)) - mu[:, None] * by_force))
     return share
@@ -120,4 +122,4 @@ def equilibrium(scene: Scene) -> Spectrum:
         return sliding(at_rest(scene)[1])
     except np.linalg.LinAlgError:  # the mass matrix has no inverse: exactly where it jams
         none = np.zeros((0, 0), dtype=np.complex128)
-        return Spectrum(none.diagonal(), none, none, (), 0, False, False, "jams", 0.0)
+        return Spectrum(none.diagonal(), none, none, (), 0, 0, False, False, "jams", 0.0)

@@ -138,16 +138,12 @@ class Sweep:
 
 def sweep(scene: Scene, axis: Axis) -> Sweep:
     """The eigenvalues of `scene` at its sliding equilibrium over `axis`, and the critical values between its ends."""
-
-    @lru_cache(maxsize=4096)
-    def spectra(value: float) -> Spectrum:
-        return equilibrium(axis.at(scene, value))
-
-    return along(scene.name, axis, spectra)
+    return along(scene.name, axis, lambda value: equilibrium(axis.at(scene, value)))
 
 
-def along(name: str, axis: Axis, spectra: Spectra, loop: str = "") -> Sweep:
+def along(name: str, axis: Axis, spectrum_at: Spectra, loop: str = "") -> Sweep:
     """The sweep of whatever has a spectrum at each value of an axis."""
+    spectra = lru_cache(maxsize=4096)(spectrum_at)
     found = [spectra(value) for value in axis.values]
     rates, order = _branches(axis.values, found, spectra)
     states = tuple(dict.fromkeys(name for one in found for name in one.names))
@@ -303,5 +299,5 @@ def _root(
         becomes="unstable" if sides[1] > sides[0] else "stable",
         frequency=float(rate.imag / (2.0 * math.pi)),
         branch=int(here.argmin()),
-        shape=shape(grown.names, grown.right[:, i], grown.coordinates),
+        shape=shape(grown.names[: grown.own], grown.right[: grown.own, i], grown.coordinates),
     )

@@ -32,7 +32,7 @@ def over(matrix, start=0.0, end=1.0, count=11):
     def spectra(p):
         A = np.asarray(matrix(p), dtype=float)
         names = tuple(f"s{i}" for i in range(len(A)))
-        return Spectrum(*of_matrix(A), names, len(A) // 2)
+        return Spectrum(*of_matrix(A), names, len(A) // 2, len(A))
 
     return along("test", Axis("p", "1", values, "1"), spectra)
 

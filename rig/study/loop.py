@@ -1,0 +1,251 @@
+"""A control loop of a scene, linearised: closed-loop eigenvalues, and how much gain, phase and delay it bears.
+
+The loop is that of the scene: the controller's own numbers, its instrument, its delay, sample and hold, all exactly
+discretised (rig.study.sampled). Margins come from the exact frequency response L(exp(i w T)) of the opened loop. A rig
+that rubs may be unstable without control, so gain has a range, not a margin: below it friction wins, above it the loop.
+
+    gain range     gains between which every eigenvalue decays, of the controller's sign
+    phase margin   the least turn at |L| = 1 that makes L = -1        delay margin   the same turn as a delay, turn / w
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import controllers
+from controllers.feedback import VelocityFeedback
+from rig.errors import SceneError
+from rig.quantities import unit_of
+from rig.scenes.faults import near
+from rig.scenes.scene import Scene
+from rig.study.axis import Axis
+from rig.study.design import numbers
+from rig.study.plant import plant
+from rig.study.sampled import Sampled, sampled
+from rig.study.spectrum import Spectrum, of_matrix
+from rig.study.sweep import Sweep, along
+
+if TYPE_CHECKING:
+    from control import StateSpace
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+VANISHED = 1e-8  # |exp(lambda T)| of what a single period wipes out: commands under way
+MOST = 8  # motions told
+GRID = 400
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A closed loop about steady sliding. `unit`: of the gain; `delay` [s]: of the loop, without sample and hold.
+
+    `model`: with a gain of one, of the sign of `gain`.
+    """
+
+    scene: str
+    controller: str
+    through: str
+    gain: float
+    unit: str
+    delay: float
+    model: Sampled
+
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        """Eigenvalues lambda = ln(z) / T of the closed loop, least stable first; those that vanish at once left out."""
+        z, right, left = of_matrix(self.model.closed(abs(self.gain)))
+        seen = np.abs(z) > VANISHED
+        rates = (np.log(z[seen].astype(np.complex128)) / self.model.period).astype(np.complex128)
+        order = np.lexsort((-rates.imag, -rates.real))
+        columns = np.flatnonzero(seen)[order]
+        coordinates = sum(f"{name}'" in self.model.states for name in self.model.states)
+        own = self.model.own
+        return Spectrum(rates[order], right[:, columns], left[:, columns], self.model.states, coordinates, own)
+
+    @property
+    def growth(self) -> float:
+        """The largest growth rate [1/s]."""
+        return float(self.spectrum.rates[0].real)
+
+    def response(self, omega: Array) -> Complex:
+        """The opened loop L at `omega` [rad/s], with the sign in which -1 is the limit of stability."""
+        return abs(self.gain) * self._unit_response(omega)
+
+    def _unit_response(self, omega: Array) -> Complex:
+        z = np.exp(1j * omega * self.model.period)
+        F, G = self.model.F, self.model.G.astype(np.complex128)
+        held = np.linalg.solve(z[:, None, None] * np.eye(len(F)) - F, np.broadcast_to(G[:, None], (len(z), len(G), 1)))
+        return np.asarray(-(self.model.H @ held)[:, 0])
+
+    def state_space(self) -> StateSpace:
+        """The opened loop as python-control's StateSpace, sampled with the period; unity feedback closes it."""
+        import control
+
+        m = self.model
+        return control.ss(m.F, m.G[:, None], -abs(self.gain) * m.H[None, :], [[0.0]], m.period, name=self.controller)
+
+    @cached_property
+    def gain_ranges(self) -> list[tuple[float, float]]:
+        """Sizes of the gain between which the loop is stable; the last one may end at infinity."""
+        limits = sorted({0.0, *self._limits()})
+        found: list[tuple[float, float]] = []
+        for low, high in pairwise([*limits, math.inf]):
+            inside = 0.5 * (low + high) if math.isfinite(high) else 2.0 * low + 1.0
+            if np.abs(np.linalg.eigvals(self.model.closed(inside))).max() < 1.0:
+                joined = bool(found) and found[-1][1] == low
+                found = [*found[:-1], (found[-1][0], high)] if joined else [*found, (low, high)]
+        return found
+
+    @cached_property
+    def gain_range(self) -> tuple[float, float] | None:
+        """The range that the controller's own gain lies in; None where the loop is unstable."""
+        return next((ends for ends in self.gain_ranges if ends[0] <= abs(self.gain) < ends[1]), None)
+
+    @cached_property
+    def margins(self) -> dict[str, float] | None:
+        """Least phase margin [rad] and delay margin [s], each with its frequency [Hz]; None where unstable.
+
+        Infinite where the loop's gain never passes one.
+        """
+        if self.growth >= 0.0:
+            return None
+        at = np.array(self._roots(lambda w: np.abs(self.response(w)) - 1.0))
+        if not len(at):
+            return {"phase": math.inf, "phase_hertz": math.nan, "delay": math.inf, "delay_hertz": math.nan}
+        turn = np.mod(np.angle(self.response(at)) + math.pi, 2.0 * math.pi)  # clockwise to -1
+        back = np.minimum(turn, 2.0 * math.pi - turn)
+        phase, delay = int(back.argmin()), int((turn / at).argmin())
+        hertz = at / (2.0 * math.pi)
+        return {
+            "phase": float(back[phase]),
+            "phase_hertz": float(hertz[phase]),
+            "delay": float(turn[delay] / at[delay]),
+            "delay_hertz": float(hertz[delay]),
+        }
+
+    def _limits(self) -> list[float]:
+        """Sizes of the gain at which an eigenvalue lies on the unit circle."""
+        top = math.pi / self.model.period
+        turning = [1e-9 * top, *self._roots(lambda w: self._unit_response(w).imag), top]
+        return [float(-1.0 / value) for value in self._unit_response(np.array(turning)).real if value < 0.0]
+
+    def _roots(self, f: Callable[[Array], Array]) -> list[float]:
+        """Frequencies [rad/s] below Nyquist's at which f passes zero."""
+        from scipy.optimize import brentq
+
+        w = self._frequencies
+        values = f(w)
+        found = []
+        for i in np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0.0):
+            root = float(brentq(lambda x: float(f(np.array([x]))[0]), w[i], w[i + 1], xtol=1e-14 * w[i + 1]))
+            if abs(f(np.array([root]))[0]) <= abs(values[i]) + abs(values[i + 1]):  # not a pole
+                found.append(root)
+        return found
+
+    @cached_property
+    def _frequencies(self) -> Array:
+        """A grid up to Nyquist's frequency that is dense where the opened or the closed loop turns fast."""
+        top = math.pi / self.model.period
+        z = np.concatenate([np.linalg.eigvals(self.model.F), np.linalg.eigvals(self.model.closed(abs(self.gain)))])
+        poles = np.log(z[np.abs(z) > VANISHED].astype(np.complex128)) / self.model.period
+        slowest = max(float(np.abs(poles).min()), 1e-6 * top)
+        around = np.concatenate([p.imag + max(abs(p.real), 1e-9 * abs(p)) * np.linspace(-8.0, 8.0, 49) for p in poles])
+        w = np.concatenate([np.geomspace(1e-2 * slowest, top, GRID), around])
+        return np.unique(w[(w > 0.0) & (w < top)])
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        ends = self.gain_range
+        return {
+            "scene": self.scene,
+            "controller": self.controller,
+            "through": self.through,
+            "gain": self.gain,
+            "gain_unit": self.unit,
+            "period": self.model.period,
+            "delay": self.delay,
+            "stable": self.growth < 0.0,
+            "modes": [{"growth": g, "frequency": f} for g, f in self._motions()],
+            "gain_range": None if ends is None else list(ends),
+            "gain_ranges": [list(one) for one in self.gain_ranges],
+            "margins": self.margins,
+        }
+
+    def _motions(self) -> list[tuple[float, float]]:
+        """Growth [1/s] and frequency [Hz] of each motion, a pair once."""
+        return [(float(r.real), float(r.imag) / (2.0 * math.pi)) for r in self.spectrum.rates if r.imag >= 0.0]
+
+    def text(self) -> str:
+        """For a reader."""
+        late = f"delay {1e3 * self.delay:g} ms, " if self.delay else ""
+        hold = f"{late}sample and hold at {1e3 * self.model.period:g} ms"
+        lines = [
+            f"{self.scene}: loop of {self.controller} ({self.through}), gain {self.gain:g} {self.unit}".rstrip(),
+            f"  linearised about steady sliding, within all limits; {hold}, exactly discretised",
+            "",
+            f"  {'motion':<12}{'growth 1/s':>14}{'frequency Hz':>16}",
+        ]
+        told = self._motions()
+        lines += [f"  {'grows' if g > 0.0 else 'decays':<12}{g:>14.6g}{f:>16.6g}" for g, f in told[:MOST]]
+        lines += [f"  and {len(told) - MOST} that decay faster"] if len(told) > MOST else []
+        lines += [""]
+        unit = f" {self.unit}" if self.unit else ""
+        for low, high in self.gain_ranges:
+            end = f"{high:.6g}{unit}" if math.isfinite(high) else "any gain"
+            own = f" ({low / abs(self.gain):.4g} to {high / abs(self.gain):.4g} times its own)" if self.gain else ""
+            lines += [f"  stable with a gain from {low:.6g} to {end}{own}"]
+        lines += [] if self.gain_ranges else ["  stable with no gain"]
+        if self.margins is not None:
+            m = self.margins
+            lines += [f"  phase margin {math.degrees(m['phase']):.4g} deg at {m['phase_hertz']:.5g} Hz"]
+            lines += [f"  delay margin {1e3 * m['delay']:.5g} ms more, then it grows at {m['delay_hertz']:.5g} Hz"]
+        return "\n".join(lines)
+
+
+def loop(scene: Scene, name: str) -> Loop:
+    """The loop of controller `name` of `scene` about the equilibrium of the scene's own values; the others stay open.
+
+    Raises SceneError for a controller that is not there, one that is no linear feedback, and a rig that nowhere slides
+    steadily.
+    """
+    if name not in scene.controllers:
+        raise SceneError(scene.name, [f"controller {name}: unknown; {near(name, scene.controllers)}"])
+    section = scene.controllers[name]
+    feedback = controllers.build(section, numbers(scene)[name])
+    if not isinstance(feedback, VelocityFeedback):
+        known = [n for n, s in scene.controllers.items() if issubclass(controllers.KINDS[s.kind][1], VelocityFeedback)]
+        other = f"; {', '.join(known)} is" if known else ""
+        raise SceneError(
+            scene.name, [f"controllers.{name}: {section.kind} is no linear feedback: it has no margins{other}"]
+        )
+    sensor = scene.sensors[section.sensor]
+    dimension = unit_of(type(section), "gain")
+    unit = section.model_copy(update={"gain": math.copysign(1.0, section.gain)})
+    try:
+        model = sampled(
+            plant(scene), type(feedback)(unit, feedback.numbers), sensor.reads, sensor.front_end(), section.delay
+        )
+    except ValueError as fault:
+        raise SceneError(scene.name, [f"controllers.{name}.{fault}"]) from None
+    return Loop(
+        scene=scene.name,
+        controller=name,
+        through=f"{section.sensor} to {section.drive}",
+        gain=section.gain,
+        unit="" if dimension == "1" else dimension,
+        delay=section.delay * 1e-9,
+        model=model,
+    )
+
+
+def sweep_loop(scene: Scene, axis: Axis, name: str) -> Sweep:
+    """The eigenvalues of the closed loop of controller `name` over a parameter of the rig or of that controller."""
+    return along(scene.name, axis, lambda value: loop(axis.at(scene, value), name).spectrum, name)
