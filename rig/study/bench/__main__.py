@@ -1,4 +1,7 @@
-"""`make bench`: every figure of the README, on this machine. `--json FILE` keeps them, `--quick` takes less time."""
+"""`make bench`: every figure of the README, on this machine.
+
+`--json FILE` keeps them, `--quick` takes less time, `--map` measures maps alone.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.record.provenance import provenance
-from rig.study.bench import kernels, loop, whole
+from rig.study.bench import kernels, loop, maps, whole
 
 FLOORS = {
     "kernel_rtf": 1e4,
@@ -18,6 +21,7 @@ FLOORS = {
     "scipy": 200.0,
     "start": 2.0,
     "step_to_command_ms": 0.5,
+    "map": 0.85,
 }
 
 
@@ -37,7 +41,24 @@ def main() -> int:
             missed.append(what)
         return f"{'ok' if good else 'MISSED'} (floor {FLOORS[floor]:g})"
 
+    def mapped() -> None:
+        say("\nmap of the rig, run-up and run-down, kernels compiled")
+        found["map"] = m = maps.efficiency(24 if quick else 100)
+        verdict = judged("map", m["efficiency"], "map")
+        say(f"  {maps.SCENE}, {m['points']} points: one worker {m['wall'][1]:.1f} s, two {m['wall'][2]:.1f} s, "
+            f"efficiency {m['efficiency']:.2f} {verdict}")  # fmt: skip
+
+    def told() -> int:
+        if "--json" in sys.argv:
+            Path(sys.argv[sys.argv.index("--json") + 1]).write_text(json.dumps(found, indent=1, default=str))
+        if missed:
+            say(f"\nfloors missed: {', '.join(missed)}")
+        return 1 if missed else 0
+
     say(f"machine: {found['machine']}")
+    if "--map" in sys.argv:
+        mapped()
+        return told()
     say("\nreal-time factor of the pendulum, 1 ms samples, over event-time error (of a period)")
     found["precision"] = rows = kernels.precision()
     for row in rows:
@@ -91,12 +112,8 @@ def main() -> int:
     for name, counts in paced["loop"].items():
         aged = f"{counts['late']} older than a frame, oldest {counts['oldest']} frames"
         say(f"  {name}: {counts['taken']} commands, {aged}")
-
-    if "--json" in sys.argv:
-        Path(sys.argv[sys.argv.index("--json") + 1]).write_text(json.dumps(found, indent=1, default=str))
-    if missed:
-        say(f"\nfloors missed: {', '.join(missed)}")
-    return 1 if missed else 0
+    mapped()
+    return told()
 
 
 if __name__ == "__main__":
