@@ -102,6 +102,7 @@ def unit_of(section: type[BaseModel], field: str) -> str:
 Ratio = quantity("1", Ge(0.0))
 Number = quantity("1")
 Kilogram = quantity("kg", Gt(0.0))
+SomeKilogram = quantity("kg", Ge(0.0))
 KilogramSquareMetre = quantity("kg*m^2", Gt(0.0))
 Metre = quantity("m")
 PositiveMetre = quantity("m", Gt(0.0))

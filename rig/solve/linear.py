@@ -33,7 +33,7 @@ class Steady:
     """Steady sliding in one mode set, and the matrix of small motions about it.
 
     `exists`: the equilibrium was found and agrees with the modes; if not, `x` is where the search ended.
-    `moving`: states whose eigenvalues count. Of each patch: slip `speed`, `load` and `friction` force.
+    `moving`: states whose eigenvalues count. Of each patch: slip `speed`, `load` and `friction` force. `T`: inputs.
     """
 
     system: System
@@ -45,6 +45,7 @@ class Steady:
     speed: Array
     load: Array
     friction: Array
+    T: Array
 
     def eigenvalues(self) -> NDArray[np.complex128]:
         """Of the moving states, the least stable first [1/s]."""
@@ -144,7 +145,7 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
     friction = modes.friction @ x + modes.friction_t @ T
     agrees = bool(np.all(modes.sigma * speed > 0.0)) and bool(np.all(load[modes.sigma != 0.0] > 0.0))
     exists = not stuck and residual <= 1e-9 * scale and agrees
-    return Steady(system, modes, exists, x, A, moving, speed, load, friction)
+    return Steady(system, modes, exists, x, A, moving, speed, load, friction, T)
 
 
 def own_law(system: System, modes: ModeSet) -> Contact:

@@ -28,6 +28,7 @@ TIGHT = 1e-10
 LONGEST = 120.0  # s
 QUIET = 40.0  # periods of the slowest mode without an event: it slides
 _BLOCK = 16  # ticks in one call
+_BETTER = 1e-2
 _MOST = 24  # mode changes in one cycle
 
 
@@ -141,8 +142,9 @@ def stuck(system: System, x: Array) -> Array:
 def repeating(events: list[Event], step: float, repeat: float = REPEAT) -> tuple[int, float]:
     """Number of mode changes after which the last ones repeat, and by how much of the period their times differ.
 
-    The least number that repeats to `repeat`, else the one that does best: of a cycle that closes only after several
-    rounds each round looks alike. (0, inf) where none does. Three cycles are compared: two could agree by chance.
+    The least number that repeats to `repeat`, else the one that does best; a larger number only where it does far
+    better: of a cycle that closes only after several rounds each round looks alike, and so do two rounds of one that
+    is still settling. (0, inf) where none does. Three cycles are compared: two could agree by chance.
     """
     best = (0, math.inf)
     for count in range(2, min(_MOST, len(events) // 3) + 1):
@@ -154,9 +156,9 @@ def repeating(events: list[Event], step: float, repeat: float = REPEAT) -> tuple
         period = t[-1] - t[-1 - count]
         gaps = t[count:] - t[:-count] - period
         drift = float(np.abs(gaps).max() / period) if period > 0.0 else math.inf
-        if drift < best[1]:
+        if drift < _BETTER * best[1]:
             best = (count, drift)
-        if drift <= repeat:
+        if best[1] <= repeat:
             break
     return best
 

@@ -170,8 +170,8 @@ def modes(scene: Scene) -> Modes:
 def _sliding(assembly: Assembly, at: Steady) -> Sliding:
     system = at.system
     over_x, over_t = signal_rows(system, at.modes, [output.row for output in assembly.outputs.values()])
-    values = over_x @ at.x + over_t @ at.friction
-    rounding = 1e-14 * (np.abs(over_x) @ np.abs(at.x) + np.abs(over_t) @ np.abs(at.friction))
+    values = over_x @ at.x + over_t @ at.T
+    rounding = 1e-14 * (np.abs(over_x) @ np.abs(at.x) + np.abs(over_t) @ np.abs(at.T))
     values[np.abs(values) <= rounding] = 0.0
     rates, shapes = at.eigenvectors()
     return Sliding(
