@@ -7,6 +7,8 @@ sector     a part of the disc with a friction of its own
 tuned_mass a tilted absorber on the body; its inertia enters the normal force
 dither     a fast vibration of the belt, of the mass or of the normal force
 separation  a contact spring that lifts off and comes back
+disc_modes  the free vibration of a flexible disc
+moving_contact  what a contact changes that moves over a flexible disc: geometry, slope
 
 Each file declares its parameters (a `Section`, with units) and adds its rows to a `rig.solve.assembly.Assembly`.
 """

@@ -59,7 +59,10 @@ class Input:
 
 @dataclass
 class Assembly:
-    """A rig under construction. Plants start it, effects add rows, `system()` turns names into matrices."""
+    """A rig under construction. Plants start it, effects add rows, `system()` turns names into matrices.
+
+    `free`: natural frequencies [Hz] of a part of the rig by itself, told beside those of the rig.
+    """
 
     title: str = ""
     coordinates: list[str] = field(default_factory=list)
@@ -78,6 +81,7 @@ class Assembly:
     outputs: dict[str, Output] = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)
     owners: dict[str, str] = field(default_factory=dict)
+    free: dict[str, float] = field(default_factory=dict)
 
     def coordinate(self, name: str, mass: float, damping: float = 0.0, stiffness: float = 0.0) -> None:
         """A degree of freedom with its own mass, damper and spring to ground."""

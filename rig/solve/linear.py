@@ -26,6 +26,7 @@ Contact = Callable[[int, float, float], tuple[float, float, float]]
 
 _ROUNDS = 60
 _TOLERANCE = 1e-12
+_LEAST = 1e-3
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,10 @@ class Steady:
     """Steady sliding in one mode set, and the matrix of small motions about it.
 
     `exists`: the equilibrium was found and agrees with the modes; if not, `x` is where the search ended.
+    <<<<<<< HEAD
     `moving`: states whose eigenvalues count. Of each patch: slip `speed`, `load` and `friction` force. `T`: inputs.
+    =======
+    `moving`: states whose eigenvalues count. Of each patch: slip `speed`, `load` and `friction` force. `T`: the inputs.
     """
 
     system: System
@@ -130,15 +134,24 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
     stuck = STICK in system.modes(key)[0]
     law = contact if contact is not None else own_law(system, modes)
     A, T, load = linearised(system, modes, x, law)
-    residual, scale = np.inf, 1.0
+    residual, scale = _rest(modes, free, x, T)
     for _ in range(0 if stuck else _ROUNDS):
-        rate = modes.A @ x + modes.b @ T
-        terms = np.abs(modes.A[free]) @ np.abs(x) + np.abs(modes.b[free]) @ np.abs(T)
-        before, residual, scale = residual, float(np.abs(rate[free]).max()), float(terms.max()) or 1.0
-        if residual <= _TOLERANCE * scale or residual > 2.0 * before:
+        if residual <= _TOLERANCE * scale:
             break
-        x[free] -= np.linalg.lstsq(A[np.ix_(free, free)], rate[free], rcond=1e-14)[0]
-        A, T, load = linearised(system, modes, x, law)
+        step = np.linalg.lstsq(A[np.ix_(free, free)], (modes.A @ x + modes.b @ T)[free], rcond=1e-14)[0]
+        before, share = residual, 1.0
+        while share > _LEAST:  # near a speed at which the structure gives way the full step leads astray
+            y = x.copy()
+            y[free] -= share * step
+            found = linearised(system, modes, y, law)
+            residual, scale = _rest(modes, free, y, found[1])
+            if residual < before:
+                break
+            share *= 0.5
+        if not residual < before:
+            residual = before
+            break
+        x, (A, T, load) = y, found
     nq = len(system.coordinates)
     x[nq : 2 * nq] = 0.0  # q' = v: what Newton leaves there is rounding
     speed = system.slip_rows @ x
@@ -146,6 +159,13 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
     agrees = bool(np.all(modes.sigma * speed > 0.0)) and bool(np.all(load[modes.sigma != 0.0] > 0.0))
     exists = not stuck and residual <= 1e-9 * scale and agrees
     return Steady(system, modes, exists, x, A, moving, speed, load, friction, T)
+
+
+def _rest(modes: ModeSet, free: NDArray[np.int64], x: Array, T: Array) -> tuple[float, float]:
+    """Largest rate of the states `free` at x, and the largest sum of the sizes of its terms."""
+    rate = modes.A[free] @ x + modes.b[free] @ T
+    terms = np.abs(modes.A[free]) @ np.abs(x) + np.abs(modes.b[free]) @ np.abs(T)
+    return float(np.abs(rate).max(initial=0.0)), float(terms.max(initial=0.0)) or 1.0
 
 
 def own_law(system: System, modes: ModeSet) -> Contact:

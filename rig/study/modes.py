@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -72,7 +72,10 @@ class Sliding:
 
 @dataclass(frozen=True)
 class Modes:
-    """What `modes` finds. `dithered` is None for a scene without dither; `amplitude` [unit] and `hertz` go with it."""
+    """What `modes` finds. `dithered` is None for a scene without dither; `amplitude` [unit] and `hertz` go with it.
+
+    `free`: natural frequencies [Hz] of a part of the rig by itself.
+    """
 
     scene: str
     mode: str
@@ -83,6 +86,7 @@ class Modes:
     amplitude: float = 0.0
     unit: str = ""
     hertz: float = 0.0
+    free: Mapping[str, float] = field(default_factory=dict)
 
     COLUMNS: ClassVar = ("motion", "growth 1/s", "frequency Hz", "damping ratio", "shape")
 
@@ -102,6 +106,7 @@ class Modes:
             "dither": None
             if self.dithered is None
             else {"amplitude": self.amplitude, "unit": self.unit, "hertz": self.hertz, **_plain(self.dithered)},
+            "free": dict(self.free),
             "findings": [finding.to_json() for finding in self.findings],
         }
 
@@ -115,6 +120,8 @@ class Modes:
             lines += [f"  friction coefficient at {name} = {v:.6g}" for name, v in self.sliding.coefficient.items()]
             lines += ["", "  {:<22}{:>12}{:>14}{:>15}  {}".format(*self.COLUMNS)]
             lines += [f"  {k:<22}{g:>12.6g}{f:>14.6g}{d:>15.4g}  {s}" for k, g, f, d, s in self.table()]
+        if self.free:
+            lines += ["", "  by itself:", *(f"  {name:<36}{hertz:>12.6g}" for name, hertz in self.free.items())]
         if self.dithered is not None:
             effect = ", ".join(f"{v:.4g} at {name}" for name, v in self.dithered.coefficient.items())
             lines += [
@@ -153,6 +160,7 @@ def modes(scene: Scene) -> Modes:
         sliding=_sliding(assembly, at),
         units={name: output.unit for name, output in assembly.outputs.items()},
         findings=tuple(verdict(system, method, scene.step_ns * 1e-9, substeps)),
+        free=assembly.free,
     )
     if GENERATOR[0] not in system.names:
         return found

@@ -1,0 +1,230 @@
+"""A slider on a rotating flexible disc: mode coupling, falling friction and moving load in one rig.
+
+    m s'' + ct s' + kt s + ki/2 (s - u) = T                      s = r0 phi along the disc
+    m u'' + cn u' + ki/2 (u - s)        = N - F0                 u away from it
+    N = kc (w(r0, phi) - u),   v = r0 Omega - s'
+    w(r, theta) = sum R(r) (C cos l theta + S sin l theta)       in the frame of the stand, summed over the disc's modes
+    C'' + 2 l Omega S' + (omega^2 - l^2 Omega^2) C + 2 zeta omega (C' + l Omega S) = -R (N cos l phi + M l sin l phi)
+    S'' - 2 l Omega C' + (omega^2 - l^2 Omega^2) S + 2 zeta omega (S' - l Omega C) = -R (N sin l phi - M l cos l phi)
+    M = h T / (2 r0)
+
+The disc turns towards +theta under the slider; friction acts on its upper face, half a thickness from the middle, and
+so bends it (M). Damping is that of the material, which turns. Where the scene moves the disc speed, what it multiplies
+are products of states, and l Omega' S, -l Omega' C stand beside 2 l Omega S', -2 l Omega C'.
+Source: Liu and Ouyang, Meccanica 55 (2020), section 3, equations 16 to 30 and appendix.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+from rig.effects import dither, drive, load
+from rig.effects.disc_modes import Disc, Mode, free_modes
+from rig.effects.dither import MassDither
+from rig.effects.friction import Friction
+from rig.effects.load import Load
+from rig.effects.moving_contact import Geometry, Slope
+from rig.effects.separation import Separation
+from rig.plants.belt import RAMPED, contact_outputs
+from rig.quantities import (
+    Angle,
+    Kilogram,
+    Metre,
+    MetrePerSecond,
+    NewtonPerMetre,
+    NewtonSecondPerMetre,
+    PositiveMetre,
+    RadianPerSecond,
+    Section,
+    SomeNewtonPerMetre,
+)
+from rig.solve.assembly import Assembly, Output, Part
+
+
+class Slider(Section):
+    """The slider: mass, radius r0 of its place, springs and dampers along and across the disc.
+
+    `tangential` kt, `inclined` ki (at 45 degrees, anchored above and behind), `contact` kc: springs.
+    """
+
+    mass: Kilogram
+    radius: PositiveMetre
+    tangential: NewtonPerMetre
+    inclined: SomeNewtonPerMetre
+    contact: NewtonPerMetre
+    damping: NewtonSecondPerMetre = 0.0
+    normal_damping: NewtonSecondPerMetre = 0.0
+
+
+class Drive(Section):
+    """Turns the disc."""
+
+    speed: RadianPerSecond
+
+
+class Probe(Section):
+    """Where the instruments look at the disc, a place of the stand; angle 0 is that of the unmoved slider."""
+
+    radius: PositiveMetre
+    angle: Angle = 0.0
+
+
+class Start(Section):
+    """Where the slider is at the start, from the unloaded springs just touching the flat disc.
+
+    The disc begins at rest, bent as the contact force of this height bends it.
+    """
+
+    displacement: Metre = 0.0
+    velocity: MetrePerSecond = 0.0
+    height: Metre = 0.0
+    height_velocity: MetrePerSecond = 0.0
+
+
+class Parameters(Section):
+    """The tables of a disc_slider scene. `load`: the preload F0."""
+
+    disc: Disc
+    slider: Slider
+    drive: Drive
+    load: Load
+    friction: Friction
+    probe: Probe
+    geometry: Geometry | None = None
+    slope: Slope | None = None
+    separation: Separation | None = None
+    dither: MassDither | None = None
+    start: Start = Start()
+
+
+def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
+    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    slider, r0 = p.slider, p.slider.radius
+    modes = free_modes(p.disc)
+    a = Assembly(title="disc_slider")
+    a.coordinate("s", slider.mass, slider.damping, slider.tangential + 0.5 * slider.inclined)
+    a.coordinate("u", slider.mass, slider.normal_damping, 0.5 * slider.inclined)
+    a.stiffness["s", "u"] = a.stiffness["u", "s"] = -0.5 * slider.inclined
+    for mode in modes:
+        for name in names(mode):
+            a.coordinate(name, 1.0, 2.0 * p.disc.damping_ratio * mode.omega, mode.omega**2)
+    a.start |= {"s": p.start.displacement, "s'": p.start.velocity, "u": p.start.height, "u'": p.start.height_velocity}
+
+    compliance = sum(mode.at(r0) ** 2 / mode.omega**2 for mode in modes)
+    force = -slider.contact * p.start.height / (1.0 + slider.contact * compliance)
+    a.start |= {names(mode)[0]: -mode.at(r0) * force / mode.omega**2 for mode in modes}
+
+    speed = drive.actuator(a, "drive.speed", "rad/s", p.drive.speed, 0.0, (-math.inf, math.inf), None, "drive", moved)
+    for mode in modes:
+        if mode.pair:
+            _turn(a, mode, p, speed)
+    a.push("u", {name: -value for name, value in load.add(a, p.load, moved).items()})
+
+    lift = {names(mode)[0]: mode.at(r0) for mode in modes}  # deflection at the unmoved slider
+    bend = {names(mode)[1]: 0.5 * p.disc.thickness / r0 * mode.diameters * mode.at(r0) for mode in modes if mode.pair}
+    surface = {name: r0 * value for name, value in speed.items()}
+    a.patch("contact", {"s": 1.0} | bend, surface, p.friction.friction(), {"s": 1.0})
+    pressed = {name: slider.contact * value for name, value in lift.items()} | {"u": -slider.contact}
+    a.normal(
+        "load",
+        "contact",
+        pressed,
+        {"u": 1.0} | {name: -value for name, value in lift.items()},
+        opens=p.separation is not None,
+    )
+    for mode in modes:
+        if mode.pair:
+            if p.geometry is not None:
+                _move(a, mode, p, lift, bend)
+            if p.slope is not None:
+                _incline(a, mode, p)
+    if p.dither is not None:
+        dither.add(a, p.dither, "contact", "load", "s")
+
+    seen = deflection(modes, p.probe.radius, p.probe.angle)
+    a.outputs |= contact_outputs({"s": 1.0}, a)
+    a.outputs |= {
+        "angle": Output({"s": 1.0 / r0}, "rad"),
+        "height": Output({"u": 1.0}, "m"),
+        "height_velocity": Output({"u'": 1.0}, "m/s"),
+        "deflection": Output(seen, "m"),
+        "deflection_velocity": Output({f"{name}'": value for name, value in seen.items()}, "m/s"),
+        "disc_speed": Output(dict(speed), "rad/s"),
+    }
+    a.free = {
+        f"disc, {mode.circles} circles, {mode.diameters} diameters{part}": mode.omega / (2.0 * math.pi)
+        for mode in modes
+        for part in ((", cosine", ", sine") if mode.pair else ("",))
+    }
+    return a
+
+
+def names(mode: Mode) -> tuple[str, ...]:
+    """The coordinates of a mode: cosine and, for a pair, sine."""
+    which = f"{mode.diameters}.{mode.circles}" if mode.circles else f"{mode.diameters}"
+    return (f"C{which}", f"S{which}") if mode.pair else (f"C{which}",)
+
+
+def deflection(modes: tuple[Mode, ...], radius: float, angle: float) -> dict[str, float]:
+    """The row of w at a place of the stand."""
+    row: dict[str, float] = {}
+    for mode in modes:
+        around = math.cos(mode.diameters * angle), math.sin(mode.diameters * angle)
+        row |= {name: mode.at(radius) * part for name, part in zip(names(mode), around)}
+    return row
+
+
+def _turn(a: Assembly, mode: Mode, p: Parameters, speed: dict[str, float]) -> None:
+    """What the rotation of the disc does to a pair, in the frame of the stand."""
+    l, damper = mode.diameters, 2.0 * p.disc.damping_ratio * mode.omega
+    cosine, sine = names(mode)
+    [(state, value)] = speed.items()
+    for name, other, sign in ((cosine, sine, 1.0), (sine, cosine, -1.0)):
+        if state == "one":
+            a.damping[name, other] = sign * 2.0 * l * value
+            a.stiffness[name, name] -= (l * value) ** 2
+            a.push(name, {other: -sign * damper * l * value})  # a force of the drive: no spring stores it
+            continue
+        _product(a, name, -sign * 2.0 * l, state, f"{other}'")
+        _product(a, name, float(l * l), state, state, name)
+        _product(a, name, -sign * damper * l, state, other)
+        if "drive.slope" in a.signals:
+            _product(a, name, -sign * l, "drive.slope", other)
+
+
+def _move(a: Assembly, mode: Mode, p: Parameters, lift: dict[str, float], bend: dict[str, float]) -> None:
+    """What the angle of the slider changes in the normal force, and in what a pair feels of both forces."""
+    cosine, sine = names(mode)
+    turned = {"s": mode.diameters / p.slider.radius}
+    away, aside = ("cos-1", turned), ("sin", turned)
+    a.product(f"{cosine} cos-1", cosine, away)
+    a.product(f"{sine} sin", sine, aside)
+    a.load("load").update(dict.fromkeys((f"{cosine} cos-1", f"{sine} sin"), p.slider.contact * lift[cosine]))
+    for name, force, factor, coefficient in (
+        (cosine, "N:load", away, -lift[cosine]),
+        (sine, "N:load", aside, -lift[cosine]),
+        (cosine, "T:contact", aside, -bend[sine]),
+        (sine, "T:contact", away, bend[sine]),
+    ):
+        label = f"{force} {factor[0]} {mode.diameters}"
+        a.product(label, force, factor)
+        a.push(name, {label: coefficient})
+
+
+def _incline(a: Assembly, mode: Mode, p: Parameters) -> None:
+    """-N dw / (r0 dtheta) on the slider."""
+    cosine, sine = names(mode)
+    gain = mode.diameters * mode.at(p.slider.radius) / p.slider.radius
+    turned = {"s": mode.diameters / p.slider.radius}
+    _product(a, "s", -gain, "N:load", sine)
+    if p.geometry is not None:
+        _product(a, "s", gain, "N:load", cosine, ("sin", turned))
+        _product(a, "s", -gain, "N:load", sine, ("cos-1", turned))
+
+
+def _product(a: Assembly, coordinate: str, coefficient: float, *factors: Part) -> None:
+    """Push a coordinate by a product."""
+    label = " ".join(factor if isinstance(factor, str) else factor[0] for factor in factors)
+    a.product(label, *factors)
+    a.push(coordinate, {label: coefficient})
