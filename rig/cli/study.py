@@ -11,7 +11,7 @@ import typer
 
 from rig.cli import tell
 from rig.cli.options import Changes, Json, SceneName, changes, seconds
-from rig.errors import SceneError
+from rig.errors import SceneError, UsageError
 
 if TYPE_CHECKING:
     from rig.scenes.scene import Scene
@@ -40,6 +40,9 @@ Output = Annotated[
 ]
 Longest = Annotated[str | None, typer.Option(metavar="TIME", help="Simulated time for one point; 480 slow periods.")]
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one for each core by default.")]
+Eigenvalues = Annotated[
+    bool, typer.Option("--eigenvalues", help="No runs: where sliding is unstable, by eigenvalues, over both axes.")
+]
 Folder = Annotated[Path, typer.Option(metavar="FOLDER", help="Where the folder of this map is made or found.")]
 
 
@@ -125,6 +128,7 @@ def map_(
     output: Output = None,
     longest: Longest = None,
     workers: Workers = None,
+    eigenvalues: Eigenvalues = False,
     out: Folder = Path("maps"),
     as_json: Json = False,
 ) -> None:
@@ -137,6 +141,9 @@ def map_(
     from rig.study.map.figure import draw
 
     loaded = load(scene, changes(p))
+    if eigenvalues:
+        _regions(loaded, x, y, out, as_json)
+        return
     wanted = tuple(run.strip() for run in runs.split(",") if run.strip())
     todo = job(loaded, x, y, output, wanted, seconds(longest, "--longest"))
     store = Store.of(todo, out)
@@ -154,6 +161,29 @@ def map_(
         return
     tell.line(found.text())
     tell.line(f"\n{store.folder}/map.png, map.csv")
+
+
+def _regions(scene: Scene, x: str, y: str | None, out: Path, as_json: bool) -> None:
+    from rig.study.axis import axes
+    from rig.study.regions import draw, regions
+
+    if y is None:
+        raise UsageError("--eigenvalues: needs --y as well; over one parameter: rig modes SCENE --sweep KEY=A:B:N")
+    across, along = axes(scene, {"--x": x, "--y": y})
+    with _bar("rows") as progress:
+        found = regions(scene, across, along, progress)
+    folder = out / f"{scene.name}-eigenvalues-{found.digest}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"{folder}: cannot be written: {error.strerror}") from None
+    found.write_csv(folder / "regions.csv")
+    draw(found, folder / "regions.png")
+    if as_json:
+        tell.report(found.to_json() | {"folder": str(folder)})
+        return
+    tell.line(found.text())
+    tell.line(f"\n{folder}/regions.png, regions.csv")
 
 
 def reproduce(

@@ -90,6 +90,8 @@ ABOUT = {
     "lag": "a first-order actuator",
     "dither": "a fast vibration of belt, mass or load",
     "separation": "a contact spring that lifts off and comes back; without it the spring pulls as well",
+    "geometry": "the contact moves round with the slider; without it, it stays where it was",
+    "slope": "the normal force pushes along the inclined surface",
     "tuned_mass": "a tilted absorber; its inertia enters the normal force",
 }
 

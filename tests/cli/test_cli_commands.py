@@ -289,3 +289,15 @@ def test_every_fault_of_the_axes_of_a_map_is_told(rig):
     assert code == 2
     assert "did you mean drive.speed?" in err
     assert "count = 1: must be a whole number from 2" in err
+
+
+def test_map_by_eigenvalues_needs_both_axes_and_leaves_figure_and_table(rig, tmp_path):
+    asked = ("map", "belt", "--eigenvalues", "--x", "drive.speed=0.15:0.25 m/s:3", "--out", str(tmp_path))
+    code, _, err = rig(*asked)
+    assert code == 2
+    assert "--eigenvalues: needs --y as well" in err
+    code, out, _ = rig(*asked, "--y", "load.force=20:30 N:2")
+    assert code == 0
+    assert "0.15 m/s to 0.20794" in out
+    [folder] = tmp_path.iterdir()
+    assert {"regions.png", "regions.csv"} == {path.name for path in folder.iterdir()}

@@ -1,0 +1,187 @@
+"""Regions of instability: the least stable motion about steady sliding over two parameters, by eigenvalues alone.
+
+Under dither that is switched on, friction is averaged (rig.study.averaged, to leading order: what inertia leaves of the
+fast motion). Along x the edges are found by root finding; a band narrower than the distance of two values is not seen.
+Source: Liu and Ouyang, Meccanica 55 (2020), figures 8 and 12.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.bench.stand import with_value
+from rig.scenes.scene import Scene
+from rig.solve.linear import Steady, sliding_key, steady
+from rig.study.averaged import averaged
+from rig.study.axis import Axis
+from rig.study.modes import GENERATOR
+from rig.study.sweep import NEUTRAL
+
+Array = NDArray[np.float64]
+_GREY = "#b9b9b9"
+_CLOSE = 1e-9  # of the value: how closely an edge is found
+
+
+@dataclass(frozen=True)
+class Regions:
+    """What `regions` finds. `growth` [1/s] and `frequency` [Hz] of the least stable motion, [y, x].
+
+    `exists`: whether the contact presses there; where it would have to pull, the numbers are those of a contact that
+    can. `edges`: for each y, the values of x at which sliding becomes unstable (True) or stable (False).
+    """
+
+    scene: Scene
+    x: Axis
+    y: Axis
+    growth: Array
+    frequency: Array
+    exists: NDArray[np.bool_]
+    edges: tuple[tuple[tuple[float, bool], ...], ...]
+
+    @property
+    def digest(self) -> str:
+        """Of everything that the numbers depend on (12 hex digits)."""
+        told = repr((self.scene.digest, self.x, self.y))
+        return hashlib.sha256(told.encode()).hexdigest()[:12]
+
+    def text(self) -> str:
+        """For a reader: a line for each y."""
+        lines = [f"{self.scene.name}: where sliding grows into vibration, over {self.x.label}", ""]
+        lines.append(f"  {self.y.label:<24}{'largest growth 1/s':>20}  unstable")
+        for i, value in enumerate(self.y.values):
+            told = ", ".join(f"{start} to {end}" for start, end in self._bands(i)) or "nowhere"
+            lines.append(f"  {self.y.tell(value):<24}{np.nanmax(self.growth[i]):>20.6g}  {told}")
+        if not self.exists.all():
+            share = 100.0 * (1.0 - self.exists.mean())
+            lines += ["", f"  at {share:.2g} % of the points nothing slides steadily unless the contact pulls"]
+        return "\n".join(lines)
+
+    def _bands(self, row: int) -> Iterator[tuple[str, str]]:
+        edges = sorted(self.edges[row])
+        low, high = sorted((self.x.values[0], self.x.values[-1]))
+        first = self.growth[row, int(np.argmin(self.x.values))]
+        start = self.x.tell(low) if first > 0.0 else None
+        for value, unstable in edges:
+            if unstable:
+                start = self.x.tell(value, 8)
+            elif start is not None:
+                yield start, self.x.tell(value, 8)
+                start = None
+        if start is not None:
+            yield start, self.x.tell(high)
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values, SI."""
+        return {
+            "scene": self.scene.name,
+            **{
+                name: {"key": axis.key, "unit": axis.unit, "values": list(axis.values)}
+                for name, axis in (("x", self.x), ("y", self.y))
+            },
+            "growth": self.growth.tolist(),
+            "frequency": self.frequency.tolist(),
+            "exists": self.exists.tolist(),
+            "edges": [[{"x": x, "becomes": "unstable" if u else "stable"} for x, u in row] for row in self.edges],
+        }
+
+    def write_csv(self, path: Path) -> None:
+        """A line for each point, SI."""
+        with path.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow([self.x.key, self.y.key, "growth", "frequency", "exists"])
+            for j, i in np.ndindex(self.growth.shape):
+                at = self.growth[j, i], self.frequency[j, i], int(self.exists[j, i])
+                writer.writerow([self.x.values[i], self.y.values[j], *at])
+
+
+def regions(scene: Scene, x: Axis, y: Axis, progress: Callable[[int, int], object] | None = None) -> Regions:
+    """The least stable motion of `scene` over two axes; `progress(rows done, rows)`."""
+    from scipy.optimize import brentq
+
+    shape = len(y.values), len(x.values)
+    growth, frequency, exists = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=bool)
+    edges = []
+    for j, along_y in enumerate(y.values):
+
+        @cache
+        def at(value: float, fixed: float = along_y) -> Steady:
+            return sliding(scene, {x.key: value, y.key: fixed})
+
+        def grows(value: float, at: Callable[[float], Steady] = at) -> float:
+            rate = at(value).eigenvalues()[0]
+            return float(rate.real - NEUTRAL * abs(rate))
+
+        for i, value in enumerate(x.values):
+            rate = at(value).eigenvalues()[0]
+            growth[j, i], frequency[j, i] = rate.real, abs(rate.imag) / (2.0 * math.pi)
+            exists[j, i] = at(value).exists
+        row = []
+        unstable = [grows(value) > 0.0 for value in x.values]
+        for i in np.flatnonzero(np.diff(unstable)).tolist():
+            edge = float(brentq(grows, *sorted(x.values[i : i + 2]), xtol=_CLOSE * abs(x.values[i + 1])))
+            row.append((edge, unstable[i + 1] == (x.values[i + 1] > x.values[i])))
+        edges.append(tuple(row))
+        if progress is not None:
+            progress(j + 1, shape[0])
+    return Regions(scene, x, y, growth, frequency, exists, tuple(edges))
+
+
+def sliding(scene: Scene, values: dict[str, float]) -> Steady:
+    """Steady sliding of `scene` with these values (SI), under averaged friction where dither is on."""
+    parameters = scene.parameters
+    for key, value in values.items():
+        parameters = with_value(parameters, key, value)
+    assembly = scene.assemble(parameters)
+    system = assembly.system()
+    if GENERATOR[0] not in system.names:
+        return steady(system, sliding_key(system))
+    sine, cosine = (system.names.index(name) for name in GENERATOR)
+    on = assembly.inputs["dither.amplitude"].value * assembly.inputs["dither.enable"].value
+    return averaged(system, sine, cosine, on, leading=True)
+
+
+def draw(found: Regions, path: Path) -> None:
+    """Draw regions into the file `path` (PNG; other endings as matplotlib knows them)."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import ListedColormap, SymLogNorm
+    from matplotlib.figure import Figure
+
+    from rig.view.figure import STYLE
+
+    x, y = found.x.told, found.y.told
+    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
+        figure = Figure(figsize=(9.6, 5.4), dpi=125, facecolor="white", layout="constrained")
+        FigureCanvasAgg(figure)
+        axes = figure.add_subplot()
+        axes.grid(visible=False)
+        most = float(np.abs(found.growth).max()) or 1.0
+        norm = SymLogNorm(linthresh=most / 20.0, vmin=-most, vmax=most)
+        mesh = axes.pcolormesh(x, y, found.growth, cmap="RdBu_r", norm=norm, shading="nearest")
+        mesh.set_rasterized(True)
+        if not found.exists.all():
+            pulls = np.where(found.exists, np.nan, 1.0)
+            axes.pcolormesh(x, y, pulls, cmap=ListedColormap([_GREY]), shading="nearest")
+            axes.plot([], [], "s", color=_GREY, label="no steady sliding unless the contact pulls")
+        scale = found.x.scale
+        points = np.array([(value / scale, y[j]) for j, row in enumerate(found.edges) for value, _ in row])
+        if len(points):
+            axes.plot(points[:, 0], points[:, 1], ".", color="black", ms=3.0, label="sliding loses or gains stability")
+        axes.set(xlabel=found.x.label, ylabel=found.y.label)
+        axes.margins(0.0)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=2)
+        bar = figure.colorbar(mesh, ax=axes, label="growth of the least stable motion [1/s]")
+        bar.outline.set_visible(False)  # type: ignore[operator]
+        figure.suptitle(found.scene.title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+        figure.savefig(path)

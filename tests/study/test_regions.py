@@ -1,0 +1,62 @@
+"""Regions of instability: what they say of the slider on a disc, and of a rig whose answer is known in closed form."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rig
+from rig.study.axis import axes
+from rig.study.regions import draw, regions
+
+LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_disc.json").read_text())
+
+
+def found(scene, x, y, changes=None):
+    loaded = rig.load(scene, changes or {})
+    return regions(loaded, *axes(loaded, {"--x": x, "--y": y}))
+
+
+def test_band_of_falling_friction_grows_with_the_preload():
+    """Case b, edges of the reference."""
+    got = found("disc_slider", "drive.speed=0.5:6 rad/s:4", "load.force=50:200 N:4")
+    for load, row in zip(got.y.values, got.edges):
+        for one in (one for one in LIU["RI_edges"] if (one["case"], one["F0"]) == ("b", load)):
+            assert [edge for edge, _ in row] == pytest.approx([one["edges"][0][0]], abs=1e-4)
+    assert [unstable for row in got.edges for _, unstable in row] == [False] * 4
+    assert np.all(np.diff([row[0][0] for row in got.edges]) > 0.0)
+    assert "0.5 rad/s to 2.703" in got.text()
+    assert got.exists.all()
+
+
+def test_dither_leaves_a_thin_strip():
+    """Just above the speed at which it reverses slip: at 100 N from 6.0 rad/s on, reference."""
+    shake = {"dither.amplitude": 0.6 * 20.0 * LIU["omega_ref"]}
+    got = found("disc_slider_dither", "drive.speed=1:8 rad/s:8", "load.force=100:101 N:2", shake)
+    expected = [tuple(edge) for edge in LIU["RI_edges_dither"][0]["edges"][:2]]
+    assert got.edges[0] == tuple((pytest.approx(edge, abs=2e-4), unstable) for edge, unstable in expected)
+
+
+def test_edges_do_not_depend_on_the_direction_of_an_axis():
+    up = found("disc_slider_a", "drive.speed=905:985 rad/s:5", "load.force=20:50 N:2")
+    down = found("disc_slider_a", "drive.speed=985:905 rad/s:5", "load.force=20:50 N:2")
+    for row, turned in zip(up.edges, down.edges):
+        assert [u for _, u in row] == [True, False, True]
+        assert sorted(turned) == [(pytest.approx(edge, rel=1e-7), unstable) for edge, unstable in row]
+
+
+def test_regions_agree_with_the_closed_form_of_a_falling_law(tmp_path):
+    """Belt, characteristic B: growth = (slope N - d) / 2 m."""
+    got = found("belt_b", "load.force=1:5 N:5", "body.damping=1:3 N*s/m:3")
+    slope, mass = 0.8, 5.0  # of the scene
+    expected = (slope * np.array(got.x.values) - np.array(got.y.values)[:, None]) / (2.0 * mass)
+    assert got.growth == pytest.approx(expected, rel=1e-9, abs=1e-12)
+    assert [row[0][0] for row in got.edges] == pytest.approx(np.array(got.y.values) / slope, rel=1e-6)
+    draw(got, tmp_path / "regions.png")
+    got.write_csv(tmp_path / "regions.csv")
+    assert (tmp_path / "regions.png").stat().st_size > 10_000
+    lines = (tmp_path / "regions.csv").read_text().splitlines()
+    assert lines[0] == "load.force,body.damping,growth,frequency,exists"
+    assert len(lines) == 16
+    assert np.array(got.to_json()["growth"]).shape == (3, 5)
