@@ -104,7 +104,7 @@ def state_space(scene: Scene | str, delay: float = 0.0) -> StateSpace:
 
 
 def limit_cycle(scene: Scene | str) -> Cycle:
-    """Period, stick time, extremes and energy of the stick-slip cycle at constant actuator values.
+    """Period, stick time, extremes, energy and Floquet multipliers of the cycle at constant actuator values.
 
     Raises rig.errors.NumericsError where the motion has to stop.
     """

@@ -108,7 +108,7 @@ def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
 
 
 def cycle(scene: SceneName, p: Changes = None, as_json: Json = False) -> None:
-    """The limit cycle: period, time in stick, extremes of displacement and velocity."""
+    """The limit cycle: period, time in stick, extremes, amplitude, energy in a round, Floquet multipliers."""
     from rig.scenes import load
     from rig.study.cycle import limit_cycle
 

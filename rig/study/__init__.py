@@ -7,7 +7,8 @@ sweep       eigenvalues over a parameter, critical values; `spectrum` tells whic
 plant       the linearised rig as a state space from actuators to outputs
 loop        closed-loop eigenvalues and margins of a controller; `sampled` is its exact discretisation
 averaged    friction under a fast vibration, averaged
-cycle       the limit cycle
+cycle       the limit cycle; `orbit` carries the plant, `turns` finds cycles without events
+floquet     what a round of a cycle leaves of a small disturbance
 dense       quantities between samples
 doctor      this machine: how well it keeps time, which scenes it carries
 round_trip  what the bus costs here

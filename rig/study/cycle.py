@@ -2,32 +2,32 @@
 
 The run starts stuck to the surface at the unloaded structure, outside of the cycle, so that a cycle is found wherever
 one exists beside stable sliding. It has settled when the last two cycles have the same mode changes at the same times
-to `REPEAT` of a period. One more cycle is then read from the dense output: extremes inside steps and at events alike.
+to `REPEAT` of a period, or where there are none, the same turning points. One more cycle is then read from the dense
+output: extremes inside steps and at events alike. What it does with a small disturbance: rig.study.floquet.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.scenes.scene import Scene
-from rig.solve import ledger
-from rig.solve.assembly import Assembly
 from rig.solve.linear import sliding_key, steady
-from rig.solve.motion import Event, Motion, chosen
-from rig.solve.system import CLOSED, STICK, System
-from rig.study.dense import Dense
+from rig.solve.motion import Event, chosen
+from rig.solve.system import System
+from rig.study.floquet import Floquet, floquet
+from rig.study.orbit import Orbit
+from rig.study.turns import Turns
 
 Array = NDArray[np.float64]
 REPEAT = 1e-9
 TIGHT = 1e-10
 LONGEST = 120.0  # s
-QUIET = 40.0  # periods of the slowest mode without an event: it slides
-_BLOCK = 16  # ticks in one call
+QUIET = 40.0  # periods of the slowest mode without an event, after which it is asked whether the motion dies away
 _BETTER = 1e-2
 _MOST = 24  # mode changes in one cycle
 
@@ -40,7 +40,9 @@ class Cycle:
     stick_time          [s] in one period, and its share, for each contact
     extremes            (lowest, highest) of each plant output in its unit; start and end of stick: outputs there
     energy              [J] in one cycle by term; `error`: what does not close, relative to the largest term
-    repeats             largest difference of an event's time from the cycle before, relative to the period
+    repeats             largest difference of an event's time from the cycle before, relative to the period; of a
+                        cycle without events that of a turning point, relative to the span of each state
+    floquet             multipliers: what a round leaves of a small disturbance
     """
 
     scene: str
@@ -57,6 +59,12 @@ class Cycle:
     stick_end: dict[str, float] = field(default_factory=dict)
     energy: dict[str, float] = field(default_factory=dict)
     events: tuple[tuple[float, str], ...] = ()
+    floquet: Floquet = field(default_factory=Floquet)
+
+    @property
+    def multiplier(self) -> float:
+        """Size of the largest multiplier: below one, the cycle attracts what is beside it. NaN where there is none."""
+        return max((abs(v) for v in self.floquet.multipliers), default=math.nan)
 
     @property
     def frequency(self) -> float:
@@ -78,13 +86,16 @@ class Cycle:
         if not self.found:
             return {"scene": self.scene, "method": self.method, "found": False, "why": self.why, "after": self.after}
         derived = {"frequency": self.frequency, "stick_share": self.stick_share, "amplitude": self.amplitude}
-        return {**vars(self), **derived, "events": [{"t": t, "what": what} for t, what in self.events]}
+        derived |= {"events": [{"t": t, "what": what} for t, what in self.events], "floquet": self.floquet.to_json()}
+        return {**vars(self), **derived}
 
     def text(self) -> str:
         """For a reader."""
         if not self.found:
             return f"{self.scene}: {self.why}"
-        kind = "limit cycle" if any(self.stick_time.values()) else "periodic motion in which nothing sticks"
+        attracts = self.multiplier < 1.0 - max(10.0 * self.floquet.error, REPEAT)
+        kind = "limit cycle" if any(self.stick_time.values()) or attracts else "periodic motion"
+        kind += "" if any(self.stick_time.values()) else " in which nothing sticks"
         lines = [f"{self.scene}: {kind}, {self.method}, settled after {self.after:.4g} s"]
         lines += [f"  period {self.period:.10g} s, {self.frequency:.6g} Hz; repeats to {self.repeats:.1e}"]
         for name, time in self.stick_time.items():
@@ -93,6 +104,9 @@ class Cycle:
         for name, (low, high) in self.extremes.items():
             at = [f"{d[name]:>16.8g}" if d else f"{'':>16}" for d in (self.stick_start, self.stick_end)]
             lines += [f"  {name:<18}{low:>16.8g}{high:>16.8g}{at[0]}{at[1]}  {self.units[name]}"]
+        sizes = ", ".join(f"{size:.8g} {self.units[name]}" for name, size in self.amplitude.items())
+        lines += ["", f"  amplitude (half of peak to peak): {sizes}"] if sizes else []
+        lines += ["", f"  Floquet multipliers: {self.floquet.text()}"]
         terms = ", ".join(f"{name} {v:.6g}" for name, v in self.energy.items() if name != "error" and v)
         lines += ["", f"  energy in a cycle [J]: {terms}; closes to {abs(self.energy['error']):.1e}"]
         return "\n".join(lines)
@@ -111,20 +125,73 @@ def limit_cycle(scene: Scene, tolerance: float = TIGHT, longest: float = LONGEST
     sliding = steady(system, sliding_key(system))
     if not sliding.exists:
         return Cycle(scene.name, method, False, "no limit cycle: nothing slides steadily at these values", 0.0)
-    runner = _Runner(scene, assembly, stuck(system, sliding.x), method, tolerance)
+    orbit = Orbit(scene, assembly, stuck(system, sliding.x), method, tolerance)
+    turns = Turns(orbit, sliding)
     turning = np.abs(sliding.eigenvalues())
     quiet = QUIET * 2.0 * math.pi / float(turning[turning > 1e-6 * turning.max()].min())
     step = scene.step_ns * 1e-9
     events: list[Event] = []
-    while (now := runner.motion.tick * step) < longest:
-        events += runner.block(_BLOCK)
-        count, drift = repeating(events, step, repeat)
-        if count and drift <= repeat:
-            return runner.read(scene, events[-2 * count :], count, drift, now)
-        last = (events[-1].tick * step) if events else 0.0
-        if now - last > quiet:
-            return Cycle(scene.name, method, False, "sliding: no limit cycle", now)
+    since = 0.0
+    while (now := orbit.motion.tick * step) < longest:
+        if met := orbit.block():
+            turns.clear()
+            events, since = events + met, now
+            count, drift = repeating(events, step, repeat)
+            if count and drift <= repeat:
+                last = events[-count - 1 :]
+                times = [_time(event, last[0].tick, step) for event in last]
+                sticks = _stick_times(orbit, last[1:], times)
+                return _read(orbit, times[-1] - times[0], drift, now, sticks)
+            continue
+        turns.add()
+        if closed := turns.closes(repeat):
+            return _read(orbit, *closed, now, dict.fromkeys((p.name for p in system.patches), 0.0))
+        if now - since > quiet:
+            if turns.dying(since):
+                return Cycle(scene.name, method, False, "sliding: no limit cycle", now)
+            since = now
     return Cycle(scene.name, method, False, f"does not repeat within {longest:g} s", longest)
+
+
+def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[str, float]) -> Cycle:
+    """Run one more cycle and tell what it is like."""
+    one = orbit.round(period)
+    met = [event for _, event in one.events]
+    held = [orbit.stuck(event.before, 0) for event in met]
+    changes = list(zip(held, [*held[1:], *held[:1]]))
+
+    def at(change: tuple[bool, bool], after: bool) -> dict[str, float]:
+        """Outputs where the first contact begins or ends to stick."""
+        if change not in changes:
+            return {}
+        return dict(zip(orbit.outputs, one.dense.at(one.events[changes.index(change)][0], after).tolist()))
+
+    return Cycle(
+        scene=orbit.scene.name,
+        method=orbit.method,
+        found=True,
+        why="",
+        after=now,
+        period=period,
+        repeats=drift,
+        stick_time=sticks,
+        extremes={name: one.dense.extremes(i) for i, name in enumerate(orbit.outputs)},
+        units=orbit.units,
+        stick_start=at((False, True), after=True),
+        stick_end=at((True, False), after=False),
+        energy=one.energy,
+        events=tuple((t, event.what) for t, event in one.events),
+        floquet=floquet(orbit, one, period),
+    )
+
+
+def _stick_times(orbit: Orbit, events: list[Event], times: list[float]) -> dict[str, float]:
+    """Time [s] that each contact sticks between `times`; `events` end the stretches between them."""
+    spans = [(b - a, event.before) for a, b, event in zip(times, times[1:], events)]
+    return {
+        patch.name: sum(span for span, before in spans if orbit.stuck(before, p))
+        for p, patch in enumerate(orbit.system.patches)
+    }
 
 
 def stuck(system: System, x: Array) -> Array:
@@ -165,125 +232,3 @@ def repeating(events: list[Event], step: float, repeat: float = REPEAT) -> tuple
 
 def _time(event: Event, origin: int, step: float) -> float:
     return ((event.tick - origin) + event.place) * step
-
-
-class _Runner:
-    """The plant of a scene with all its outputs written down, without sensors and controllers."""
-
-    def __init__(self, scene: Scene, assembly: Assembly, start: Array, method: str, tolerance: float) -> None:
-        self.scene, self.method, self.tolerance = scene, method, tolerance
-        self.outputs = list(assembly.outputs)
-        self.units = {name: output.unit for name, output in assembly.outputs.items()}
-        self.rows = [output.row for output in assembly.outputs.values()]
-        self.system = assembly.system()
-        self.motion = self._moving(start, scene.step_ns, _BLOCK)
-
-    def _moving(self, start: Array, step_ns: int, longest: int) -> Motion:
-        clock = self.scene.clock
-        return Motion(
-            replace(self.system, start=start),
-            step_ns,
-            self.method,
-            outputs=self.rows,
-            read=len(self.rows),
-            tolerance=self.tolerance,
-            substeps=max(1, math.ceil(step_ns / int(clock.rk4_step))),
-            cap=clock.events_per_frame,
-            limit=clock.limit,
-            longest=longest,
-        )
-
-    def block(self, ticks: int) -> list[Event]:
-        """Carry the plant on; the events met."""
-        self.motion.advance(ticks)
-        return self.motion.events()
-
-    def read(self, scene: Scene, last: list[Event], count: int, drift: float, now: float) -> Cycle:
-        """Run one more cycle and tell what it is like. `last`: the events of the two cycles before, `count` each."""
-        step_ns = scene.step_ns
-        times = [_time(event, last[0].tick, step_ns * 1e-9) for event in last]
-        period = times[-1] - times[-1 - count]
-        dense, ledger_ = Dense(), _Ledger(self.motion)
-        whole, rest = divmod(round(period * 1e9), step_ns)
-        events: list[tuple[float, Event]] = []
-        done = 0
-        while done < whole:
-            ticks = min(_BLOCK, whole - done)
-            met = self.block(ticks)
-            dense.add(done * step_ns * 1e-9, self.motion)
-            events += [((e.tick - self.motion.tick + ticks + done + e.place) * step_ns * 1e-9, e) for e in met]
-            done += ticks
-        ledger_.add(self.motion)
-        if rest:
-            end = self._moving(self.motion.x.copy(), rest, 1)
-            ledger_.start(end)
-            end.advance(1)
-            dense.add(whole * step_ns * 1e-9, end)
-            events += [((whole * step_ns + e.place * rest) * 1e-9, e) for e in end.events()]
-            ledger_.add(end)
-        starts, ends = self._stick(0, [event for _, event in events])
-        return Cycle(
-            scene=scene.name,
-            method=self.method,
-            found=True,
-            why="",
-            after=now,
-            period=period,
-            repeats=drift,
-            stick_time=self._stick_times(last[-count:], times[-count - 1 :]),
-            extremes={name: dense.extremes(i) for i, name in enumerate(self.outputs)},
-            units=self.units,
-            stick_start=self._at(dense, events, starts, after=True),
-            stick_end=self._at(dense, events, ends, after=False),
-            energy=ledger_.terms(),
-            events=tuple((t, event.what) for t, event in events),
-        )
-
-    def _stuck(self, key: int, p: int) -> bool:
-        patches, normals, *_ = self.system.modes(key)
-        closed = any(k.patch == p and mode == CLOSED for k, mode in zip(self.system.normals, normals))
-        return patches[p] == STICK and closed
-
-    def _stick_times(self, events: list[Event], times: list[float]) -> dict[str, float]:
-        spans = [(b - a, event.before) for a, b, event in zip(times, times[1:], events)]
-        return {
-            patch.name: sum(span for span, before in spans if self._stuck(before, p))
-            for p, patch in enumerate(self.system.patches)
-        }
-
-    def _stick(self, p: int, events: list[Event]) -> tuple[int, int]:
-        """Numbers of the events at which contact p begins and ends to stick; -1 where there is none."""
-        held = [self._stuck(event.before, p) for event in events]
-        after = [*held[1:], held[0]] if held else []
-        changes = list(zip(held, after))
-        start = changes.index((False, True)) if (False, True) in changes else -1
-        end = changes.index((True, False)) if (True, False) in changes else -1
-        return start, end
-
-    def _at(self, dense: Dense, events: list[tuple[float, Event]], number: int, after: bool) -> dict[str, float]:
-        return dict(zip(self.outputs, dense.at(events[number][0], after).tolist())) if number >= 0 else {}
-
-
-class _Ledger:
-    """The energy terms of one cycle."""
-
-    def __init__(self, motion: Motion) -> None:
-        self._sum = np.zeros(ledger.TERMS)
-        self._stored = 0.0
-        self.start(motion)
-
-    def start(self, motion: Motion) -> None:
-        """Count from here."""
-        self._before = motion.state.energy.copy()
-        self._held = ledger.stored(motion.system, motion.x)
-
-    def add(self, motion: Motion) -> None:
-        """Count what has come and gone since `start`."""
-        self._sum += motion.state.energy - self._before
-        self._stored += ledger.stored(motion.system, motion.x) - self._held
-
-    def terms(self) -> dict[str, float]:
-        """By name, and `error`: what does not close, relative to the largest term."""
-        largest = max(float(np.abs(self._sum).max()), 1e-30)
-        error = (float(self._sum @ ledger.SIGNS) - self._stored) / largest
-        return {**dict(zip(ledger.NAMES, self._sum.tolist())), "stored": self._stored, "error": error}

@@ -1,0 +1,119 @@
+"""The plant of a scene on its own, carried along with outputs and states written down: what a cycle is read from."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.scenes.scene import Scene
+from rig.solve import ledger
+from rig.solve.assembly import Assembly
+from rig.solve.motion import Event, Motion
+from rig.solve.system import CLOSED, STICK
+from rig.study.dense import Dense
+
+Array = NDArray[np.float64]
+BLOCK = 16  # ticks in one call
+
+
+@dataclass(frozen=True)
+class Round:
+    """One period: outputs between samples, events with times [s], energy by term [J], states at ticks [tick, n]."""
+
+    dense: Dense
+    events: list[tuple[float, Event]]
+    energy: dict[str, float]
+    states: Array
+
+
+class Orbit:
+    """The plant of `scene` from state `start` on, without sensors and controllers, every actuator held."""
+
+    def __init__(self, scene: Scene, assembly: Assembly, start: Array, method: str, tolerance: float) -> None:
+        self.scene, self.method, self.tolerance = scene, method, tolerance
+        self.outputs = list(assembly.outputs)
+        self.units = {name: output.unit for name, output in assembly.outputs.items()}
+        self.system = assembly.system()
+        self._rows = [output.row for output in assembly.outputs.values()]
+        self._rows += [{name: 1.0} for name in self.system.names]
+        self.motion = self.moving(start, scene.step_ns, BLOCK)
+
+    def moving(self, start: Array, step_ns: int, longest: int) -> Motion:
+        """The plant from another state on, with another step."""
+        clock = self.scene.clock
+        return Motion(
+            replace(self.system, start=start),
+            step_ns,
+            self.method,
+            outputs=self._rows,
+            read=len(self._rows),
+            tolerance=self.tolerance,
+            substeps=max(1, math.ceil(step_ns / int(clock.rk4_step))),
+            cap=clock.events_per_frame,
+            limit=clock.limit,
+            longest=longest,
+        )
+
+    def block(self, ticks: int = BLOCK) -> list[Event]:
+        """Carry the plant on; the events met."""
+        self.motion.advance(ticks)
+        return self.motion.events()
+
+    def round(self, period: float) -> Round:
+        """Carry the plant on by `period` [s] and write everything down."""
+        step_ns = self.scene.step_ns
+        dense, book = Dense(), _Ledger(self.motion)
+        whole, rest = divmod(round(period * 1e9), step_ns)
+        events: list[tuple[float, Event]] = []
+        states = [self.motion.x[None].copy()]
+        done = 0
+        while done < whole:
+            ticks = min(BLOCK, whole - done)
+            met = self.block(ticks)
+            dense.add(done * step_ns * 1e-9, self.motion)
+            events += [((e.tick - self.motion.tick + ticks + done + e.place) * step_ns * 1e-9, e) for e in met]
+            states.append(self.motion.states.copy())
+            done += ticks
+        book.add(self.motion)
+        if rest:
+            end = self.moving(self.motion.x.copy(), rest, 1)
+            book.start(end)
+            end.advance(1)
+            dense.add(whole * step_ns * 1e-9, end)
+            events += [((whole * step_ns + e.place * rest) * 1e-9, e) for e in end.events()]
+            book.add(end)
+        return Round(dense, events, book.terms(), np.concatenate(states))
+
+    def stuck(self, key: int, p: int) -> bool:
+        """Whether contact p sticks in mode set `key`."""
+        patches, normals, *_ = self.system.modes(key)
+        closed = any(k.patch == p and mode == CLOSED for k, mode in zip(self.system.normals, normals))
+        return patches[p] == STICK and closed
+
+
+class _Ledger:
+    """The energy terms of one cycle."""
+
+    def __init__(self, motion: Motion) -> None:
+        self._sum = np.zeros(ledger.TERMS)
+        self._stored = 0.0
+        self.start(motion)
+
+    def start(self, motion: Motion) -> None:
+        """Count from here."""
+        self._before = motion.state.energy.copy()
+        self._held = ledger.stored(motion.system, motion.x)
+
+    def add(self, motion: Motion) -> None:
+        """Count what has come and gone since `start`."""
+        self._sum += motion.state.energy - self._before
+        self._stored += ledger.stored(motion.system, motion.x) - self._held
+
+    def terms(self) -> dict[str, float]:
+        """By name, and `error`: what does not close, relative to the largest term."""
+        largest = max(float(np.abs(self._sum).max()), 1e-30)
+        error = (float(self._sum @ ledger.SIGNS) - self._stored) / largest
+        return {**dict(zip(ledger.NAMES, self._sum.tolist())), "stored": self._stored, "error": error}
