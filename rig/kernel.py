@@ -8,8 +8,10 @@ benchmarks do the same. Results are therefore bit-identical on one build and one
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import importlib
+import operator
 import os
 import platform
 import shutil
@@ -37,6 +39,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _ROOT = Path(__file__).resolve().parent.parent
 _KEPT = 3
+ROWS = 4
 
 
 def source_key() -> str:
@@ -159,6 +162,40 @@ def _lend(typing: Any, content: Any) -> Any:
 
 
 lent: Any = intrinsic(_lend)
+
+
+def _place(typing: Any, shape: Any, like: Any) -> Any:
+    """An array of the kind of `like`, on the stack: its last axis is as long as the tuple `shape`, others as `ROWS`.
+
+    The compiler keeps what is in it in registers, as it does with a local array of C. Where `shape` is no tuple the
+    length is not known when compiling: `like` itself serves.
+    """
+    kind = types.Array(like.dtype, like.ndim, "C")
+
+    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        if not isinstance(shape, types.BaseTuple):
+            return arguments[1]
+        lengths = [ROWS] * (like.ndim - 1) + [len(shape)]
+        count = functools.reduce(operator.mul, lengths)
+        double = context.get_data_type(like.dtype)
+        data = cgutils.alloca_once(builder, double, size=count)  # type: ignore[no-untyped-call]
+        array = context.make_array(kind)(context, builder)
+        whole = functools.partial(context.get_constant, types.intp)
+        strides = [8 * functools.reduce(operator.mul, lengths[axis + 1 :], 1) for axis in range(like.ndim)]
+        context.populate_array(
+            array,
+            data=data,
+            shape=[whole(length) for length in lengths],
+            strides=[whole(stride) for stride in strides],
+            itemsize=whole(8),
+            meminfo=None,
+        )
+        return array._getvalue()  # noqa: SLF001
+
+    return kind(shape, like), lay
+
+
+local: Any = intrinsic(_place)
 
 
 @infer_getattr

@@ -158,6 +158,7 @@ def carry(shape, t, w, state, log, seg, origin, ticks, tolerance, substeps, book
                 booking,
                 emitting,
                 seg,
+                tolerance,
             )
         elif tolerance is not None and t.curved[slot]:
             guard = dopri5.stretch(

@@ -146,9 +146,9 @@ def couple(sigma, code, numbers, slip, load_t, x, T, M):
 
 
 @inlined
-def rate(shape, f, curved, x, k):
-    """Derivative k = A x + b T(x); `curved`: some input is not zero."""
-    if curved:
+def rate(shape, f, bent, x, k):
+    """Derivative k = A x + b T(x); `bent` is None for a system that is linear in every mode set: T = 0."""
+    if bent is not None:
         fill(f, x)
         for i in range(len(shape)):
             s = 0.0
@@ -166,16 +166,19 @@ def rate(shape, f, curved, x, k):
 
 
 @inner
-def slope(shape, f, curved, x, k):
+def slope(shape, f, bent, x, k):
     """`rate`, where it runs once in a step."""
-    rate(shape, f, curved, x, k)
+    rate(shape, f, bent, x, k)
 
 
 @inlined
-def guard(f, g, x):
+def guard(shape, f, bent, g, x):
     """Guard g at x."""
-    value = dot(f.G[g], x)
-    if f.needs[g]:
-        forces(f, x)
-        value += dot(f.GT[g], f.T)
+    value = 0.0
+    for j in range(len(shape)):
+        value += f.G[g, j] * x[j]
+    if bent is not None:
+        if f.needs[g]:
+            forces(f, x)
+            value += dot(f.GT[g], f.T)
     return value

@@ -128,7 +128,7 @@ class Motion:
         self._shape = (0.0,) * system.n if system.n <= UNROLLED else np.zeros(system.n)
         self._carry: Callable[..., int] | None = None
         self._how = (
-            self.tolerance if not system.linear and self.method == "dopri5" else None,
+            None if system.linear else self.tolerance,
             self.substeps if self.method == "rk4" else None,
             self.booking,
             self._read > 0,

@@ -106,7 +106,7 @@ def dither(figure: Figure) -> Iterator[Comparison]:
     axis.plot(1e3 * amplitudes, mean, color=BLUE, label="averaged")
     simulated = []
     for amplitude, expected in ((0.08, 0.1123), (0.10, 0.0717), (0.15, 0.0401), (0.20, 0.0303)):
-        scene = quiet(load("belt_dither", dither__amplitude=amplitude))
+        scene = quiet(load("belt_dither", dither__amplitude=amplitude, dither__enable=True))
         ran = run(scene, 12.0)
         last = ran.time > 8.0
         mu = float(np.mean(ran.signals["friction_force"][last]) / 20.0)
