@@ -11,7 +11,9 @@ from rig.kernel import inlined, inner, kernel, lent
 from rig.solve import dopri5, exact, ledger, rk4
 from rig.solve.emit import emit_linear
 from rig.solve.forces import dot, inputs
+from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
 from rig.solve.settle import CHATTER, DONE, LOST, OVERFULL, READY, SETTLE, settle
+from rig.solve.system import System
 
 Array = NDArray[np.float64]
 TICK, KEY, PENDING, EVENTS, OPENED, TRIALS, REPEAT, BEYOND, PAST, COUNTERS = range(10)  # of State.ic
@@ -41,6 +43,32 @@ class Work(NamedTuple):
     weights: Array
     nodes3: Array
     weights3: Array
+
+
+def workspace(system: System, read: int, guards: int) -> Work:
+    """Scratch for a system, of which `read` quantities are read and a mode set has at most `guards` guards."""
+    n, P = system.n, len(system.patches)
+    nodes, weights = np.polynomial.legendre.leggauss(3)
+    return Work(
+        k=np.zeros((7, n)),
+        y=np.zeros(n),
+        y2=np.zeros(n),
+        x0=np.zeros(n),
+        copy=np.zeros(n),
+        size=np.zeros(n),
+        T=np.zeros(system.inputs),
+        scratch=np.zeros((P, P)),
+        derivatives=np.zeros((DEGREE + 1, n)),
+        spare=np.zeros((DEGREE + 1, n)),
+        poly=np.zeros(DEGREE + 1),
+        roots=np.zeros((WORK_ROWS, WORK_COLUMNS)),
+        g=np.zeros(guards),
+        values=np.zeros((5, read)),
+        nodes=ledger.NODES,
+        weights=ledger.WEIGHTS,
+        nodes3=0.5 * (nodes + 1.0),
+        weights3=0.5 * weights,
+    )
 
 
 class Log(NamedTuple):

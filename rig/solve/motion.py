@@ -29,15 +29,14 @@ from rig.solve.carry import (
     TRIALS,
     Log,
     State,
-    Work,
     advance,
     evaluate,
+    workspace,
 )
 from rig.solve.emit import empty_segments
-from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
 from rig.solve.settle import CHATTER, DONE, JAM, LOST, NEED, OVERFULL, SETTLE, START
 from rig.solve.slots import Slots
-from rig.solve.system import G_LIMIT_LOW, G_NEXT, G_OPEN, GUARD_NAMES, STICK, System
+from rig.solve.system import STICK, System
 
 Array = NDArray[np.float64]
 METHODS = ("exact", "dopri5", "rk4")
@@ -100,7 +99,7 @@ class Motion:
         self._first = self.kept = 0
         self._jumps = 0.0
         self._set(system)
-        self.work = _work(system, read, self.slots.tables.G.shape[1])
+        self.work = workspace(system, read, self.slots.tables.G.shape[1])
         self.state = State(
             ic=np.zeros(COUNTERS, dtype=np.int64),
             fc=np.array([0.0, step_ns * 1e-9]),
@@ -211,7 +210,7 @@ class Motion:
         for visited_key in visited:  # the tally goes by slot: keep the slots in order
             self.slots.add(visited_key)
         if system.n != old.n:
-            self.work = _work(system, self._read, self.slots.tables.G.shape[1])
+            self.work = workspace(system, self._read, self.slots.tables.G.shape[1])
             self.log = self.log._replace(out=np.zeros((len(self.log.out), system.n)))
         self.state = self.state._replace(x=kept, tally=tally)
         self.state.ic[KEY] = system.key(*modes[:3], [sector.at(kept) for sector in system.sectors])
@@ -272,7 +271,7 @@ class Motion:
             raise Jammed("no contact mode agrees with the equations: jamming (Painleve)", *where)
         if status == CHATTER:
             _, kind, owner, _ = self.log.event[int(self.state.ic[EVENTS]) - 1].tolist()
-            what = f"more than {len(self.log.event)} events in one block; the last: {self.what(kind, owner)}"
+            what = f"more than {len(self.log.event)} events in one block; the last: {self.system.happens(kind, owner)}"
             raise Chatter(f"{what}. Raise clock.events_per_frame if this is meant", *where)
         if status == OVERFULL:
             needed = int(self.segments.count[0])
@@ -280,24 +279,12 @@ class Motion:
         assert status == LOST
         raise Diverged(f"the state has left the limit of {self.limit:g} or is not finite", *where)
 
-    def what(self, kind: int, owner: int) -> str:
-        """An event in words, e.g. "contact releases +"."""
-        if kind >= G_NEXT:
-            name = self.system.sectors[owner].name
-        elif kind >= G_LIMIT_LOW:
-            name = self.system.limiters[owner].name
-        elif kind >= G_OPEN:
-            name = self.system.normals[owner].name
-        else:
-            name = self.system.patches[owner].name
-        return f"{name} {GUARD_NAMES[kind]}"
-
     def events(self) -> list[Event]:
         """Events of the last call of `advance`."""
         count = self.event_count
         first = self.tick - int(self.state.ic[TICK])
         return [
-            Event(first + tick, place, self.what(kind, owner), before)
+            Event(first + tick, place, self.system.happens(kind, owner), before)
             for (tick, kind, owner, before), place in zip(
                 self.log.event[:count].tolist(), self.log.place[:count].tolist()
             )
@@ -331,28 +318,3 @@ class Motion:
         out |= {"impulses": self._jumps, "stored": stored}
         out["error"] = (float(terms @ ledger.SIGNS) + self._jumps - stored) / largest
         return out
-
-
-def _work(system: System, read: int, guards: int) -> Work:
-    n, P = system.n, len(system.patches)
-    nodes, weights = np.polynomial.legendre.leggauss(3)
-    return Work(
-        k=np.zeros((7, n)),
-        y=np.zeros(n),
-        y2=np.zeros(n),
-        x0=np.zeros(n),
-        copy=np.zeros(n),
-        size=np.zeros(n),
-        T=np.zeros(system.inputs),
-        scratch=np.zeros((P, P)),
-        derivatives=np.zeros((DEGREE + 1, n)),
-        spare=np.zeros((DEGREE + 1, n)),
-        poly=np.zeros(DEGREE + 1),
-        roots=np.zeros((WORK_ROWS, WORK_COLUMNS)),
-        g=np.zeros(guards),
-        values=np.zeros((5, read)),
-        nodes=ledger.NODES,
-        weights=ledger.WEIGHTS,
-        nodes3=0.5 * (nodes + 1.0),
-        weights3=0.5 * weights,
-    )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -205,3 +206,9 @@ class System:
         words += [f"{x.name} {('', 'low', 'high')[m]}" for x, m in zip(self.limiters, limiters) if m]
         words += [f"{s.name} {m + 1}" for s, m in zip(self.sectors, sectors)]
         return ", ".join(words) or "free"
+
+    def happens(self, kind: int, owner: int) -> str:
+        """What happens when a guard of that kind falls, in words, e.g. "contact releases +"."""
+        firsts = ((G_NEXT, self.sectors), (G_LIMIT_LOW, self.limiters), (G_OPEN, self.normals), (G_SLIP, self.patches))
+        owners: Sequence[Any] = next(parts for first, parts in firsts if kind >= first)
+        return f"{owners[owner].name} {GUARD_NAMES[kind]}"

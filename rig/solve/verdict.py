@@ -30,9 +30,6 @@ from rig.solve.formulation import assemble
 from rig.solve.linear import Steady, moving_states, steady
 from rig.solve.system import (
     CLOSED,
-    G_LIMIT_LOW,
-    G_OPEN,
-    GUARD_NAMES,
     LINEAR,
     OPEN,
     SLIP_MINUS,
@@ -233,18 +230,12 @@ def _stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: f
     both_sides = bool(np.any(rows[seen].real > 0.0) and np.any(rows[seen].real < 0.0))
     if seen.any() and (value.imag > 0.0 or both_sides):
         first = int(np.flatnonzero(seen)[0])
-        guard = _guard(at, first)
+        guard = system.happens(int(at.modes.kinds[first]), int(at.modes.owners[first]))
         remedy = "more damping, or a coefficient of friction below the limit of mode coupling"
         return "info", f"it is limited where {guard}", remedy
     remedy = "more damping" if value.imag > 0.0 else "more stiffness against this motion"
     moved = system.names[int(np.abs(shape[: q // 2]).argmax())] if q else "the network"
     return "error", f"{moved} grows and no contact, law or limiter stops it", remedy
-
-
-def _guard(at: Steady, g: int) -> str:
-    kind, owner, system = int(at.modes.kinds[g]), int(at.modes.owners[g]), at.system
-    owners = system.patches if kind < G_OPEN else system.normals if kind < G_LIMIT_LOW else system.limiters
-    return f"{owners[owner].name} {GUARD_NAMES[kind]}"
 
 
 def _undriven(at: Steady) -> Steady:
