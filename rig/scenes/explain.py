@@ -76,7 +76,7 @@ def _effects(scene: Scene) -> Iterator[Effect]:
         yield Effect(owner, True, tuple(states), ABOUT.get(owner.rpartition(" ")[2], ""))
     for owner, given in optional.items():
         if owner not in owned and not owner.endswith(BOUNDS):
-            yield Effect(owner, given, (), "" if given else ABOUT.get(owner.rpartition(" ")[2], ""))
+            yield Effect(owner, given, (), ABOUT.get(owner.rpartition(" ")[2], ""))
     limited = {name for name, *_ in assembly.limiters}
     tables = {owner.partition(" ")[0] for owner in optional if owner.endswith(BOUNDS)}
     for table in sorted(tables - limited):
