@@ -67,6 +67,7 @@ class Point(NamedTuple):
     spent: float
 
 
+_INSTANT = 1e-9  # of a window
 _NO = float("nan")
 BLANK = Window(_NO, _NO, _NO, _NO, _NO, _NO, 0, _NO, False)
 NOTHING = Point(NONE, BLANK, 0.0)
@@ -100,10 +101,13 @@ class Sticking(NamedTuple):
 def sticking(times: Array, stuck: NDArray[np.bool_], after: bool, span: float) -> Sticking:
     """`times` of the events within `span` [s]; `stuck` before each of them, `after` behind the last."""
     held = np.append(stuck, after)
+    ends = np.append(times, span)
+    for i in np.flatnonzero(np.diff(ends, prepend=0.0) < _INSTANT * span):  # let go and caught at one instant
+        held[i] = held[i - 1] if i else held[1]
     begins = times[~held[:-1] & held[1:]]
     count = len(begins)
     first, last = (float(begins[0]), float(begins[-1])) if count > 1 else (0.0, span)
-    edges = np.clip(np.concatenate([[0.0], times, [span]]), first, last)
+    edges = np.clip(np.append(0.0, ends), first, last)
     period = (last - first) / (count - 1) if count > 1 else _NO
     return Sticking(float((edges[1:] - edges[:-1]) @ held) / (last - first), count, period, first, last)
 

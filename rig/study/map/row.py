@@ -38,6 +38,7 @@ class Row:
         self.x = track.axis.values[first:last]
         self._next = track.axis.values[first : last + 1]  # with the first of the part behind this one
         self._sliding = [track.sliding(value) for value in self._next]
+        self._least = np.array([track.least(value, at) for value, at in zip(self._next, self._sliding)])
         self._near: dict[int, tuple[Point, Place, Array]] = {}
         count, runs = len(self.x), len(RUNS)
         self.tables: Arrays = {
@@ -53,11 +54,8 @@ class Row:
     def run(self) -> Arrays:
         """Every run that the settings ask for."""
         asked = self.settings.runs
-        for i, at in zip(range(len(self.x)), self._sliding):
-            if at.exists:
-                least = at.eigenvalues()[0]
-                self.tables["growth"][i] = least.real
-                self.tables["frequency"][i] = abs(least.imag) / (2.0 * math.pi)
+        self.tables["growth"][:] = self._least[: len(self.x)].real
+        self.tables["frequency"][:] = np.abs(self._least[: len(self.x)].imag) / (2.0 * math.pi)
         numbers = range(len(self.x))
         if "up" in asked:
             self._carry("up", numbers, self._standing)
@@ -162,11 +160,6 @@ class Row:
         """Where the growth rate of sliding passes through zero, in every gap in which its sign changes."""
         from scipy.optimize import brentq
 
-        rates = [_rate(at) for at in self._sliding]
-        for (a, b), (low, high) in zip(pairwise(self._next), pairwise(rates)):
+        for (a, b), (low, high) in zip(pairwise(self._next), pairwise(self._least.real)):
             if low * high < 0.0:
-                yield brentq(lambda value: _rate(self.track.sliding(value)), a, b, xtol=_ROOT * abs(b - a))
-
-
-def _rate(at: Steady) -> float:
-    return float(at.eigenvalues()[0].real) if at.exists else math.nan
+                yield brentq(lambda value: self.track.least(value).real, a, b, xtol=_ROOT * abs(b - a))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ from rig.study.map.judge import BLANK, STOPPED, UNDECIDED, Judge, Point, Window,
 Array = NDArray[np.float64]
 WINDOW = 8.0  # periods of the slowest motion about sliding
 RAMP = 16.0  # of these from one point to the next
+TOLERANCE = 1e-9
+"""Of dopri5, at most: where a contact lets go the slip speed leaves zero slowest, and an error lands it again."""
 _PARTS = 4  # steps from one point to the next of a parameter that cannot be ramped
 _SAMPLES = 24  # of a period of the fastest motion
 _FEW, _MANY = 3, 30  # sticks in a window: it is made longer, or shorter for the next point
@@ -87,7 +90,7 @@ class Track:
             self.step_ns,
             chosen(clock.method, self._system),
             outputs=[self._row],
-            tolerance=clock.tolerance,
+            tolerance=min(clock.tolerance, TOLERANCE),
             substeps=max(1, math.ceil(self.step_ns / int(clock.rk4_step))),
             cap=_EVENTS,
             limit=clock.limit,
@@ -113,6 +116,20 @@ class Track:
         """Steady sliding there, and the matrix of small motions about it."""
         system = self.system(value)
         return steady(system, sliding_key(system))
+
+    def least(self, value: float, at: Steady | None = None) -> complex:
+        """Least stable eigenvalue of steady sliding there [1/s]: of the least stable sector; nan where nothing slides.
+
+        `at`: steady sliding there, if it is known.
+        """
+        at = at or self.sliding(value)
+        found = [at]
+        if at.system.sectors:
+            patches, normals, limiters, _ = at.system.modes(at.modes.key)
+            paths = product(*(range(len(sector.laws)) for sector in at.system.sectors))
+            found = [steady(at.system, at.system.key(patches, normals, limiters, path)) for path in paths]
+        rates = [one.eigenvalues()[0] for one in found if one.exists]
+        return complex(max(rates, key=lambda rate: float(rate.real))) if rates else complex(math.nan, math.nan)
 
     def near(self, at: Steady) -> Array:
         """Sliding, pushed along its least stable motion until the slip speed swings by the stated perturbation."""
