@@ -7,8 +7,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-SCENE = "belt"
-X, Y = "drive.speed=0.02 m/s:0.9 m/s:{}", "load.force=10 N:30 N:{}"
+SCENE = "lever"
+X, Y = "drive.speed=0.5 rpm:8 rpm:{}", "load.force=10 N:30 N:{}"
 
 
 def efficiency(points: int, scene: str = SCENE, x: str = X, y: str = Y) -> dict[str, Any]:

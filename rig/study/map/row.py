@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import NumericsError
-from rig.solve.linear import Steady
 from rig.study.map.judge import BLANK, NONE, NOTHING, SLIDING, STICK_SLIP, STOPPED, VIBRATION, Point
 from rig.study.map.track import Place, Track
 
