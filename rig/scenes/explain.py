@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import types
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Union, get_args, get_origin
@@ -130,15 +130,22 @@ def _values(scene: Scene) -> Iterator[Value]:
     assembly = scene.assemble()
     told = known(assembly, scene.parameters, scene.sensors, scene.controllers)
     units = {**told.settable, **told.inputs, **told.sensors}
-    for i, step in enumerate(scene.protocol, 1):
+    for key, step in _steps(scene.protocol, "protocol"):
         named = units.get(getattr(step, "target", getattr(step, "sensor", "")), "")
-        for key, (value, unit) in leaves(step, f"protocol[{i}]"):
-            if key in scene.origins:
-                yield Value(key, value, unit or named, scene.origins[key])
+        for inner, (value, unit) in leaves(step, key):
+            if inner in scene.origins:
+                yield Value(inner, value, unit or named, scene.origins[inner])
     for name, limit in scene.limits.items():
         unit = assembly.outputs[name].unit
         yield Value(f"limits.{name}", limit, unit, scene.origins.get(f"limits.{name}", DEFAULT))
     yield Value("seed", scene.seed, "", scene.origins.get("seed", DEFAULT))
+
+
+def _steps(steps: Sequence[Any], prefix: str) -> Iterator[tuple[str, Any]]:
+    """(key, step) of a protocol, steps inside of repetitions too."""
+    for i, step in enumerate(steps, 1):
+        yield f"{prefix}[{i}]", step
+        yield from _steps(getattr(step, "steps", ()), f"{prefix}[{i}].steps")
 
 
 @cache
