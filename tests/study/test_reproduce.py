@@ -47,7 +47,7 @@ def test_what_is_made_is_a_picture_and_a_page(tmp_path):
     assert json.loads(json.dumps(made.to_json()))["comparisons"][1]["agrees"] is False
 
 
-@pytest.mark.parametrize("name", ["kroeger-5", "kroeger-7", "kroeger-9"])
+@pytest.mark.parametrize("name", ["kroeger-5", "kroeger-7", "kroeger-9", "liu000-3"])
 def test_figures_that_need_no_run_agree(name, tmp_path):
     [entry] = reproduce.pick(name)
     wrong = [one.what for one in reproduce.make(entry, tmp_path).comparisons if not one.agrees]

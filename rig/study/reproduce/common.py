@@ -10,7 +10,8 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
     from rig.solve.laws import Law
 
-BLUE, RED, GREEN, GREY, AMBER = "#1d4f91", "#c03a3a", "#2a9d77", "#8a8a8a", "#d1802f"
+# told apart by colour-blind eyes too (Okabe and Ito)
+BLUE, RED, GREEN, GREY, AMBER = "#0072b2", "#d55e00", "#009e73", "#8a8a8a", "#e69f00"
 
 
 def load(name: str, **changes: Any) -> Scene:

@@ -29,21 +29,25 @@ def cycles(figure: Figure) -> Iterator[Comparison]:
         "belt_c_damped": (0.2824424, 0.0321309, -0.0639330),
     }
     laws, phases = figure.subplots(1, 2)
-    for (name, (period, stick, lowest)), colour in zip(reference.items(), (BLUE, RED, GREEN, GREY)):
+    looks = {"belt": ("A", BLUE, "-"), "belt_b": ("B", RED, "-"), "belt_c": ("C", GREEN, "-")}
+    looks |= {"belt_c_damped": ("C, damped", "black", ":")}  # its law is that of C, which shows through the dots
+    for name, (period, stick, lowest) in reference.items():
+        shown, colour, line = looks[name]
         scene = load(name)
         cycle = rig.limit_cycle(scene)
         law = law_of(scene)
         speeds = np.linspace(1e-6, 0.3, 300)
-        laws.plot(1e3 * speeds, [law.mu(v) for v in speeds], color=colour, label=name)
+        laws.plot(1e3 * speeds, [law.mu(v) for v in speeds], color=colour, ls=line, label=f"{shown} ({name})")
         laws.plot([0.0], [law.static], "o", color=colour, markersize=4)
         ran = run(quiet(scene), 12.0)
         last = ran.time > ran.time[-1] - 2.0 * cycle.period
-        phases.plot(1e3 * ran.signals["displacement"][last], 1e3 * ran.signals["velocity"][last], color=colour)
+        x, v = (1e3 * ran.signals[key][last] for key in ("displacement", "velocity"))
+        phases.plot(x, v, color=colour, ls=line)
         bound: dict[str, Any] = {"source": "reference", "relative": 5e-7, "absolute": 6e-8}
         yield Comparison(f"{name}: period", "s", cycle.period, period, **bound)
         yield Comparison(f"{name}: time in stick", "s", cycle.stick_time["contact"], stick, **bound)
         yield Comparison(f"{name}: lowest velocity", "m/s", cycle.extremes["velocity"][0], lowest, **bound)
-    laws.set(title="friction coefficient over slip speed [mm/s]", ylim=(0.0, None), xlabel="slip speed [mm/s]")
+    laws.set(title="characteristics", ylim=(0.0, None), xlabel="slip speed [mm/s]", ylabel="friction coefficient")
     laws.legend()
     phases.set(title="limit cycles", xlabel="displacement [mm]", ylabel="velocity [mm/s]")
 

@@ -44,7 +44,9 @@ def _loops(
         ran = run(load(name, **{f"controllers__{key}__gain": gain}), 20.0)
         v = ran.signals["velocity"]
         axis.plot(ran.time, 1e3 * v, color=BLUE, lw=0.6)
-        axis.set_ylabel(f"K = {gain:g}")
+        axis.set_ylabel("v [mm/s]")
+        axis.set_title(f"K = {gain:g} {unit}".strip(), fontsize=9.5)
+        axis.axvline(4.0, color=GREY, lw=0.7, ls="--")
         if gain in reference:
             kind, expected = reference[gain]
             if kind == "L":
@@ -57,7 +59,7 @@ def _loops(
                 yield Comparison(
                     f"K = {gain:g} {unit}: decay", "1/s", decay(ran.time, v), expected, "reference", relative=0.05
                 )
-    axes[-1].set_xlabel("time [s]; velocity in mm/s")
+    axes[-1].set_xlabel("time [s]; the loop is closed at 4 s")
 
 
 def decay(time: Array, v: Array) -> float:
@@ -67,6 +69,81 @@ def decay(time: Array, v: Array) -> float:
     top = np.flatnonzero((w[1:-1] > w[:-2]) & (w[1:-1] >= w[2:])) + 1
     top = top[(w[top] > 1e-6) & (w[top] < 0.018)]
     return float(np.polyfit(t[top], np.log(w[top]), 1)[0])
+
+
+CELLS = (
+    ("belt_normal_force", ((100.0, 0, 0.064), (150.0, 0, -0.49), (150.0, 20, 0.058), (200.0, 0, -1.88),
+                           (200.0, 20, -1.45), (200.0, 50, 0.063), (300.0, 20, -5.02), (300.0, 50, 0.063),
+                           (400.0, 10, -9.33), (400.0, 50, 0.063))),
+    ("belt_velocity_feedback", ((0.5, 0, 0.137), (1.0, 10, 0.258), (1.33, 0, -1.32), (1.33, 20, 0.260),
+                                (2.66, 0, -7.57), (2.66, 5, -7.85), (2.66, 20, 0.085), (4.0, 30, 0.075))),
+)  # fmt: skip
+"""Scene; gain [its own unit], delay of the loop [ms], what is left: amplitude [m/s], or decay where negative [1/s]."""
+
+
+def loops(figure: Figure) -> Iterator[Comparison]:
+    """What is left of the vibration 16 s after a loop is closed, over gain and delay."""
+    for axis, (name, cells), unit in zip(figure.subplots(1, 2), CELLS, ("N s/m", "")):
+        rows = []
+        for gain, delay, expected in cells:
+            key = next(iter(load(name).controllers))
+            changes = {f"controllers__{key}__gain": gain, f"controllers__{key}__delay": f"{delay} ms"}
+            ran = run(load(name, **changes), 20.0)
+            what = f"{name}, K = {gain:g} {unit}".rstrip() + f", {delay} ms"
+            if expected > 0.0:
+                tail = ran.signals["velocity"][ran.time > 16.0]
+                left = 0.5 * float(np.ptp(tail))
+                one = Comparison(f"{what}: amplitude", "m/s", left, expected, "reference", absolute=3e-3)
+                told = f"{1e3 * left:.0f} mm/s", f"{1e3 * expected:.0f} mm/s"
+            else:
+                rate = decay(ran.time, ran.signals["velocity"])
+                one = Comparison(f"{what}: decay", "1/s", rate, expected, "reference", relative=0.05, absolute=5e-3)
+                told = f"{rate:.2f} 1/s", f"{expected:.2f} 1/s"
+            rows.append((f"{gain:g}", f"{delay}", *told))
+            yield one
+        axis.axis("off")
+        axis.set_title({"N s/m": "normal force"}.get(unit, "speed of the belt"))
+        heads = (f"K [{unit}]" if unit else "K", "delay [ms]", "ours", "expected")
+        table = axis.table(rows, colLabels=heads, loc="upper center", cellLoc="center", edges="horizontal")
+        table.auto_set_font_size(False)
+        table.set_fontsize(9.5)
+        table.scale(1.0, 1.45)
+
+
+def normal_force_energy(figure: Figure) -> Iterator[Comparison]:
+    """Constant friction takes energy out where the normal force is fed back: E = -T mu K v^2 / 2 in a period."""
+    mu, gain = 0.25, 200.0
+    axes = figure.subplots(4, 1, sharex=True)
+    for K, colour, line in ((0.0, GREY, "--"), (gain, BLUE, "-")):
+        changes = {"friction__law": "constant", "friction__mu": mu, "start__displacement": mu * 20.0 / 2500.0,
+                   "start__velocity": 0.04, "controllers__nf__gain": K, "controllers__nf__enable_at": 0.0}  # fmt: skip
+        ran = run(load("belt_normal_force", **changes), 1.5)
+        v, T = ran.signals["velocity"], ran.signals["friction_force"]
+        put_in = np.concatenate([[0.0], np.cumsum(0.5 * (T[1:] * v[1:] + T[:-1] * v[:-1]) * np.diff(ran.time))])
+        for axis, shown in zip(axes, (1e3 * v, 1e3 * ran.signals["slip_speed"], T, 1e3 * put_in)):
+            axis.plot(ran.time, shown, line, color=colour, label=f"K = {K:g} N s/m")
+        if K:
+            top = np.flatnonzero((v[1:-1] > v[:-2]) & (v[1:-1] >= v[2:]) & (v[1:-1] > 1e-5)) + 1
+            rate = float(np.polyfit(ran.time[top], np.log(v[top]), 1)[0])
+            theory = -(2.0 + mu * K) / (2.0 * 5.0)
+            yield Comparison("constant mu: decay (d + mu K) / 2 m", "1/s", rate, theory, "theory", relative=0.01)
+    for axis, label in zip(axes, ("v [mm/s]", "v rel [mm/s]", "friction [N]", "energy in [mJ]")):
+        axis.set_ylabel(label)
+    axes[2].legend(loc="upper right")
+    axes[-1].set_xlabel("time [s]")
+
+    mu0, fall, speed, force = 0.4, 0.8, 0.06, 20.0
+    law = law_of(load("belt_b"))
+    period = 2.0 * math.pi * math.sqrt(5.0 / 2500.0)
+    swing = 0.04 * np.sin(np.linspace(0.0, 2.0 * math.pi, 4001)[:-1])
+    friction = np.array([law.mu(speed - v) for v in swing])
+    for K in (0.0, 100.0, 400.0):
+        found = float(np.mean(friction * (force - K * swing) * swing) * period)
+        theory = 0.5 * period * 0.04 * (fall * 0.04 * force - (mu0 - fall * speed) * K * 0.04)
+        yield Comparison(f"B, 40 mm/s, K = {K:g} N s/m: equation 4.4", "J", found, theory, "theory", relative=1e-9)
+    law = law_of(load("belt"))
+    balance = (-law.slope(speed) * force - 2.0) / law.mu(speed)
+    yield Comparison("A: gain at which it balances the damper", "N s/m", balance, 132.25, "reference", absolute=0.005)
 
 
 def tuned_mass(figure: Figure) -> Iterator[Comparison]:
@@ -119,11 +196,15 @@ def dither(figure: Figure) -> Iterator[Comparison]:
 
 
 ENTRIES = (
+    Entry("kroeger-18", "kroeger", "Figure 18", "energy input under normal-force feedback",
+          ("belt_normal_force", "belt_b", "belt"), normal_force_energy, size=(9.6, 7.0)),
     Entry("kroeger-20", "kroeger", "Figure 20", "normal-force feedback", ("belt_normal_force",), feedback,
           size=(9.6, 7.6)),
     Entry("kroeger-22", "kroeger", "Figure 22", "belt-velocity feedback", ("belt_velocity_feedback",), belt_feedback,
           size=(9.6, 7.0)),
     Entry("kroeger-23", "kroeger", "Figure 23", "tuned mass over tilt and damping", ("belt_tuned_mass",), tuned_mass,
           "Mirror-symmetric about -atan(mu)/2 (dashed)."),
+    Entry("kroeger-loops", "kroeger", "Section 4", "loops over gain and delay: what is left of the vibration",
+          ("belt_normal_force", "belt_velocity_feedback"), loops, "Some cells of the tables that the tests compare."),
     Entry("kroeger-dither", "kroeger", "Section 4", "mean friction under dither", ("belt_dither",), dither),
 )  # fmt: skip
