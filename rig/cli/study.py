@@ -119,6 +119,18 @@ def cycle(scene: SceneName, p: Changes = None, as_json: Json = False) -> None:
     tell.line(found.text())
 
 
+def identify(scene: SceneName, p: Changes = None, as_json: Json = False) -> None:
+    """Run an experiment that identifies a part of the lever rig, and read its parameters from the sensors."""
+    from rig.scenes import load
+    from rig.study.identify import identify as run
+
+    found = run(load(scene, changes(p)))
+    if as_json:
+        tell.report(found.to_json())
+        return
+    tell.line(found.text())
+
+
 def map_(
     scene: SceneName,
     x: XAxis,
@@ -264,6 +276,7 @@ def _bar(what: str) -> Iterator[Callable[[int, int], object]]:
 COMMANDS = {
     "modes": (modes, 'rig modes belt --sweep "drive.speed=0.05 m/s:0.4 m/s:50" --figure locus.png'),
     "cycle": (cycle, "rig cycle belt_b --json"),
+    "identify": (identify, "rig identify lever_kinetic_friction"),
     "map": (map_, 'rig map belt --x "drive.speed=0.05 m/s:0.8 m/s:40" --y "load.force=10 N:30 N:5"'),
     "reproduce": (reproduce, "rig reproduce kroeger-3"),
 }

@@ -9,6 +9,9 @@ loop        closed-loop eigenvalues and margins of a controller; `sampled` is it
 averaged    friction under a fast vibration, averaged
 cycle       the limit cycle; `orbit` carries the plant, `turns` finds cycles without events
 floquet     what a round of a cycle leaves of a small disturbance
+amplitude   the amplitude index of a measured vibration
+stages      speeds at which stick ends and begins, from a run that accelerates, holds and decelerates
+identify    the experiments that tell a rig's parameters
 dense       quantities between samples
 doctor      this machine: how well it keeps time, which scenes it carries
 round_trip  what the bus costs here

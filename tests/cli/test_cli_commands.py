@@ -18,8 +18,8 @@ from rig.errors import Diverged, UsageError
 ROOMS = (runs, scene_commands, study, logs, live, processes, host)
 COMMANDS = sorted(name for room in ROOMS for name in room.COMMANDS)
 PROMISED = (
-    "demo list run plant control record view simulate replay verify tune warmup explain modes cycle map doctor diff "
-    "recover"
+    "demo list run plant control record view simulate replay verify tune warmup explain modes cycle identify map "
+    "reproduce doctor diff recover"
 )
 
 
