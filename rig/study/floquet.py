@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rig.solve.formulation import assemble
 from rig.solve.linear import moving_states
 from rig.solve.system import STICK
-from rig.study.orbit import Orbit, Round
+from rig.study.orbit import BLOCK, Orbit, Round
 
 Array = NDArray[np.float64]
 STEPS = (1e-3, 1e-4, 1e-5)  # of the size of each state
@@ -120,8 +120,9 @@ def _carried(orbit: Orbit, x: Array, period: float) -> tuple[Array, list[str]]:
     met: list[str] = []
     for step_ns, ticks in ((orbit.scene.step_ns, whole), (rest, 1)):
         if step_ns and ticks:
-            motion = orbit.moving(x, step_ns, ticks)
-            motion.advance(ticks)
-            met += [event.what for event in motion.events()]
+            motion = orbit.moving(x, step_ns, min(ticks, BLOCK))
+            for done in range(0, ticks, BLOCK):
+                motion.advance(min(BLOCK, ticks - done))
+                met += [event.what for event in motion.events()]
             x = motion.x.copy()
     return x, met
