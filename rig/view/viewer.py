@@ -84,7 +84,7 @@ def start(web: bool = False, headless: bool = False) -> Viewer:
     url = f"rerun+http://127.0.0.1:{port}/proxy"
     if web:
         page_port = free_port()
-        page = f"http://127.0.0.1:{page_port}/?url={quote(url, safe='')}"
+        page = f"http://127.0.0.1:{page_port}/?theme=dark&url={quote(url, safe='')}"  # the pictures are painted for it
         command += ["--serve-web", "--web-viewer-port", str(page_port), "--server-memory-limit", _SERVED]
     else:
         command += ["--hide-welcome-screen", *(["--headless"] if headless else [])]

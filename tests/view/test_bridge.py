@@ -189,7 +189,7 @@ def test_a_page_is_served_on_loopback_only_and_ends_with_its_viewer():
     try:
         assert shown.alive
         assert re.fullmatch(
-            r"http://127\.0\.0\.1:\d+/\?url=rerun%2Bhttp%3A%2F%2F127\.0\.0\.1%3A\d+%2Fproxy", shown.page
+            r"http://127\.0\.0\.1:\d+/\?theme=dark&url=rerun%2Bhttp%3A%2F%2F127\.0\.0\.1%3A\d+%2Fproxy", shown.page
         )
         assert listeners(shown.process.pid) == {"0100007F"}
     finally:
