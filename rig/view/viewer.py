@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import socket
 import subprocess
+import sys
 import tempfile
 import threading
 import time
@@ -35,6 +36,11 @@ _WRITTEN_S = 2.0
 _SETTLED_S = 0.4
 """A viewer that finds no display gives up within a tenth of this, after it has begun to listen."""
 _MEMORY, _SERVED = "2GB", "256MB"
+_BOUND = """import ctypes, os, sys
+ctypes.CDLL(None).prctl(1, 15)
+if os.getppid() == int(sys.argv[1]):
+    os.execv(sys.argv[2], sys.argv[2:])"""
+"""Becomes the process of its second argument, which is sent SIGTERM when that of the first one ends, even if killed."""
 
 
 class Viewer:
@@ -88,6 +94,8 @@ def start(web: bool = False, headless: bool = False) -> Viewer:
         command += ["--serve-web", "--web-viewer-port", str(page_port), "--server-memory-limit", _SERVED]
     else:
         command += ["--hide-welcome-screen", *(["--headless"] if headless else [])]
+    if (web or headless) and sys.platform == "linux":
+        command = [sys.executable, "-ISc", _BOUND, str(os.getpid()), *command]
     # in a session of its own: Ctrl-C ends the run, not the window; CI: rerun sends no statistics about its use
     with tempfile.TemporaryFile() as said:
         try:

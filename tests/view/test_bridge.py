@@ -3,10 +3,12 @@
 import os
 import re
 import signal
+import sys
 import threading
 import time
 
 import numpy as np
+import psutil
 import pytest
 
 from rig.errors import LogError, UsageError
@@ -197,6 +199,22 @@ def test_a_page_is_served_on_loopback_only_and_ends_with_its_viewer():
     assert not shown.alive
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a process that its parent was killed")
+def test_a_server_ends_with_who_started_it_even_if_that_was_killed(script):
+    starter = script(
+        "import signal\nfrom rig.view import viewer\n"
+        "print(viewer.start(web=True).process.pid, flush=True)\nsignal.pause()"
+    )
+    server = psutil.Process(int(starter.stdout.readline()))
+    assert server.status() != psutil.STATUS_ZOMBIE
+    starter.kill()
+    starter.wait()
+    _, alive = psutil.wait_procs([server], 10.0)
+    for one in alive:
+        one.kill()
+    assert not alive
+
+
 def listeners(pid):
     """Addresses (hexadecimal) that a process listens on."""
     inodes = set()
@@ -214,6 +232,7 @@ def listeners(pid):
 HUB = """
 import time
 import numpy as np
+import psutil
 from rig import bus
 from rig.bus import encode
 from rig.bus.setup import Setup
