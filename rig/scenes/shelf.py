@@ -25,7 +25,9 @@ def path(name_or_path: str | Path) -> Path:
     given = Path(name_or_path)
     if given.suffix == ".toml" or "/" in text:
         return given
-    raise SceneError(text, [f"no scene has this name; {near(text, names())}"])
+    beside = given.with_suffix(".toml")
+    hint = f"the file is called {beside}" if beside.is_file() else near(text, names())
+    raise SceneError(text, [f"no scene has this name; {hint}"])
 
 
 def card(name: str) -> dict[str, str]:

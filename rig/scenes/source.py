@@ -21,7 +21,7 @@ _NUMBER = re.compile(r"[+-]?(\d|\.\d)")
 def tree(path: Path) -> dict[str, Any]:
     """The tables of a TOML file; a SceneError says line and column where it is broken."""
     try:
-        text = path.read_bytes().decode()
+        text = path.read_bytes().decode("utf-8-sig")  # some editors begin a file with a mark
     except FileNotFoundError:
         raise SceneError(str(path), ["there is no such file"]) from None
     except UnicodeDecodeError as error:

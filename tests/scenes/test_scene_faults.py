@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from rig import scenes
 from rig.errors import SceneError
 from rig.quantities import ORIGINS
+from rig.scenes import shelf
 
 BELT = """
 plant = "belt"
@@ -298,3 +299,16 @@ def _file(factory):
 
 def test_origins_are_the_known_ones():
     assert {"paper", "public", "derived", "calibrated", "chosen", "user"} == set(ORIGINS)
+
+
+def test_a_file_may_begin_with_the_mark_of_its_encoding(tmp_path):
+    marked = tmp_path / "marked.toml"
+    marked.write_bytes(b"\xef\xbb\xbf" + shelf.path("belt").read_bytes())
+    assert scenes.load(marked).plant == "belt"
+
+
+def test_a_file_named_without_its_ending_is_pointed_out(tmp_path, monkeypatch):
+    (tmp_path / "mine.toml").write_text("")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SceneError, match=r"no scene has this name; the file is called mine\.toml"):
+        scenes.load("mine")
