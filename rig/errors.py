@@ -3,6 +3,7 @@
 RigError
 ├── SceneError        a scene, a key or a value that cannot be used; carries every fault found
 ├── UsageError        a command that cannot be carried out as given
+├── Interrupted       a command that was ended before it had begun
 ├── NumericsError     the integration had to stop; carries time, mode and state
 │   ├── Diverged      the state left the stated limit or is not finite
 │   ├── Jammed        no contact mode is consistent with the equations (Painleve)
@@ -36,6 +37,12 @@ class SceneError(RigError):
 
 class UsageError(RigError):
     """A command that cannot be carried out as given."""
+
+
+class Interrupted(RigError):
+    """A command that was ended before it had begun."""
+
+    exit_code = 130
 
 
 class NumericsError(RigError):

@@ -14,6 +14,7 @@ import importlib
 import operator
 import os
 import platform
+import re
 import shutil
 import sys
 from collections.abc import Callable
@@ -21,7 +22,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core import cgutils, types
+from numba.core import cgutils, event, types
 from numba.core.datamodel import models
 from numba.core.imputils import lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate
@@ -40,6 +41,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 _ROOT = Path(__file__).resolve().parent.parent
 _KEPT = 3
 ROWS = 4
+_DECORATED = re.compile(rb"^@(kernel|inner|inlined)\b", re.MULTILINE)
 
 
 def source_key() -> str:
@@ -52,8 +54,9 @@ def source_key() -> str:
     for package in ("rig", "sensors"):
         for path in sorted((_ROOT / package).rglob("*.py")):
             rooms.setdefault(path.parent, []).append((path.relative_to(_ROOT).as_posix(), path.read_bytes()))
+    del rooms[_ROOT / "rig"]
     for files in rooms.values():
-        if any(b"rig.kernel import" in text for _, text in files):
+        if any(_DECORATED.search(text) for _, text in files):
             for name, text in files:
                 digest.update(name.encode() + b"\0" + text)
     digest.update((_ROOT / "rig" / "kernel.py").read_bytes())
@@ -70,7 +73,8 @@ def cache_root() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "friction-rig"
 
 
-def _open_cache() -> Path:
+def _open_cache() -> tuple[Path, bool]:
+    """The directory of these sources, and whether kernels can be kept in it."""
     root = cache_root()
     here = root / source_key()
     try:
@@ -79,22 +83,40 @@ def _open_cache() -> Path:
         newest = sorted((p for p in root.iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime, reverse=True)
         for old in newest[_KEPT:]:
             shutil.rmtree(old, ignore_errors=True)
-    except OSError:  # a full or read-only disk: compile in memory, every start
-        return here
-    return here
+    except (
+        OSError
+    ):  # a full or read-only disk: compile in memory, every start; numba would keep them beside the sources
+        return here, False
+    return here, True
 
 
-CACHE = _open_cache()
+CACHE, _KEEPS = _open_cache()
 numba.config.CACHE_DIR = str(CACHE)  # type: ignore[attr-defined]
 
 
-def is_warm() -> bool:
-    """Whether kernels of exactly these sources have been compiled before."""
-    return any(CACHE.rglob("*.nbi"))
+class _Teller(event.Listener):  # type: ignore[misc]
+    """Says that kernels are being compiled, when the first one is: else a start would be silent for minutes."""
+
+    told = False
+
+    def on_start(self, _: event.Event) -> None:
+        if not self.told:
+            self.told = True
+            often = "once for each kind of rig" if _KEEPS else f"at every start, for {CACHE.parent} cannot be written"
+            remedy = "" if _KEEPS else "; RIG_KERNELS=/some/folder names another place"
+            sys.stderr.write(f"compiling kernels, {often}: half a minute to two minutes{remedy}\n")
+            sys.stderr.flush()
+
+    def on_end(self, _: event.Event) -> None:
+        pass
+
+
+if os.environ.get("RIG_OWN_PROCESS"):
+    event.register("numba:compile", _Teller())  # type: ignore[no-untyped-call]
 
 
 _njit: Any = numba.njit  # noqa: TID251
-_OPTIONS: dict[str, Any] = {"cache": True, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+_OPTIONS: dict[str, Any] = {"cache": _KEEPS, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
 def kernel(function: F) -> F:

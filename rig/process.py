@@ -12,8 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import NoReturn
 
-INTERRUPTED = 130
-"""Exit code of a process that Ctrl-C has ended before it had begun."""
+from rig.errors import Interrupted
 
 
 def stand_back(nice: int) -> None:
@@ -56,15 +55,30 @@ def as_process(main: Callable[[], int | None]) -> NoReturn:
     The interpreter is not taken apart. That costs 0.3 s of processor time once rerun or numba are loaded: 14 s for a
     viewer that stands back on a machine whose cores are busy (measured), and nobody needs what it holds any more.
     """
+    asked: list[int] = []
+
+    def interrupt(number: int, _: object) -> None:
+        asked.append(number)
+        raise KeyboardInterrupt
+
+    def ignored(fault: sys.UnraisableHookArgs) -> None:  # of a callback, as numba has them while it compiles
+        if isinstance(fault.exc_value, KeyboardInterrupt):
+            os._exit(Interrupted.exit_code)
+        sys.__unraisablehook__(fault)
+
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, interrupt)
+        sys.unraisablehook = ignored
     try:
         code = main()
     except SystemExit as end:
         code = end.code if isinstance(end.code, int | None) else 1
     except KeyboardInterrupt:
-        code = INTERRUPTED
+        code = Interrupted.exit_code
     except Exception:
-        traceback.print_exc()
-        code = 1
+        code = Interrupted.exit_code if asked else 1  # some turn an interrupt into a fault of their own
+        if not asked:
+            traceback.print_exc()
     _leave(code or 0)
 
 

@@ -21,13 +21,13 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import controllers
-from rig import bus, kernel
+from rig import bus
 from rig.bench import pace
 from rig.bench.attend import Attendant
 from rig.bench.conclude import conclude
@@ -40,8 +40,8 @@ from rig.bench.stand import Stand
 from rig.bench.timing import Timing
 from rig.bus.port import Session
 from rig.bus.setup import Setup
-from rig.errors import NumericsError, RigError
-from rig.process import INTERRUPTED, as_process, told_to_stop
+from rig.errors import Interrupted, NumericsError, RigError
+from rig.process import as_process, told_to_stop
 from rig.quantities import si
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
@@ -239,41 +239,33 @@ class Plant:
         threading.Thread(target=ask, name=f"retune-{controller}", daemon=True).start()
 
 
-def carry_out(
-    job: Job, stopping: Callable[[], str], say: Say = lambda _: None, show: Show = lambda _: None
-) -> dict[str, Any]:
+def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) -> dict[str, Any]:
     """Host a run and carry the job out; its summary. Raises RigError if it cannot begin.
 
-    `stopping` says why the run is to end, "" while it is not; `say` gets a line now and then before the first frame,
-    `show` the health while the run goes on.
+    Signals to stop end the run as it should end. `say` gets a line now and then before the first frame, `show` the
+    health while the run goes on.
     """
     scene = Scene.from_json(job.scene)
-    warm(scene, say)
-    if job.realtime and (why := pace.take_priority()):  # the threads of the bus inherit it
-        say(why)
-    with bus.host(job.run, scene.name, job.endpoint) as session:
-        plant = Plant(session, job, stopping)
-        session.announce()
-        say(f"run {session.run}")
-        units = threading.Thread(target=si, args=("1 ms", "s"), name="units", daemon=True)
-        units.start()  # an operator's text with a unit must not load them while time counts: it takes 0.3 s
-        plant.gather(say)
-        units.join()
-        return plant.run(show)
-
-
-@contextmanager
-def stop_signals() -> Iterator[Callable[[], str]]:
-    """Which signal has asked for the end, "" while none has."""
+    warm(scene)  # Ctrl-C may break this off, but nothing after it
     asked: list[str] = []
     with told_to_stop(asked.append):
-        yield lambda: f"stopped by {asked[0]}" if asked else ""
+        if job.realtime and (why := pace.take_priority()):  # the threads of the bus inherit it
+            say(why)
+        with bus.host(job.run, scene.name, job.endpoint) as session:
+            plant = Plant(session, job, lambda: f"stopped by {asked[0]}" if asked else "")
+            session.announce()
+            say(f"run {session.run}")
+            units = threading.Thread(target=si, args=("1 ms", "s"), name="units", daemon=True)
+            units.start()  # an operator's text with a unit must not load them while time counts: it takes 0.3 s
+            plant.gather(say)
+            units.join()
+            if asked:
+                raise Interrupted(f"stopped by {asked[0]} before the first frame")
+            return plant.run(show)
 
 
-def warm(scene: Scene, say: Say) -> None:
+def warm(scene: Scene) -> None:
     """Compile, or load what was compiled, on a stand of its own: it must not happen while time counts."""
-    if not kernel.is_warm():
-        say("compiling the kernels, once for these sources; it takes a minute or two")
     stand = Stand(scene)
     for _ in range(3):
         stand.frame()
@@ -282,10 +274,10 @@ def warm(scene: Scene, say: Say) -> None:
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """`python -m rig.bench.plant_process JOB [--summary FILE]`, started by a supervisor."""
+    """`python -m rig.bench.plant_process JOB SUMMARY`, started by a supervisor."""
     parser = argparse.ArgumentParser(prog="rig.bench.plant_process", description=__doc__.partition("\n")[0])
     parser.add_argument("job", type=Path, help="file with the job as JSON")
-    parser.add_argument("--summary", type=Path, help="file for the summary as JSON")
+    parser.add_argument("summary", type=Path, help="file for the summary as JSON, or for why there was no run")
     given = parser.parse_args(arguments)
 
     def say(text: str) -> None:
@@ -293,17 +285,10 @@ def main(arguments: list[str] | None = None) -> int:
         sys.stdout.flush()
 
     try:
-        job = Job.from_json(given.job.read_text())
-        warm(Scene.from_json(job.scene), say)  # Ctrl-C may break this off, but nothing after it
-        with stop_signals() as stopping:
-            summary = carry_out(job, stopping, say)
-    except KeyboardInterrupt:
-        return INTERRUPTED
+        summary = carry_out(Job.from_json(given.job.read_text()), say)
     except RigError as error:
-        sys.stderr.write(f"{error}\n")
-        return error.exit_code
-    if given.summary is not None:
-        given.summary.write_text(json.dumps(summary))
+        summary = {"failed": str(error), "exit_code": error.exit_code}
+    given.summary.write_text(json.dumps(summary))
     return int(summary["exit_code"])
 
 

@@ -23,7 +23,7 @@ from rig.bench.outcome import Outcome
 from rig.bench.status import Live
 from rig.bus import messages
 from rig.bus.port import Receiver, Session
-from rig.errors import BusError, RigError, UsageError
+from rig.errors import BusError, Interrupted, RigError, UsageError
 from rig.process import told_to_stop
 from rig.scenes.scene import Scene
 
@@ -93,7 +93,7 @@ class Team:
         self._summary = folder / "summary.json"
         description = folder / "job.json"
         description.write_text(job.to_json())
-        arguments = ["rig.bench.plant_process", str(description), "--summary", str(self._summary)]
+        arguments = ["rig.bench.plant_process", str(description), str(self._summary)]
         self.plant = Child("the plant", arguments)
         self.others: dict[tuple[str, str], Child] = {}
         self.died: list[str] = []
@@ -111,11 +111,11 @@ class Team:
         """Wait for the run, start the others, watch until the plant has ended, then see everybody off."""
         while not self.name:
             if self.plant.wait(0.02):
-                self._hear()
-                raise _Failed(self.plant)
+                break
             self._interrupt(interrupts)
             self._hear()
-        self._start()
+        if self.name:
+            self._start()
         session = self._join()
         if session is not None:
             with session:
@@ -127,9 +127,10 @@ class Team:
                     self._hear()
                     self._show(health, live)
                 self._tell(events)
-        killed = end(self.others.values(), LEAVE_S)
-        self._hear()
+        begun = self.plant.code != Interrupted.exit_code  # else the others may wait for it still
+        killed = end(self.others.values(), LEAVE_S if begun else 0.0)
         self.died += [f"{name} did not end by itself" for name in killed]
+        self._hear()
         return self._outcome()
 
     def _start(self) -> None:
@@ -194,7 +195,10 @@ class Team:
     def _interrupt(self, interrupts: list[str]) -> None:
         """The first Ctrl-C ends the plant, the second everybody."""
         while interrupts:
-            interrupts.pop()
+            name = interrupts.pop()
+            if not self.name:  # whatever it is doing, there is nothing yet that it must put away
+                self.plant.send(signal.SIGTERM)
+                raise Interrupted(f"stopped by {name} before the first frame")
             if not self._asked:
                 self._say("ending the run; once more to end it at once")
                 self.plant.send(signal.SIGINT)
@@ -210,9 +214,13 @@ class Team:
         try:
             summary = json.loads(self._summary.read_text())
         except (OSError, ValueError):
-            if self.plant.code is not None and self.plant.code > 0:
-                raise _Failed(self.plant) from None
+            if not self.name or (self.plant.code or 0) > 0:
+                raise UsageError(self.plant.told) from None
             summary = self._obituary()
+        if "failed" in summary:
+            fault = UsageError(summary["failed"])
+            fault.exit_code = summary["exit_code"]
+            raise fault
         return Outcome(summary, log, said, tuple(self.died))
 
     def _obituary(self) -> dict[str, Any]:
@@ -237,11 +245,3 @@ class Team:
             "faults": [],
             "plant": {},
         }
-
-
-class _Failed(UsageError):
-    """The plant could not begin; its last words say why."""
-
-    def __init__(self, plant: Child) -> None:
-        self.exit_code = max(plant.code or 1, 1)
-        super().__init__("\n".join(plant.tail) or plant.told)

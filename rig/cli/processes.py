@@ -25,7 +25,7 @@ def plant(
     factor, length, overrides = pace(speed), seconds(duration), changes(p)
     from rig.bench.job import Job
     from rig.bench.outcome import Outcome
-    from rig.bench.plant_process import carry_out, stop_signals
+    from rig.bench.plant_process import carry_out
     from rig.bench.status import Live
     from rig.scenes import load
     from rig.study.design import numbers
@@ -44,8 +44,7 @@ def plant(
     )
     live = Live()
     try:
-        with stop_signals() as stopping:
-            outcome = Outcome(carry_out(job, stopping, live.say, live.show))
+        outcome = Outcome(carry_out(job, live.say, live.show))
     finally:
         live.done()
     tell.line(outcome.text())

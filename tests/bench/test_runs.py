@@ -20,10 +20,11 @@ import controllers
 import rig
 from rig import bus, scenes
 from rig.bench import supervise
-from rig.bench.plant_process import warm
+from rig.bench.job import Job
+from rig.bench.plant_process import carry_out, warm
 from rig.bench.simulate import simulate
 from rig.bus import address, messages
-from rig.errors import UsageError
+from rig.errors import Interrupted, UsageError
 from rig.record.reader import Scan
 from rig.study import design
 from rig.view.process import TOPICS
@@ -36,7 +37,7 @@ pytestmark = pytest.mark.timeout(300)
 def _compiled():
     """Nothing is compiled while a test waits."""
     for name in (SCENE, "belt"):
-        warm(scenes.load(name), print)
+        warm(scenes.load(name))
 
 
 @pytest.fixture
@@ -230,36 +231,54 @@ def test_a_plant_that_was_held_up_says_so(folder):
     assert outcome.summary["ticks"] == 2000
 
 
-CODE = """
-import sys
-from pathlib import Path
-from rig import scenes
-from rig.bench import supervise
-from rig.study import design
-scene = scenes.load(sys.argv[1])
-outcome = supervise.run(scene, numbers=design.numbers(scene), duration=60.0, out=Path(sys.argv[2]))
-print(outcome.text())
-sys.exit(outcome.exit_code)
-"""
-
-
 @pytest.fixture
-def supervisor(folder):
-    """A supervisor in a process of its own, once its run has begun."""
+def starting(folder):
+    """A supervisor in a process of its own, its run not yet begun."""
     path = os.pathsep.join([str(Path(rig.__file__).parents[1]), os.environ.get("PYTHONPATH", "")])
     process = subprocess.Popen(
-        [sys.executable, "-c", CODE, SCENE, str(folder / "run.mcap")],
+        [sys.executable, "-m", "rig", "run", SCENE, "--duration", "60", "--out", str(folder / "run.mcap")],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         env={**os.environ, "PYTHONPATH": path},
     )
-    for line in process.stderr:
-        if "begins with" in line:
-            break
     yield process
     process.kill()
     process.communicate()
+
+
+@pytest.fixture
+def supervisor(starting):
+    """The same, once its run has begun."""
+    for line in starting.stderr:
+        if "begins with" in line:
+            break
+    return starting
+
+
+def test_ctrl_c_before_there_is_a_run_ends_everything_at_once(starting):
+    deadline = time.monotonic() + 30.0
+    while not (others := psutil.Process(starting.pid).children()):
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    starting.send_signal(signal.SIGINT)
+    out, err = starting.communicate(timeout=20.0)
+    assert (starting.returncode, out) == (130, "")
+    assert err == "stopped by SIGINT before the first frame\n"
+    ended(others, 5.0)
+
+
+def test_ctrl_c_while_others_are_waited_for(folder):
+    scene = scenes.load(SCENE)
+    job = Job(scene.to_json(), design.numbers(scene), run="waits", expect=(("controller", "nf"),), wait=60.0)
+
+    def say(text):
+        if text == "waiting for controller nf":
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(Interrupted, match="stopped by SIGINT before the first frame"):
+        carry_out(job, say)
+    assert address.list_runs() == []
 
 
 def test_ctrl_c_ends_a_run_in_order(folder, supervisor):
