@@ -140,7 +140,7 @@ def test_a_wrong_zero_of_the_instrument_is_no_velocity(sensor):
 
 def test_the_law_of_friction_does_not_enter():
     a, b = rig(), rig()
-    b.patches[0] = (*b.patches[0][:3], stribeck(0.9, 0.1, 0.2))
+    b.patches[0] = (*b.patches[0][:3], stribeck(0.9, 0.1, 0.2), *b.patches[0][4:])
     sections = scene(a=normal_force())
     assert design.numbers(sections, a) == design.numbers(sections, b)
 

@@ -50,9 +50,10 @@ def errors(assembly, method="exact", step=STEP, substeps=1):
 
 @pytest.mark.parametrize("name", scenes.names())
 def test_no_shipped_scene_is_refused(name):
+    """Some grow without bound on purpose; they say so, and only they."""
     scene = rig.load(name)
     found = verdict(scene.assemble().system(), "dopri5", scene.step_ns * 1e-9)
-    assert not [one for one in found if one.level == "error"]
+    assert not [one for one in found if one.level == "error"] or scene.clock.unstable == "run"
 
 
 def test_stick_slip_is_information():
