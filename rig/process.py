@@ -45,7 +45,12 @@ def told_to_stop(take: Callable[[str], object]) -> Iterator[None]:
 def stopping() -> Iterator[threading.Event]:
     """An event that is set when this process is told to stop."""
     stop = threading.Event()
-    with told_to_stop(lambda _: stop.set()):
+
+    def heard(_: str) -> None:
+        # set by another thread: the main one may hold the event's lock, on its way into or out of a wait
+        threading.Thread(target=stop.set).start()
+
+    with told_to_stop(heard):
         yield stop
 
 
