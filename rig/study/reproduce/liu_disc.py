@@ -1,0 +1,254 @@
+"""Liu and Ouyang, Meccanica (2020), sections 3 and 4.2: the slider on a rotating flexible disc.
+
+Geometry, material, stiffnesses and dampers are the paper's; which stiffness is which, the damping of the disc and the
+coefficients of friction are the scenes'. "reference" are independent computations with these.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.study.reproduce.common import BLUE, GREEN, RED, load, quiet, run
+from rig.study.reproduce.entry import Comparison, Entry
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from rig.scenes.scene import Scene
+
+RADIUS = 0.1  # m, of the slider's place
+RATE = math.sqrt(1e5)  # rad/s, sqrt(contact stiffness / mass): ratios of frequencies are over this
+CASES: dict[str, dict[str, Any]] = {
+    "a": {"friction__law": "constant", "friction__mu": 0.3},
+    "b": {},
+    "c": {"friction__mu_static": 0.9, "friction__mu_kinetic": 0.8},
+}
+LOADS = (20.0, 50.0, 100.0, 150.0, 200.0)
+_SPEEDS = np.concatenate([np.linspace(0.5, 8.0, 31), np.geomspace(10.0, 900.0, 12), np.linspace(905.0, 1300.0, 60)])
+
+
+def at(case: str, N0: float, speed: float, scene: str = "disc_slider", **changes: Any) -> Scene:
+    """The rig in a case of friction, at a preload [N] and a speed of the disc [rad/s]."""
+    return quiet(load(scene, load__force=N0, drive__speed=speed, **CASES[case], **changes))
+
+
+def modes(figure: Figure) -> Iterator[Comparison]:
+    """Modes of the free disc, and its frequencies as published."""
+    import rig
+    from rig.effects.disc_modes import free_modes
+
+    disc: Any = load("disc_slider").parameters
+    shapes = free_modes(disc.disc)
+    shape, table = figure.subplots(1, 2)
+    radii = np.linspace(disc.disc.inner_radius, disc.disc.outer_radius, 120)
+    for mode, colour, line in zip(shapes, (BLUE, RED, GREEN, "black"), ("-", "--", "-.", ":")):
+        told = f"{mode.diameters} nodal diameters"
+        shape.plot(1e3 * radii, [mode.at(r) for r in radii], line, color=colour, label=told)
+    shape.set(xlabel="radius [mm]", ylabel="shape, of mass one [1/sqrt(kg)]", title="shapes")
+    shape.legend()
+    found = [2.0 * math.pi * hertz for hertz in rig.modes("disc_slider").free.values()]
+    published = (1492, 1517, 1517, 1824, 1824, 2774, 2774)
+    names = [f"{m.diameters}, {part}" for m in shapes for part in (("cosine", "sine") if m.pair else ("-",))]
+    table.axis("off")
+    table.set_title("natural frequencies [rad/s]")
+    rows = [(name, f"{ours:.3f}", f"{one}") for name, ours, one in zip(names, found, published)]
+    drawn = table.table(rows, colLabels=("nodal diameters", "ours", "published"), loc="upper center",
+                        cellLoc="center", edges="horizontal")  # fmt: skip
+    drawn.auto_set_font_size(False)
+    drawn.set_fontsize(10)
+    drawn.scale(1.0, 1.6)
+    for number, (ours, one) in enumerate(zip(found, published), 1):
+        yield Comparison(f"natural frequency {number}", "rad/s", ours, one, "paper", absolute=0.5)
+    for mode, expected in zip(shapes, (1491.9269, 1516.7573, 1823.8811, 2774.1939)):
+        what = f"{mode.diameters} nodal diameters"
+        yield Comparison(what, "rad/s", mode.omega, expected, "reference", relative=1e-6)
+    critical = min(mode.omega / mode.diameters for mode in shapes if mode.pair)
+    yield Comparison("critical speed", "rad/s", critical, 911.94, "reference", absolute=0.005)
+
+
+def instability(figure: Figure) -> Iterator[Comparison]:
+    """Speeds at which sliding is unstable, over the preload."""
+    import rig
+
+    reference = {
+        ("a", 20.0): (911.9541, 932.2011, 978.3737, 1245.8412), ("a", 100.0): (911.8730, 1245.6566),
+        ("a", 200.0): (911.7743, 1245.5279), ("b", 20.0): (1.1100, 911.9533, 932.3555, 977.9398, 1246.5808),
+        ("b", 50.0): (2.0138, 911.9228, 934.3958, 976.0186, 1246.4944), ("b", 100.0): (2.7037, 911.8724, 1246.3667),
+        ("b", 200.0): (3.3954, 911.7739, 1246.1686), ("c", 100.0): (),
+    }  # fmt: skip
+    for axis, case in zip(figure.subplots(3, 1, sharex=True), CASES):
+        for N0 in LOADS:
+            swept = rig.sweep(at(case, N0, 2.0), "drive.speed", _SPEEDS)
+            edges = sorted(one.value for one in swept.critical)
+            _bars(axis, N0, edges, bool(np.max(swept.growth[0]) > 0.0))
+            expected = reference.get((case, N0))
+            if expected is None:
+                continue
+            yield Comparison(f"case {case}, {N0:g} N: edges", "", len(edges), len(expected), "reference")
+            for ours, one in zip(edges, expected):
+                yield Comparison(f"case {case}, {N0:g} N: edge", "rad/s", ours, one, "reference", absolute=1e-3)
+        axis.set_title({"a": "(a) Coulomb, 0.3", "b": "(b) falling from 0.4 to 0.25",
+                        "c": "(c) falling from 0.9 to 0.8"}[case])  # fmt: skip
+    _speed_axis(axis)
+
+
+def _bars(axis: Axes, N0: float, edges: list[float], begins: bool) -> None:
+    """The unstable stretches of speed at one preload, drawn over `_SPEEDS`."""
+    marks = [_SPEEDS[0], *edges, _SPEEDS[-1]]
+    for number, (low, high) in enumerate(pairwise(marks)):
+        unstable = begins == (number % 2 == 0)
+        axis.hlines(N0, low, high, color=RED if unstable else BLUE, lw=7 if unstable else 1.2)
+    axis.set(ylabel="preload [N]", ylim=(0.0, 220.0))
+
+
+def _speed_axis(axis: Axes) -> None:
+    axis.set_xscale("log")
+    axis.set_xlim(_SPEEDS[0], _SPEEDS[-1])
+    axis.set_xticks([0.5, 1, 2, 5, 10, 100, 1000], ["0.5", "1", "2", "5", "10", "100", "1000"])
+    axis.set_xlabel("speed of the disc [rad/s]; wide: sliding is unstable")
+
+
+def growing(figure: Figure) -> Iterator[Comparison]:
+    """Cases b at 2 rad/s and c at 20 rad/s, 100 N: angle, normal motion, the disc."""
+    import rig
+
+    for row, case, speed, seconds, expected in zip(
+        figure.subplots(2, 3), "bc", (2.0, 20.0), (1.6, 0.16), (2.5694756, 38.764815)
+    ):
+        still = rig.modes(at(case, 100.0, speed)).sliding
+        yield Comparison(f"case {case}: growth rate", "1/s", still.growth, expected, "reference", relative=1e-6)
+        start: dict[str, Any] = {"start__displacement": 1.01 * still.equilibrium["displacement"],
+                 "start__height": still.equilibrium["height"]}  # fmt: skip
+        ran = run(at(case, 100.0, speed, **start), seconds)
+        _three(row, ran, case)
+        yield Comparison(f"case {case}: growth seen", "1/s", _rate(ran, still.equilibrium["displacement"]), expected,
+                         "theory", relative=0.05)  # fmt: skip
+
+
+def _three(row: Any, ran: Any, case: str) -> None:
+    for axis, name, factor, label in zip(
+        row, ("angle", "height", "deflection"), (1e3, 1e3, 1e6), ("angle [mrad]", "height [mm]", "disc at the rim [um]")
+    ):
+        axis.plot(ran.time, factor * ran.signals[name], color=BLUE, lw=0.5)
+        axis.set(xlabel="time [s]", ylabel=label, title=f"case {case}" if name == "angle" else "")
+
+
+def _rate(ran: Any, rest: float) -> float:
+    """Growth of the swing of the displacement about rest over the second half of a run [1/s]."""
+    x, t = ran.signals["displacement"] - rest, ran.time
+    top = np.flatnonzero((x[1:-1] > x[:-2]) & (x[1:-1] >= x[2:]) & (x[1:-1] > 0.0)) + 1
+    top = top[t[top] > 0.5 * t[-1]]
+    return float(np.polyfit(t[top], np.log(x[top]), 1)[0])
+
+
+def quenched(figure: Figure) -> Iterator[Comparison]:
+    """The same under dither above its boundary, twenty times sqrt(kc / m)."""
+    for row, case, speed, times, seconds in zip(figure.subplots(2, 3), "bc", (2.0, 20.0), (1.3, 1.5), (1.2, 0.4)):
+        omega = 20.0 * RATE
+        force = times * speed * RADIUS * omega
+        ran = run(at(case, 100.0, speed, "disc_slider_dither", dither__amplitude=force,
+                     dither__frequency=omega / (2.0 * math.pi)), seconds)  # fmt: skip
+        _three(row, ran, case)
+        last = ran.time > 0.9 * seconds
+        ripple = 0.5 * float(np.ptp(ran.signals["angle"][last]))
+        theory = force / (omega**2 * RADIUS)
+        yield Comparison(f"case {case}: ripple A / (m omega^2 r0)", "rad", ripple, theory, "theory", relative=0.03)
+        begin = ran.time < 0.1 * seconds
+        left = float(np.ptp(ran.signals["height"][last]) / np.ptp(ran.signals["height"][begin]))
+        yield Comparison(f"case {case}: normal motion left, of that at first", "", left, 0.0, "theory", absolute=0.25)
+
+
+def boundary(figure: Figure) -> Iterator[Comparison]:
+    """Amplitude above which dither stabilises, averaged, beside independent simulations."""
+    left, right = figure.subplots(1, 2)
+    simulated = {
+        "b": {3: 0.8859, 5: 0.9578, 10: 0.9859, 20: 0.9953},
+        "c": {3: 1.1422, 5: 1.2047, 10: 1.2297, 20: 1.2328},
+    }
+    for axis, case, speed, expected in ((left, "b", 2.0, 1.0), (right, "c", 20.0, 1.2362385)):
+        V = speed * RADIUS
+        found = _largest(case, speed)
+        yield Comparison(f"case {case}: averaged, a / V", "", found, expected, "reference", relative=1e-6)
+        axis.plot([0.0, 22.0], [0.0, 22.0 * found * V * RATE * 1e-3], color=BLUE, label="averaged")
+        ratios = np.array(list(simulated[case]))
+        told = np.array(list(simulated[case].values()))
+        axis.plot(ratios, told * V * RATE * ratios * 1e-3, "o", color=RED, label="reference, simulated")
+        axis.set(title=f"case {case}, {speed:g} rad/s", xlabel="frequency of the dither over sqrt(kc / m)",
+                 ylabel="amplitude of the dither [kN]", xlim=(0.0, 22.0), ylim=(0.0, None))  # fmt: skip
+        axis.legend(loc="upper left")
+
+
+def _largest(case: str, speed: float) -> float:
+    """The largest a / V at which averaged sliding is neutral."""
+    from scipy.optimize import brentq
+
+    V = speed * RADIUS
+    ratios = np.linspace(1.6, 1.0 + 1e-6, 13)
+    rates = [mean_growth(case, 100.0, speed, r * V) for r in ratios]
+    for high, low, after in zip(ratios, ratios[1:], rates[1:]):
+        if after > 0.0:
+            return float(brentq(lambda r: mean_growth(case, 100.0, speed, r * V), low, high, xtol=1e-9))
+    return 1.0 if mean_growth(case, 100.0, speed, (1.0 - 1e-6) * V) > 0.0 else 0.0
+
+
+def mean_growth(case: str, N0: float, speed: float, fast: float) -> float:
+    """Largest growth rate of averaged sliding where the slider is shaken with `fast` [m/s], to leading order."""
+    from rig.study.averaged import averaged
+    from rig.study.modes import GENERATOR
+
+    omega = 20.0 * RATE
+    shaken = {"dither__amplitude": fast * omega, "dither__frequency": omega / (2.0 * math.pi)}
+    system = at(case, N0, speed, "disc_slider_dither", **shaken).assemble().system()
+    sine, cosine = (system.names.index(name) for name in GENERATOR)
+    return float(averaged(system, sine, cosine, fast * omega, leading=True).eigenvalues()[0].real)
+
+
+def instability_shaken(figure: Figure) -> Iterator[Comparison]:
+    """The regions again, the slider shaken with 0.6 m/s."""
+    reference = {"b": (6.000099, 6.911980, 911.872406, 1246.366730), "c": (4.927391, 5.994225, 6.000099)}
+    for axis, case in zip(figure.subplots(3, 1, sharex=True), CASES):
+        for N0 in LOADS:
+            edges, begins = _edges(case, N0)
+            _bars(axis, N0, edges, begins)
+            if N0 == 100.0 and case in reference:
+                told = reference[case]
+                yield Comparison(f"case {case}, 100 N: edges", "", len(edges), len(told), "reference")
+                for ours, one in zip(edges, told):
+                    yield Comparison(f"case {case}, 100 N: edge", "rad/s", ours, one, "reference", absolute=1e-3)
+        axis.set_title(f"case {case}, shaken with 0.6 m/s")
+    _speed_axis(axis)
+
+
+def _edges(case: str, N0: float) -> tuple[list[float], bool]:
+    """Speeds at which averaged sliding changes its stability, and whether it is unstable at the lowest."""
+    from scipy.optimize import brentq
+
+    near = np.array([5.98, 5.998, 6.0 + 1e-4, 6.02])
+    speeds = np.sort(np.concatenate([_SPEEDS[_SPEEDS != 6.0], near]))
+    rates = [mean_growth(case, N0, speed, 0.6) for speed in speeds]
+    found = [
+        float(brentq(lambda speed: mean_growth(case, N0, speed, 0.6), low, high, xtol=1e-6))
+        for low, high, a, b in zip(speeds, speeds[1:], rates, rates[1:])
+        if a * b < 0.0
+    ]
+    return found, rates[0] > 0.0
+
+
+ENTRIES = (
+    Entry("liu000-table-1", "liu000", "Table 1", "the disc and its natural frequencies", ("disc_slider",), modes),
+    Entry("liu000-8", "liu000", "Figure 8", "where sliding is unstable, over speed and preload",
+          ("disc_slider",), instability, size=(9.6, 7.2)),
+    Entry("liu000-9", "liu000", "Figure 9", "growth from near sliding", ("disc_slider",), growing, size=(9.6, 5.6)),
+    Entry("liu000-10", "liu000", "Figure 10", "the same under dither", ("disc_slider_dither",), quenched,
+          size=(9.6, 5.6)),
+    Entry("liu000-11", "liu000", "Figure 11", "dither that stabilises, over its frequency", ("disc_slider_dither",),
+          boundary, "Stable above the lines. The simulated points are the reference's."),
+    Entry("liu000-12", "liu000", "Figure 12", "where sliding is unstable under dither", ("disc_slider_dither",),
+          instability_shaken, "Averaged to leading order.", (9.6, 7.2)),
+)  # fmt: skip
