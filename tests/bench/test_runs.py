@@ -114,12 +114,13 @@ def same_bits(log, run):
         assert np.array_equal(log.commands[name].tick, known.tick)
 
 
+@pytest.mark.timeout(400)
 @pytest.mark.parametrize("load", [0, 3])
 def test_lockstep_gives_the_bits_of_a_run_in_one_process(folder, load):
     scene = scenes.load(SCENE)
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(load)]
     try:
-        outcome = Going(scene, pace=None, duration=2.0, out=folder / "run.mcap").wait(100.0)
+        outcome = Going(scene, pace=None, duration=2.0, out=folder / "run.mcap").wait(350.0)
     finally:
         for process in busy:
             process.kill()
