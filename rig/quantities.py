@@ -101,6 +101,7 @@ def unit_of(section: type[BaseModel], field: str) -> str:
 
 Ratio = quantity("1", Ge(0.0))
 Number = quantity("1")
+PositiveNumber = quantity("1", Gt(0.0))
 Kilogram = quantity("kg", Gt(0.0))
 SomeKilogram = quantity("kg", Ge(0.0))
 KilogramSquareMetre = quantity("kg*m^2", Gt(0.0))

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from rig.bench.truth import ROWS, Truth
 from rig.errors import SceneError, UsageError
@@ -122,9 +122,10 @@ class Stand:
         """The value of a parameter of the rig now. Raises SceneError for an unknown key."""
         found: Any = self._parameters
         for part in key.split("."):
-            if part not in type(found).model_fields:
+            inside = found if isinstance(found, dict) else dict(found) if isinstance(found, BaseModel) else {}
+            if part not in inside:
                 raise SceneError(key, ["is no parameter of this rig"])
-            found = getattr(found, part)
+            found = inside[part]
         return found
 
     def knock(self, impulse: float) -> None:

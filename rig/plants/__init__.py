@@ -4,6 +4,7 @@ from __future__ import annotations
 
 PLANTS: dict[str, str] = {
     "belt": "rig.plants.belt",
+    "brake": "rig.plants.brake",
     "disc_slider": "rig.plants.disc_slider",
     "lever": "rig.plants.lever",
     "north": "rig.plants.north",

@@ -24,7 +24,7 @@ BOUNDS = {
     "less_than": ("less than", "lt"),
     "less_than_equal": ("at most", "le"),
 }
-TAGS = ("law", "kind", "step")
+TAGS = ("law", "kind", "step", "direction")
 Loc = tuple[int | str, ...]
 
 
@@ -184,6 +184,10 @@ def _walk(model: Any, loc: Loc) -> tuple[Loc, Any, Any, str]:
             annotation, unit = get_args(annotation)[0], _unit(get_args(annotation)[0]) or unit
             path.append(part)
             continue
+        if origin is dict and not isinstance(part, int):
+            annotation, unit = get_args(annotation)[1], _unit(get_args(annotation)[1])
+            path.append(part)
+            continue
         candidates = list(_models(annotation))
         tagged = next((c for tag in TAGS for name, c in members(annotation, tag).items() if name == part), None)
         if tagged is not None and (len(candidates) > 1 or part not in tagged.model_fields):
@@ -211,6 +215,8 @@ def unit_of(info: FieldInfo) -> str:
 def _unit(annotation: Any) -> str:
     if get_origin(annotation) in (Union, types.UnionType):
         return next((unit for member in get_args(annotation) if (unit := _unit(member))), "")
+    if get_origin(annotation) is dict:
+        return _unit(get_args(annotation)[1])
     metadata = get_args(annotation)[1:] if get_origin(annotation) is Annotated else ()
     return next((str(m) for m in metadata if isinstance(m, Unit)), "")
 

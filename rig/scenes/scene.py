@@ -193,6 +193,12 @@ def leaves(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, tuple[An
         key = f"{prefix}.{name}" if prefix else name
         if isinstance(value, BaseModel):
             yield from leaves(value, key)
+        elif isinstance(value, dict):
+            for entry, part in value.items():
+                if isinstance(part, BaseModel):
+                    yield from leaves(part, f"{key}.{entry}")
+                else:
+                    yield f"{key}.{entry}", (plain[name][entry], unit_of(info))
         elif value is not None:
             yield key, (plain[name], unit_of(info))
 

@@ -34,9 +34,6 @@ class Steady:
     """Steady sliding in one mode set, and the matrix of small motions about it.
 
     `exists`: the equilibrium was found and agrees with the modes; if not, `x` is where the search ended.
-    <<<<<<< HEAD
-    `moving`: states whose eigenvalues count. Of each patch: slip `speed`, `load` and `friction` force. `T`: inputs.
-    =======
     `moving`: states whose eigenvalues count. Of each patch: slip `speed`, `load` and `friction` force. `T`: the inputs.
     """
 

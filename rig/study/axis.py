@@ -162,6 +162,10 @@ def sweepable(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]
         value, key = getattr(section, name), f"{prefix}.{name}" if prefix else name
         if isinstance(value, BaseModel):
             yield from sweepable(value, key)
+        elif isinstance(value, dict):
+            for entry, part in value.items():
+                if isinstance(part, BaseModel):
+                    yield from sweepable(part, f"{key}.{entry}")
         elif (value is None or (isinstance(value, float | int) and not isinstance(value, bool))) and unit_of(info):
             yield key, unit_of(info)
 

@@ -1,0 +1,195 @@
+"""A disc brake as rigid bodies in a plane: disc, pads, calliper, carriers on springs. Mode coupling at 2 to 4 kHz.
+
+    M q'' + C q' + K q = sum_p t_p T_p - sum_c n_c N_c + f0,   w_p = r Omega - t_p.v,   N_c = N0 + scale^2 k n_c.q >= 0
+    K = scale^2 sum k b b^T over the springs,   C = scale loss / (2 pi frequency) sum k b b^T over springs and contacts
+    f0 = sum_c n_c N0 (at rest), less sum_c mu N0 t_c (in sliding)
+
+A contact is a point of a pad on a point of the disc's face: n_c their approach along z, t_c the pad's motion along x
+less the disc's. Contacts of one pad that slide alike are one patch of friction. Pressure sets the force of a pad,
+proportional to it, and its stiffness, kn (p / p0)^exponent.
+
+Coordinates count from the pressed state. `load.at` says which: "sliding", every contact bears N0 while the disc turns,
+so that sliding is q = 0 and friction's static moment is borne elsewhere; or "rest", they do so before friction acts,
+which then loads one end of a pad more than the other. C acts between pad and disc when a contact is open too.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3c, figures 15 to 17 (the model's kind;
+the paper has no numbers: springs, masses and the pressure law are ours, calibrated to its 0.64 and 2140 Hz).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Literal, Self
+
+from pydantic import ValidationError, model_validator
+from pydantic_core import InitErrorDetails, PydanticCustomError
+
+from rig.effects import drive
+from rig.effects.drive import DiscDrive
+from rig.effects.friction import Friction
+from rig.plants.belt import RAMPED
+from rig.plants.multibody import Body, Spring, adrift, apart, motion, unknown
+from rig.quantities import (
+    Hertz,
+    MetrePerSecond,
+    NewtonPerMetre,
+    Number,
+    Pascal,
+    PositiveMetre,
+    PositiveNewton,
+    PositiveNumber,
+    Ratio,
+    Section,
+)
+from rig.solve.assembly import Assembly, Output, Row
+
+
+class Structure(Section):
+    """Damping of all springs by their loss factor at a frequency; `scale` moves all natural frequencies alike."""
+
+    loss_factor: Ratio
+    frequency: Hertz
+    scale: PositiveNumber = 1.0
+
+
+class Linings(Section):
+    """What one pad does at `pressure`: normal force and stiffness of its contacts together.
+
+    `radius`: of the circle on which the pads rub. `exponent`: of the stiffness over the pressure.
+    """
+
+    pressure: Pascal
+    force: PositiveNewton
+    stiffness: NewtonPerMetre
+    exponent: Number = 0.0
+    radius: PositiveMetre
+
+
+class Contact(Section):
+    """A point of a pad on a point of the disc, "body.point" each."""
+
+    pad: str
+    disc: str
+
+
+class Load(Section):
+    """The pressure in the calliper, and when the contacts bear their share of it (see the file's head)."""
+
+    pressure: Pascal
+    at: Literal["sliding", "rest"]
+
+
+class Probe(Section):
+    """Where displacement, velocity and acceleration are read."""
+
+    point: str
+    direction: Literal["x", "z"] = "x"
+
+
+class Start(Section):
+    """The velocity at the start of the body under the probe, in the probe's direction; all else is at rest."""
+
+    velocity: MetrePerSecond = 0.0
+
+
+class Parameters(Section):
+    """The tables of a brake scene."""
+
+    bodies: dict[str, Body]
+    springs: dict[str, Spring]
+    contacts: dict[str, Contact]
+    structure: Structure
+    linings: Linings
+    drive: DiscDrive
+    load: Load
+    friction: Friction
+    probe: Probe
+    start: Start = Start()
+
+    @model_validator(mode="after")
+    def _joined(self) -> Self:
+        ends = {f"contacts.{name}": (c.pad, c.disc) for name, c in self.contacts.items()}
+        wrong = list(adrift(self.bodies, self.springs, ends))
+        if problem := unknown(self.bodies, self.probe.point):
+            wrong.append(("probe.point", problem))
+        if not wrong:
+            middle = [name for name, c in self.contacts.items() if not _side(self, c)]
+            wrong = [(f"contacts.{name}", "the point on the disc lies in its middle, not on a face") for name in middle]
+        if wrong:
+            faults: list[InitErrorDetails] = [
+                {"type": PydanticCustomError("place", what), "loc": tuple(key.split("."))} for key, what in wrong
+            ]
+            raise ValidationError.from_exception_data("brake", faults)
+        return self
+
+
+def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
+    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    a = Assembly(title="brake")
+    for name, body in p.bodies.items():
+        for axis, inertia in (("x", body.mass), ("z", body.mass), ("phi", body.inertia)):
+            a.coordinate(f"{name}.{axis}", inertia)
+    elastic = p.structure.scale**2
+    viscous = p.structure.scale * p.structure.loss_factor / (2.0 * math.pi * p.structure.frequency)
+    for spring in p.springs.values():
+        row = apart(p.bodies, spring.first, spring.second, spring.direction)
+        _lay(a.stiffness, row, elastic * spring.stiffness)
+        _lay(a.damping, row, viscous * spring.stiffness)
+
+    speed = drive.add(a, p.drive, "rad/s", moved)
+    share = p.load.pressure / p.linings.pressure
+    pads = [contact.pad.partition(".")[0] for contact in p.contacts.values()]
+    patches: dict[str, Row] = {}
+    law = p.friction.friction()
+    pull = law.mu(abs(p.linings.radius * p.drive.speed)) * (-1.0 if p.drive.speed < 0.0 else 1.0)
+    for (name, contact), pad in zip(p.contacts.items(), pads):
+        along = apart(p.bodies, contact.pad, contact.disc, "x")
+        patch = next((known for known, row in patches.items() if row == along), "")
+        if not patch:
+            patch = pad if pad not in patches else name
+            patches[patch] = along
+            a.patch(patch, along, {state: p.linings.radius * value for state, value in speed.items()}, law)
+        approach = apart(p.bodies, contact.pad, contact.disc, "z")
+        approach = {coordinate: -_side(p, contact) * value for coordinate, value in approach.items()}
+        stiffness = p.linings.stiffness * share**p.linings.exponent / pads.count(pad)
+        force = p.linings.force * share / pads.count(pad)
+        pressed = {coordinate: elastic * stiffness * value for coordinate, value in approach.items()}
+        a.normal(name, patch, pressed | {"one": force}, {coordinate: -value for coordinate, value in approach.items()})
+        _lay(a.damping, approach, viscous * stiffness)
+        for coordinate, value in approach.items():
+            a.push(coordinate, {"one": value * force})
+        for coordinate, value in along.items() if p.load.at == "sliding" else ():
+            a.push(coordinate, {"one": -value * pull * force})
+
+    seen = motion(p.bodies, p.probe.point, p.probe.direction)
+    a.start |= {f"{p.probe.point.partition('.')[0]}.{p.probe.direction}'": p.start.velocity}
+    a.outputs |= {
+        "displacement": Output(seen, "m"),
+        "velocity": Output({f"{c}'": f for c, f in seen.items()}, "m/s"),
+        "acceleration": Output({f"{c}''": f for c, f in seen.items()}, "m/s^2"),
+    }
+    first = next(iter(patches))
+    of_first = [name for name, patch, *_ in a.normals if patch == first]
+    a.outputs |= {
+        "friction_force": Output({f"T:{first}": 1.0}, "N"),
+        "normal_force": Output({f"N:{name}": 1.0 for name in of_first}, "N"),
+        "slip_speed": Output({f"w:{first}": 1.0}, "m/s"),
+        "surface_speed": Output(dict(a.surface(first)), "m/s"),
+        "disc_speed": Output(dict(speed), "rad/s"),
+    }
+    a.outputs |= {f"normal_force_{name}": Output({f"N:{name}": 1.0}, "N") for name in p.contacts}
+    return a
+
+
+def _lay(matrix: dict[tuple[str, str], float], row: Row, value: float) -> None:
+    """Add value row row^T."""
+    for i, left in row.items():
+        for j, right in row.items():
+            matrix[i, j] = matrix.get((i, j), 0.0) + value * left * right
+
+
+def _side(p: Parameters, contact: Contact) -> float:
+    """1 for a contact on the disc's face towards +z, -1 for one towards -z, 0 for neither."""
+    body, _, point = contact.disc.partition(".")
+    height = p.bodies[body].points[point][1] if point else 0.0
+    return math.copysign(1.0, height) if height else 0.0
