@@ -117,7 +117,8 @@ class Parameters(Section):
             wrong = [(f"contacts.{name}", "the point on the disc lies in its middle, not on a face") for name in middle]
         if wrong:
             faults: list[InitErrorDetails] = [
-                {"type": PydanticCustomError("place", what), "loc": tuple(key.split("."))} for key, what in wrong
+                {"type": PydanticCustomError("place", what), "loc": tuple(key.split(".")), "input": None}
+                for key, what in wrong
             ]
             raise ValidationError.from_exception_data("brake", faults)
         return self
