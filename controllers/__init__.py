@@ -6,6 +6,11 @@ normal_force     press less when the body runs with the belt
 belt_velocity    let the belt follow the body
 dither           the least amplitude that keeps the cycle away
 dither_sampled   dither as a held signal, to show its error
+narrow_band      damp one mode through the voltage of a stack
+shunt_schedule   a shunt connected by the clock
+squeal_switch    a shunt connected when the brake squeals
+shunt_tuner      a shunt's inductance after the squeal's frequency
+resonator        a narrow band of a signal: amplitude, phase, frequency
 velocity         the velocity fed back: measured or observed, filtered, predicted
 observer         a Kalman observer as plain arithmetic
 file             a user's own controller from a file
@@ -23,7 +28,11 @@ from controllers.base import Controller, Numbers
 from controllers.belt_velocity import BeltVelocity, BeltVelocityFeedback
 from controllers.dither import Dither, DitherSearch
 from controllers.dither_sampled import SampledDither, SampledDitherSignal
+from controllers.narrow_band import NarrowBand, NarrowBandFeedback
 from controllers.normal_force import NormalForce, NormalForceFeedback
+from controllers.shunt_schedule import ShuntClock, ShuntSchedule
+from controllers.shunt_tuner import FrequencyTuner, ShuntTuner
+from controllers.squeal_switch import SquealSwitch, SquealWatch
 from rig.quantities import Section
 
 KINDS: dict[str, tuple[type[Section], Any]] = {
@@ -31,6 +40,10 @@ KINDS: dict[str, tuple[type[Section], Any]] = {
     "belt_velocity": (BeltVelocity, BeltVelocityFeedback),
     "dither": (Dither, DitherSearch),
     "dither_sampled": (SampledDither, SampledDitherSignal),
+    "narrow_band": (NarrowBand, NarrowBandFeedback),
+    "shunt_schedule": (ShuntSchedule, ShuntClock),
+    "shunt_tuner": (ShuntTuner, FrequencyTuner),
+    "squeal_switch": (SquealSwitch, SquealWatch),
 }
 
 

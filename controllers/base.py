@@ -8,13 +8,16 @@ in one process, a process of its own on the bus, a replay and a property test:
 `values` [unit of each sensor] come in the order of `reads`, commands [unit of each actuator] go out in the order of
 `drives`, t_ns is simulated time. Values are finite: `loop.Loop`, which runs a controller, sees to that.
 
+A controller with `every_sample = True` gets, in place of the latest sample of each sensor, all that were published in
+the last frame, as a tuple; its period is one frame. A sensor at 50 kHz is heard so by a loop at 1 kHz.
+
 A controller whose class takes `(section, numbers)` and keeps both can be retuned while it works.
 """
 
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 from annotated_types import Ge, Gt, Le, Lt
@@ -25,6 +28,7 @@ from rig.quantities import Nanoseconds, Section, Unit, nanoseconds, quantity, si
 
 Numbers = Mapping[str, Any]
 Values = tuple[float, ...]
+Samples = tuple[Sequence[float], ...]
 State = Any
 
 
@@ -66,7 +70,13 @@ Speed = quantity("m/s", Ge(0.0))
 OptionalSpeed = optional("m/s", Ge(0.0))
 OptionalHertz = optional("Hz", Gt(0.0))
 OptionalForce = optional("N", Ge(0.0))
+OptionalSecond = optional("s", Gt(0.0))
+OptionalAngle = optional("rad")
+OptionalGain = optional("V*s/m")
 Fraction = quantity("1", Gt(0.0), Lt(1.0))
+Positive = quantity("1", Gt(0.0))
+DecayRate = quantity("1/s", Gt(0.0))
+Voltage = quantity("V", Gt(0.0))
 Margin = quantity("1", Ge(1.0))
 Ahead = quantity("s", Ge(0.0), Le(1.0))
 ForcePerSpeed = quantity("N*s/m")
@@ -100,6 +110,11 @@ def retune(controller: C, changes: Mapping[str, object]) -> C:
     if faults:
         raise UsageError("\n".join(faults))
     return type(controller)(changed, controller.numbers)  # type: ignore[call-arg,attr-defined]
+
+
+def hears(controller: Controller | type) -> bool:
+    """Whether a controller gets every sample of its sensors."""
+    return bool(getattr(controller, "every_sample", False))
 
 
 def parameters(controller: Controller) -> dict[str, Any]:

@@ -3,6 +3,7 @@
     class Parameters(Section): ...                        optional: what can be tuned live, each with a default
     class Controller:
         reads, drives, period_ns                          sensors, actuators, time between updates [ns]
+        every_sample = True                               optional: all samples of a frame, not the latest one
         def __init__(self, section, numbers): ...         only with Parameters; keep both as attributes
         def start(self): ...
         def update(self, state, t_ns, values): ...
@@ -18,7 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from controllers.base import Controller
+from controllers.base import Controller, hears
 from rig.errors import UsageError
 
 
@@ -77,7 +78,8 @@ def _faults(controller: Any) -> list[str]:
         faults.append(f"Controller.period_ns is {period!r}; expected whole nanoseconds, e.g. 1_000_000")
     if faults:
         return faults
-    answer = controller.update(controller.start(), 0, tuple(0.0 for _ in controller.reads))
+    zero = (0.0,) if hears(controller) else 0.0
+    answer = controller.update(controller.start(), 0, tuple(zero for _ in controller.reads))
     if not isinstance(answer, tuple) or len(answer) != 2:
         return [f"Controller.update returns {answer!r}; expected (state, commands)"]
     commands = answer[1]

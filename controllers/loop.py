@@ -8,18 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import isfinite
+from typing import Any
 
-from controllers.base import Controller, State, Values, retune
+from controllers.base import Controller, State, Values, hears, retune
 from rig.errors import UsageError
 
 
 class Loop:
     """One controller with its state. `command` is the last good answer, () before the first."""
 
-    __slots__ = ("command", "controller", "held", "refused", "state", "updates")
+    __slots__ = ("command", "controller", "hears", "held", "refused", "state", "updates")
 
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
+        self.hears = hears(controller)
         self.state: State = controller.start()
         self.command: Values = ()
         self.updates = 0
@@ -30,9 +32,9 @@ class Loop:
         """Whether an update falls on simulated time t_ns."""
         return t_ns % self.controller.period_ns == 0
 
-    def answer(self, t_ns: int, values: Values) -> Values:
+    def answer(self, t_ns: int, values: Any) -> Values:
         """The command after the measurements of t_ns: a new one, or the last one where there is nothing to go by."""
-        if not isfinite(sum(values)):
+        if not isfinite(sum(map(sum, values)) if self.hears else sum(values)):
             self.held += 1
             return self.command
         state, command = self.controller.update(self.state, t_ns, values)

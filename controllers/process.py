@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import gc
 import json
+import math
 import sys
 import traceback
 from collections.abc import Callable, Mapping
@@ -20,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 import controllers
-from controllers.base import Controller, parameters
+from controllers.base import Controller, Samples, parameters
 from controllers.file import load_file
 from controllers.loop import Loop
 from rig import bus
@@ -29,6 +30,7 @@ from rig.bus.port import Session
 from rig.errors import BusError, RigError, UsageError
 from rig.process import as_process, stopping
 
+UNHEARD = (math.nan,)
 PATIENCE = 0.1  # s without a step, after which this process looks whether the plant still lives
 
 
@@ -51,8 +53,9 @@ class Worker:
         self.server = session.serve(f"param/{session.name}", self.asked)
         self.plant = session.watch("plant/*")
         if session.name not in described.controllers:
-            wanted = {"controller": session.name, "reads": controller.reads, "drives": controller.drives}
-            session.ask("cmd/plant", {"do": "admit", **wanted, "period_ns": controller.period_ns}, timeout=5.0)
+            wanted = {"reads": controller.reads, "drives": controller.drives, "hears": self.loop.hears}
+            body = {"do": "admit", "controller": session.name, "period_ns": controller.period_ns, **wanted}
+            session.ask("cmd/plant", body, timeout=5.0)
 
     def follow(self, stopped: Callable[[], bool]) -> None:
         """Answer steps until the plant leaves or `stopped`."""
@@ -82,13 +85,20 @@ class Worker:
             return
         self.tick, self.t_ns, self.answered = step.tick, step.t_ns, b""
         if self.loop.due(step.t_ns):
-            latest = step.values
-            values = tuple([latest[i] for i in self.columns])
+            values = self._heard(step) if self.loop.hears else tuple([step.values[i] for i in self.columns])
             first = self.loop.held == 0
             self.answered = encode.act(step.tick, step.t_ns, self.loop.answer(step.t_ns, values))
             self.act.put(self.answered, step.t_ns)
             if first and self.loop.held:
                 self.tell("held", f"a sample that {self.session.name} reads is missing or no number", {})
+
+    def _heard(self, step: Any) -> Samples:
+        """The new samples of the sensors that are read; no number for one that the step does not bring."""
+        brought, first = {}, 0
+        for place in step.heard:
+            brought[place] = tuple(step.samples[first : first + step.fresh[place]])
+            first += step.fresh[place]
+        return tuple([brought.get(place, UNHEARD) for place in self.columns])
 
     def asked(self, body: dict[str, Any]) -> dict[str, Any]:
         """Get or set parameters; a set is whole or not at all, and in force from the next step on."""

@@ -4,7 +4,7 @@
                   {"do": "stop" | "pause" | "resume"}
                   {"do": "knock", "impulse": N s}
                   {"do": "connect" | "disconnect", "controller": name}
-                  {"do": "admit", "controller": name, "drives": [actuators], "period_ns": ns}
+                  {"do": "admit", "controller": name, "reads": [sensors], "drives": [actuators], "period_ns": ns}
     param/plant   {"get": [keys]} or {"set": {key: value}}: actuators, and parameters of the rig, by their scene keys
 
 Every answer carries the tick at which it holds.
@@ -108,7 +108,9 @@ class Desk:
         for other in [o for o in lines if o not in self._operation.scene.controllers and o != name]:
             if ("controller", other) not in here and set(lines[other].drives) & set(drives):
                 self._operation.dismiss(other)
-        self._operation.admit(name, drives, int(body["period_ns"]))
+        self._operation.admit(name, drives, int(body["period_ns"]), bool(body.get("hears")))
+        if body.get("hears"):
+            self._hub.hear(body["reads"])
 
 
 def _plain(value: Any) -> Any:

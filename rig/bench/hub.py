@@ -22,6 +22,7 @@ from rig.bus import encode, messages
 from rig.bus.port import Publisher, Session
 from rig.bus.setup import Setup
 from rig.errors import BusError
+from rig.scenes.scene import heard
 
 BLOCK_NS = 20_000_000
 STATE_NS = 5_000_000
@@ -63,6 +64,8 @@ class Hub:
         self.stand = operation.stand
         stand, bank = self.stand, self.stand.bank
         self._step = session.publisher("step")
+        self._heard: list[int] = []
+        self.hear(heard(operation.scene.controllers))
         self._state = session.publisher("state")
         self._encode_state = encode.StateEncoder(len(stand.outputs))
         self._state_ticks = max(-(-STATE_NS // stand.frame_ns), 1)
@@ -114,7 +117,13 @@ class Hub:
         if self._put_at[tick % _REMEMBERED][0] != tick:
             self._put_at[tick % _REMEMBERED] = (tick, time.monotonic_ns())
             self.asked = tick
-        self._step.put(encode.step(tick, t_ns, bank.latest, bank.fresh), t_ns)
+        samples = {i: bank.samples(i) for i in self._heard}
+        self._step.put(encode.step(tick, t_ns, bank.latest, bank.fresh, samples), t_ns)
+
+    def hear(self, sensors: Iterable[str]) -> None:
+        """From here on every step brings all samples of these sensors."""
+        names = self.stand.bank.names
+        self._heard = sorted({*self._heard, *(names.index(name) for name in sensors)})
 
     def gather(self) -> None:
         """Encode what there is to publish of this tick, before anything is changed at it."""

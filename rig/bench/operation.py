@@ -172,8 +172,11 @@ class Operation:
         word = "connected" if on else "disconnected"
         self.journal.note(word, f"{controller} is {word}", by=by, controller=controller)
 
-    def admit(self, controller: str, drives: Sequence[str], period_ns: int) -> None:
+    def admit(self, controller: str, drives: Sequence[str], period_ns: int, hears: bool = False) -> None:
         """Let a controller that the scene does not know drive actuators that nobody drives."""
+        if hears and period_ns != self.stand.frame_ns:
+            frame = f"{self.stand.frame_ns / 1e6:g} ms"
+            raise UsageError(f"{controller} wants every sample, so its period must be one frame, {frame}")
         if controller in self.scene.controllers:
             raise UsageError(f"{controller} is a controller of the scene already; give yours another name")
         if controller in self.exchange.lines:

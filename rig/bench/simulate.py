@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.base import Controller
+from controllers.base import Controller, Values
+from controllers.base import Samples as Heard
 from controllers.loop import Loop
 from rig.bench.exchange import Exchange, Playback
 from rig.bench.operation import Operation
@@ -58,6 +59,7 @@ def simulate(
     columns = {name: i for i, name in enumerate(stand.bank.names)}
     asked = sorted(loops.items()) if commands is None else []
     wired = [(name, loop, [columns[r] for r in loop.controller.reads]) for name, loop in asked]
+    bank = stand.bank
     kept = Measurements(stand)
     latest, every = stand.bank.latest, max(100_000_000 // scene.frame_ns, 1)
     begin, receive, take_over = operation.begin, operation.exchange.receive, operation.take_over
@@ -68,7 +70,11 @@ def simulate(
             t_ns = tick * stand.frame_ns
             for name, loop, reads in wired:
                 if t_ns % loop.controller.period_ns == 0:
-                    receive(name, tick, loop.answer(t_ns, tuple([float(latest[i]) for i in reads])))
+                    if loop.hears:
+                        heard: Values | Heard = tuple([bank.samples(i).tolist() for i in reads])
+                    else:
+                        heard = tuple([float(latest[i]) for i in reads])
+                    receive(name, tick, loop.answer(t_ns, heard))
             take_over()
             stand.frame()
             kept.add()

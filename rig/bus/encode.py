@@ -7,7 +7,7 @@ Wire form: sfixed64 is tag, 8 bytes; a packed field is tag, length as a varint, 
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 
 import numpy as np
@@ -49,10 +49,20 @@ def _raw(values: np.ndarray | Sequence[float]) -> bytes:
     return _numbers(len(values))(*values)
 
 
-def step(tick: int, t_ns: int, values: np.ndarray | Sequence[float], fresh: np.ndarray) -> bytes:
-    """A Step; `values` float64 [sensors], `fresh` int64 [sensors]."""
+def step(
+    tick: int,
+    t_ns: int,
+    values: np.ndarray | Sequence[float],
+    fresh: np.ndarray,
+    heard: Mapping[int, np.ndarray] | None = None,
+) -> bytes:
+    """A Step; `values` float64 [sensors], `fresh` int64 [sensors]; `heard`: place of a sensor -> its new samples."""
     raw, new = _raw(values), fresh.tobytes()
-    return b"".join((_TWO.pack(9, tick, 17, t_ns, 26), _length(len(raw)), raw, b"\x22", _length(len(new)), new))
+    parts = [_TWO.pack(9, tick, 17, t_ns, 26), _length(len(raw)), raw, b"\x22", _length(len(new)), new]
+    if heard:
+        places, samples = np.array(list(heard)).tobytes(), b"".join(map(_raw, heard.values()))
+        parts += [b"\x2a", _length(len(places)), places, b"\x32", _length(len(samples)), samples]
+    return b"".join(parts)
 
 
 def act(tick: int, t_ns: int, values: np.ndarray | Sequence[float]) -> bytes:

@@ -22,8 +22,9 @@ from rig.bus import topics
 from rig.errors import BusError
 
 DECLARED = {
-    # values: latest sample of every sensor in the scene's order, NaN before the first; fresh: samples new in this frame
-    "Step": "tick:int t_ns:int values:real* fresh:int*",
+    # values: latest sample of every sensor in the scene's order, NaN before the first; fresh: samples new in this
+    # frame; samples: all of these of the sensors at the places `heard`, for controllers that want every one
+    "Step": "tick:int t_ns:int values:real* fresh:int* heard:int* samples:real*",
     # answers the step of `tick`; values in the order of the controller's drives
     "Act": "tick:int t_ns:int values:real*",
     # in force from `tick` on: values as they took effect, an answer to the step of `answered`; status: 0 as sent,

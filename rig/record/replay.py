@@ -16,6 +16,8 @@ from typing import Any
 
 import numpy as np
 
+import controllers
+from controllers.base import hears
 from rig.bus import encode, messages, topics
 from rig.bus.port import Receiver, Session
 from rig.bus.setup import Setup
@@ -79,16 +81,21 @@ def replay(
     start = head(path)
     described = replace(start.setup(), run=session.run)
     traffic: Scan | _Remade = (
-        _Remade(read(path)) if start.metadata.get("log", {}).get("made") == "saved" else Scan(path)
+        _Remade(read(path), _heard(described)) if start.metadata.get("log", {}).get("made") == "saved" else Scan(path)
     )
-    controllers = {name: _Consumer() for name in into}
+    consumers = {name: _Consumer() for name in into}
     for record in traffic:
         first, _, name = record.topic.partition("/")
-        if name in controllers and first in ("act", "event"):
-            controllers[name].note(messages.decode(record.topic, record.payload))
-    result = _Replay(session, described, controllers, pace, progress).run(traffic, wait)
+        if name in consumers and first in ("act", "event"):
+            consumers[name].note(messages.decode(record.topic, record.payload))
+    result = _Replay(session, described, consumers, pace, progress).run(traffic, wait)
     result.fault = traffic.fault if isinstance(traffic, Scan) else ""
     return result
+
+
+def _heard(described: Setup) -> frozenset[str]:
+    known = [controllers.restored(told) for told in described.controllers.values() if told]
+    return frozenset(sensor for one in known if hears(one) for sensor in one.reads)
 
 
 @dataclass
@@ -121,17 +128,17 @@ class _Replay:
         self,
         session: Session,
         described: Setup,
-        controllers: dict[str, _Consumer],
+        consumers: dict[str, _Consumer],
         pace: float | None,
         progress: Callable[[float], None],
     ) -> None:
-        self._session, self._controllers, self._pace, self._progress = session, controllers, pace, progress
+        self._session, self._controllers, self._pace, self._progress = session, consumers, pace, progress
         self._frame_ns = described.frame_ns
         self._scene = session.serve("scene", lambda body: described.to_json())
         self._door = session.serve("cmd/plant", self._admit)
         self._watch = session.watch("controller/*")
         self._acts: Receiver = session.subscribe("act/*")
-        self._result = Replayed(compared=dict.fromkeys(controllers, 0))
+        self._result = Replayed(compared=dict.fromkeys(consumers, 0))
         self._open: set[tuple[str, int]] = set()
         """Answers that are due: (controller, tick)."""
         self._last: dict[str, int] = {}
@@ -235,10 +242,13 @@ class _Remade:
     """Measurements, steps and answers of a saved Run, as plant and controllers published them frame by frame."""
 
     run: Run
+    heard: frozenset[str]
+    """Sensors of which some controller wants every sample."""
 
     def __iter__(self) -> Iterator[Record]:
         frame, series = self.run.frame_ns, list(self.run.measurements.items())
         last = max((int(t_ns[-1]) for _, (t_ns, _) in series if t_ns.size), default=-1) // frame
+        places = [i for i, (name, _) in enumerate(series) if name in self.heard]
         edges = np.arange(-1, last + 1) * frame  # frame k holds the samples published in (t_{k-1}, t_k]
         cuts = [np.searchsorted(t_ns, edges, "right") for _, (t_ns, _) in series]
         answers = {name: self._answers(commands) for name, commands in self.run.commands.items()}
@@ -255,7 +265,8 @@ class _Remade:
                 if high > low:
                     dt_ns = int(t_ns[low + 1] - t_ns[low]) if high - low > 1 else 0
                     yield Record(f"meas/{name}", encode.block(tick, int(t_ns[low]), dt_ns, v[low:high]), now, 0, now)
-            yield Record("step", encode.step(tick, now, latest, fresh), now, 0, now)
+            new = {i: series[i][1].v[cuts[i][tick] : cuts[i][tick + 1]] for i in places}
+            yield Record("step", encode.step(tick, now, latest, fresh, new), now, 0, now)
             for name, known in answers.items():
                 if tick in known:
                     yield Record(f"act/{name}", encode.act(tick, now, known[tick]), now, 0, now)

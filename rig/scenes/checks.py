@@ -9,6 +9,8 @@ from collections.abc import Iterable, Iterator, Mapping
 from math import ceil, floor
 from typing import Any
 
+from controllers import KINDS
+from controllers.base import hears
 from rig.scenes.faults import near, shown
 from rig.scenes.protocol import Connect, Disconnect, Load, Ramp, Repeat, Set, flat
 from rig.scenes.scene import Clock, controller_drives, controller_reads
@@ -53,6 +55,12 @@ def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]
             value = getattr(section, field, 0)
             given = _raw(raw, "controllers", name, field, default=f"{value / 1e9:g} s")
             yield from _whole(f"controllers.{name}.{field}", given, value, clock.frame, field == "delay")
+        if section.period != clock.frame and hears(KINDS[section.kind][1]):
+            key = f"controllers.{name}.period"
+            yield (
+                key,
+                f"{key}: a {section.kind} wants every sample, so its period must be one frame ({_ms(clock.frame)})",
+            )
 
 
 def steps(clock: Clock, step_ns: int, raw: Mapping[str, Any]) -> Iterator[Fault]:

@@ -15,6 +15,7 @@ from annotated_types import Ge, Gt, Le
 from pydantic import BaseModel, BeforeValidator, TypeAdapter, model_validator
 
 from controllers import KINDS as CONTROLLERS
+from controllers.base import hears
 from rig.plants import PLANTS
 from rig.quantities import Nanoseconds, Section, Unit, si
 from rig.scenes.faults import unit_of
@@ -207,6 +208,12 @@ def controller_reads(section: Section) -> dict[str, str]:
     """Field -> sensor, for the sensors that a controller's section names."""
     fields = [f for f in type(section).model_fields if f == "sensor" or f.endswith("_sensor")]
     return {name: getattr(section, name) for name in fields if getattr(section, name) is not None}
+
+
+def heard(controllers: Mapping[str, Any]) -> set[str]:
+    """Sensors of which some controller wants every sample."""
+    hearing = [section for section in controllers.values() if hears(CONTROLLERS[section.kind][1])]
+    return {sensor for section in hearing for sensor in controller_reads(section).values()}
 
 
 def controller_drives(section: Any) -> tuple[str, ...]:

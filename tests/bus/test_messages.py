@@ -33,6 +33,15 @@ def test_step_has_these_bytes():
     assert messages.decode("step", golden).values[:] == [0.5]
 
 
+@given(st.dictionaries(st.integers(0, 9), reals, max_size=4))
+def test_a_step_brings_the_samples_of_those_that_are_heard(samples):
+    heard = {place: np.array(values, dtype=float) for place, values in sorted(samples.items())}
+    fresh = np.array([len(samples.get(place, ())) for place in range(10)])
+    read = messages.decode("step", encode.step(1, 2, np.zeros(10), fresh, heard))
+    assert list(read.heard) == sorted(samples)
+    assert same(read.samples, [v for _, values in sorted(samples.items()) for v in values])
+
+
 @given(whole, whole, reals)
 def test_any_act_comes_back_bit_for_bit(tick, t_ns, values):
     read = messages.decode("act/x", encode.act(tick, t_ns, values))

@@ -1,7 +1,7 @@
 import pytest
 
 import controllers
-from controllers.base import Controller, parameters, retune
+from controllers.base import Controller, hears, parameters, retune
 from controllers.normal_force import NormalForce
 from rig.errors import UsageError
 
@@ -10,13 +10,18 @@ SECTIONS = {
     "belt_velocity": {"sensor": "v", "gain": 2.0, "nominal": "60 mm/s"},
     "dither": {"sensor": "v", "speed": 0.06, "frequency": "150 Hz"},
     "dither_sampled": {"amplitude": 0.1, "nominal": 0.06},
+    "narrow_band": {"sensor": "v", "frequency": "2.14 kHz", "gain": 1e3, "phase": "127 deg"},
+    "shunt_schedule": {"begin": "1 s"},
+    "shunt_tuner": {"sensor": "v", "frequency": "3.4 kHz"},
+    "squeal_switch": {"sensor": "v", "frequency": "3.4 kHz", "threshold": "5 mm/s"},
 }
+NUMBERS = {"sample_period": 20e-6, "capacitance": 30e-9, "delta": -0.5}  # of a design step
 
 
 @pytest.fixture(params=sorted(controllers.KINDS))
 def controller(request):
     section = controllers.KINDS[request.param][0](kind=request.param, **SECTIONS[request.param])
-    return controllers.build(section, {})
+    return controllers.build(section, NUMBERS)
 
 
 def feedback(**given):
@@ -26,17 +31,19 @@ def feedback(**given):
 def test_every_kind_is_a_controller(controller):
     assert isinstance(controller, Controller)
     assert controller.period_ns == 1_000_000
-    _, commands = controller.update(controller.start(), 0, tuple(0.0 for _ in controller.reads))
+    _, commands = controller.update(
+        controller.start(), 0, tuple((0.0,) if hears(controller) else 0.0 for _ in controller.reads)
+    )
     assert len(commands) == len(controller.drives)
 
 
 def test_every_kind_travels_as_plain_values(controller):
     import json
 
-    told = json.loads(json.dumps(controllers.described(controller.section, {"drive_scale": 5.0})))
+    told = json.loads(json.dumps(controllers.described(controller.section, NUMBERS)))
     again = controllers.restored(told)
     assert again.section == controller.section
-    assert again.numbers == {"drive_scale": 5.0}
+    assert again.numbers == NUMBERS
 
 
 def test_units_are_understood():

@@ -9,14 +9,17 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import controllers
 from controllers import process
 from controllers.loop import Loop
 from controllers.normal_force import NormalForce
+from controllers.squeal_switch import SquealSwitch
 from rig import bus
 from rig.bus import encode, messages
 from rig.bus.setup import Setup
@@ -55,8 +58,6 @@ class Plant:
         self.step = session.publisher("step")
 
     def send(self, tick, v, t_ns=None):
-        import numpy as np
-
         t_ns = tick * FRAME if t_ns is None else t_ns
         self.step.put(encode.step(tick, t_ns, [0.3, v], np.ones(2, dtype=np.int64)), t_ns)
 
@@ -117,6 +118,23 @@ def test_a_step_of_the_past_is_not_answered():
         plant.send(3, 0.05)
         assert plant.answer(0.2) is None
         assert plant.worker.loop.updates == 1
+
+
+def test_a_controller_that_wants_every_sample_gets_those_of_its_sensor():
+    hub = Twin()
+    hub.open("plant", "plant")
+    watch = SquealSwitch(kind="squeal_switch", sensor="vibrometer", frequency=3400.0)
+    setup = replace(described(), controllers={"shunt": controllers.described(watch, {"sample_period": 20e-6})})
+    worker = process.Worker(hub.open("controller", "shunt"), setup, process.made(setup, "shunt"))
+    loop = Loop(controllers.build(watch, {"sample_period": 20e-6}))
+    for tick in range(20):
+        fresh, v = np.array([3, 50]), np.sin(np.arange(50.0) + tick)
+        step = encode.step(tick, tick * FRAME, [0.3, v[-1]], fresh, {0: np.zeros(3), 1: v})
+        worker.take(messages.decode("step", step))
+        loop.answer(tick * FRAME, (v.tolist(),))
+        assert worker.loop.state == loop.state
+    worker.take(messages.decode("step", encode.step(20, 20 * FRAME, [0.3, 0.0], np.ones(2, dtype=np.int64))))
+    assert worker.loop.held == 1  # a step that does not bring them
 
 
 def test_only_steps_that_are_due_are_answered():
@@ -213,6 +231,7 @@ def test_a_file_asks_the_plant_to_be_let_in():
             "reads": ["vibrometer"],
             "drives": ["load.force"],
             "period_ns": FRAME,
+            "hears": False,
         }
     ]
 

@@ -1,0 +1,148 @@
+"""Controllers for a brake that squeals, on signals written down by hand: 50 kHz samples in frames of a millisecond."""
+
+import cmath
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from pydantic import ValidationError
+
+import controllers
+from controllers.loop import Loop
+from controllers.narrow_band import NarrowBand
+from controllers.resonator import Resonator
+from controllers.shunt_schedule import ShuntSchedule
+from controllers.shunt_tuner import ShuntTuner
+from controllers.squeal_switch import SquealSwitch
+from rig.errors import UsageError
+
+RATE, FRAME = 50_000, 50
+PERIOD = 1.0 / RATE
+
+
+def played(controller, signal):
+    """Commands of a controller that hears every sample, frame by frame; times [s]."""
+    loop = Loop(controller)
+    frames = signal[: len(signal) // FRAME * FRAME].reshape(-1, FRAME)
+    commands = [loop.answer(k * 1_000_000, (tuple(frame.tolist()),)) for k, frame in enumerate(frames)]
+    assert loop.refused == loop.held == 0
+    return 1e-3 * np.arange(len(frames)), np.array(commands)[:, 0]
+
+
+def switch(**given):
+    section = SquealSwitch(**{"kind": "squeal_switch", "sensor": "v", "frequency": 3400.0} | given)
+    return controllers.build(section, {"sample_period": PERIOD})
+
+
+def tuner(**given):
+    section = ShuntTuner(**{"kind": "shunt_tuner", "sensor": "v", "frequency": 3400.0} | given)
+    return controllers.build(section, {"sample_period": PERIOD, "capacitance": 30e-9, "delta": -0.5})
+
+
+def test_a_resonator_settles_on_amplitude_and_phase_at_its_centre():
+    band = Resonator(3400.0, 200.0, PERIOD)
+    t = PERIOD * np.arange(RATE // 10)
+    z, _, turned = band.run(0j, (0.3 * np.cos(2 * math.pi * 3400.0 * t + 0.7)).tolist())
+    mirror = 100.0 / (2.0 * 3400.0)  # share of the tone that the band sees at minus its frequency, turning backwards
+    assert abs(z * cmath.exp(-1j * (2 * math.pi * 3400.0 * t[-1] + 0.7)) - 0.3) < 0.3 * 1.1 * mirror
+    assert abs(cmath.phase(turned) / (2 * math.pi * PERIOD) - 3400.0) < mirror**2 / (2 * math.pi * PERIOD)
+
+
+@pytest.mark.parametrize("frequency", [3000.0, 3300.0, 3400.0, 3500.0, 4000.0])
+def test_what_a_resonator_lets_through_is_its_response(frequency):
+    band = Resonator(3400.0, 200.0, PERIOD)
+    t = PERIOD * np.arange(RATE // 5)
+    tone, z, out = np.exp(2j * math.pi * frequency * t), 0j, []
+    for y in tone.real:
+        z = band.update(z, y)
+        out.append(z.real)
+    late = slice(len(t) // 2, None)
+    found = 2.0 * np.mean(np.array(out)[late] * tone[late].conj())
+    assert found == pytest.approx(band.response(frequency), abs=1e-3)
+
+
+def test_half_the_power_passes_at_the_edges_of_the_band():
+    band = Resonator(3400.0, 200.0, PERIOD)
+    assert [abs(band.response(f)) for f in (3300.0, 3500.0)] == pytest.approx([math.sqrt(0.5)] * 2, rel=0.03)
+
+
+def test_squeal_is_silenced_within_twenty_milliseconds_of_its_onset():
+    onset = 0.2  # the amplitude passes the threshold here, growing by 40 1/s as the brake does
+    t = PERIOD * np.arange(int(0.3 * RATE))
+    v = 0.005 * np.exp(40.0 * (t - onset)) * np.sin(2 * math.pi * 3402.0 * t)
+    times, connected = played(switch(threshold=0.005), v)
+    first = times[np.argmax(connected > 0.5)]
+    assert onset <= first < onset + 0.02
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noisy_sliding_does_not_connect_the_shunt(seed):
+    noise = np.random.default_rng(seed).standard_normal(10 * RATE)
+    _, connected = played(switch(threshold=0.005), 0.005 * noise)  # as much as the threshold, over 25 kHz
+    assert connected.max() == 0.0
+
+
+def test_a_strike_is_not_squeal():
+    t = PERIOD * np.arange(RATE // 2)
+    v = np.where(t > 0.1, 0.2 * np.exp(-(t - 0.1) * 2000.0) * np.sin(2 * math.pi * 3400.0 * t), 0.0)
+    _, connected = played(switch(confirm=0.01), v)
+    assert connected.max() == 0.0
+
+
+def test_after_its_time_the_shunt_is_opened_and_rests():
+    v = np.sin(2 * math.pi * 3400.0 * PERIOD * np.arange(RATE))
+    times, connected = played(switch(hold=0.2, rest=0.3, confirm=0.005), v)
+    edges = times[1:][np.diff(connected) != 0.0]
+    assert edges[1] - edges[0] == pytest.approx(0.2, abs=1e-9)
+    assert edges[2] - edges[1] == pytest.approx(0.3, abs=1e-9)
+
+
+@pytest.mark.parametrize("frequency", [3385.0, 3402.1, 3419.0])
+def test_the_tuner_finds_the_inductance_of_the_squeal(frequency):
+    rng = np.random.default_rng(1)
+    t = PERIOD * np.arange(RATE // 2)
+    v = 0.1 * np.sin(2 * math.pi * frequency * t) + 0.01 * rng.standard_normal(len(t))
+    _, inductance = played(tuner(), v)
+    assert inductance[-1] == pytest.approx(0.5 / (30e-9 * (2 * math.pi * frequency) ** 2), rel=0.003)
+
+
+def test_a_quiet_brake_keeps_its_tuning():
+    controller = tuner()
+    _, inductance = played(controller, 1e-4 * np.random.default_rng(2).standard_normal(RATE // 5))
+    assert set(inductance) == {controller.tuned(3400.0)}
+
+
+def test_the_schedule_repeats_from_its_beginning():
+    section = ShuntSchedule(kind="shunt_schedule", begin=1.0, connected_for=2.0, open_for=3.0)
+    clock = controllers.build(section, {})
+    told = [clock.update((), t * 1_000_000_000, ())[1][0] for t in range(13)]
+    assert told == [0, 1, 1, 0, 0, 0, 1, 1, 0, 0, 0, 1, 1]
+
+
+def test_the_voltage_is_the_band_turned_by_its_phase():
+    section = NarrowBand(kind="narrow_band", sensor="v", frequency=2140.0, gain=100.0, phase=1.0, period=5e-5)
+    loop = Loop(controllers.build(section, {}))
+    t = 5e-5 * np.arange(4000)
+    u = [loop.answer(round(s * 1e9), (0.1 * math.cos(2 * math.pi * 2140.0 * s),))[0] for s in t]
+    wanted = -10.0 * np.cos(2 * math.pi * 2140.0 * t + 1.0)
+    assert np.max(np.abs(u[2000:] - wanted[2000:])) < 10.0 * 200.0 / 2140.0
+
+
+@given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=50), st.floats(-1e9, 1e9), st.floats(-10.0, 10.0))
+def test_the_voltage_keeps_its_limit(samples, gain, phase):
+    section = NarrowBand(kind="narrow_band", sensor="v", frequency=2140.0, gain=gain, phase=phase, limit=50.0)
+    loop = Loop(controllers.build(section, {}))
+    assert all(abs(loop.answer(k * section.period, (v,))[0]) <= 50.0 for k, v in enumerate(samples))
+
+
+def test_numbers_that_are_missing_are_named():
+    with pytest.raises(UsageError, match="sample period"):
+        controllers.build(SquealSwitch(kind="squeal_switch", sensor="v", frequency=3400.0), {})
+    with pytest.raises(UsageError, match="sample_period, capacitance, delta"):
+        controllers.build(ShuntTuner(kind="shunt_tuner", sensor="v", frequency=3400.0), {})
+    with pytest.raises(UsageError, match="gain, phase"):
+        controllers.build(NarrowBand(kind="narrow_band", sensor="v", frequency=2140.0), {})
+    with pytest.raises(ValidationError, match="threshold"):
+        SquealSwitch(kind="squeal_switch", sensor="v", frequency=3400.0, threshold=-1.0)
