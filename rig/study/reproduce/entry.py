@@ -18,7 +18,10 @@ from rig.errors import UsageError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-ROOMS = ("kroeger", "kroeger_tread", "kroeger_loops", "liu_two_dof", "liu_disc", "liu_lever", "liu_lever_speed")
+ROOMS = (
+    "kroeger", "kroeger_tread", "kroeger_brake", "kroeger_loops", "liu_two_dof", "liu_disc", "liu_lever",
+    "liu_lever_speed",
+)  # fmt: skip
 PAPERS = {
     "kroeger": "Kroeger, Neubauer, Popp: Experimental investigation on the avoidance of self-excited vibrations. "
     "Phil. Trans. R. Soc. A 366 (2008) 785-810",
