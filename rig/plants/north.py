@@ -97,6 +97,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.normal("load", "contact", preload | {"x": c2, "tilt": -c2 * s}, {"x": -1.0, "tilt": s})
     a.outputs |= contact_outputs({"x": 1.0}, a)
     a.outputs |= {"tilt": Output({"tilt": 1.0}, "rad"), "tilt_velocity": Output({"tilt'": 1.0}, "rad/s")}
+    a.limits = limits(p)
     return a
 
 

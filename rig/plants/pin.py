@@ -76,6 +76,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         "pin_velocity": Output({"q'": 1.0}, "m/s"),
         "disc_displacement": Output({"q": across}, "m"),
     }
+    a.limits = limits(p)
     return a
 
 

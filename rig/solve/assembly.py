@@ -61,7 +61,8 @@ class Input:
 class Assembly:
     """A rig under construction. Plants start it, effects add rows, `system()` turns names into matrices.
 
-    `free`: natural frequencies [Hz] of a part of the rig by itself, told beside those of the rig.
+    `free`: natural frequencies [Hz] of a part of the rig by itself, told beside those of the rig. `limits`:
+    coefficients of friction at which something of it is used up.
     """
 
     title: str = ""
@@ -82,6 +83,7 @@ class Assembly:
     inputs: dict[str, Input] = field(default_factory=dict)
     owners: dict[str, str] = field(default_factory=dict)
     free: dict[str, float] = field(default_factory=dict)
+    limits: dict[str, float] = field(default_factory=dict)
 
     def coordinate(self, name: str, mass: float, damping: float = 0.0, stiffness: float = 0.0) -> None:
         """A degree of freedom with its own mass, damper and spring to ground."""

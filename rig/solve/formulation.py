@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.solve.products import NORMAL
 from rig.solve.system import (
     CLOSED,
     G_CLOSE,
@@ -158,9 +159,7 @@ def assemble(system: System, key: int) -> ModeSet:
                 if contact.patch == p and normal_modes[k] == CLOSED:
                     friction[p] += sigma[p] * laws[p].numbers[0] * loads[k]
                     friction_t[p] += sigma[p] * laws[p].numbers[0] * loads_t[k]
-    for j, product in enumerate(system.products):
-        if product.level == 2 and np.any(friction_t[:, P + j]):
-            raise ValueError(f"product {product.name}: what a stuck contact needs cannot depend on its own force")
+    _in_order(system, friction_t, loads_t)
 
     landing = np.eye(n)
     if stuck:
@@ -185,6 +184,23 @@ def assemble(system: System, key: int) -> ModeSet:
         owners=np.array(owners, dtype=np.int64),
         jam=float(np.linalg.det(Me) / np.linalg.det(system.mass)) if nq else 1.0,
     )
+
+
+def _in_order(system: System, friction_t: Array, loads_t: Array) -> None:
+    """Raise ValueError where a product would have to be known before what it is made of (see rig.solve.products)."""
+    P = len(system.patches)
+    later = [True] * P + [product.level > 0 for product in system.products]
+    for j, product in enumerate(system.products):
+        for factor in product.factors:
+            if factor.kind == NORMAL and np.any(loads_t[factor.index, later]):
+                name = system.normals[factor.index].name
+                raise ValueError(f"product {product.name}: the normal force {name} in it depends on other forces")
+        if product.level == 2 and np.any(loads_t[:, P + j]):
+            raise ValueError(
+                f"product {product.name}: a normal force cannot depend on it, for friction depends on that"
+            )
+        if product.level == 2 and np.any(friction_t[:, P + j]):
+            raise ValueError(f"product {product.name}: what a stuck contact needs cannot depend on its own force")
 
 
 def _guards(

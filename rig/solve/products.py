@@ -130,9 +130,11 @@ def _fill(p, begin, end, x, T):
 
 @inner
 def early(p, slot, x, T):
-    """T of the products of levels 0 and 1."""
+    """T of the products of levels 0 and 1; 0 for what is not known yet, which rows sum over."""
     if p is None:
         return
+    for i in range(T.shape[0]):
+        T[i] = 0.0
     for a in range(p.angles.shape[0]):
         angle = _row(p.angles[a], x)
         half = np.sin(0.5 * angle)

@@ -2,31 +2,21 @@
 
 Friction rigs are built to be unstable: a sliding equilibrium that flutters into stick-slip is what one wants to see and
 is told as information. An error is what no part of the rig would ever stop: the run would only reach the limit of its
-state. Growth is stopped by
-
-    a limiter        that sees it and, once it clamps, ends it
-    the friction law whose fall with speed makes the growth: it ends where the law is flat
-    the contact      a guard that the growing shape moves: an oscillation reaches it, a monotone growth only if guards
-                     stand on both sides
-
-but not by the contact where a drive or a network runs away by itself: a belt that follows the body it carries (gain
-K above one, stuck: growth (K-1)/lag) and a negative capacitance below -1/(1+kappa/k).
-Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.7 to 4.20; the criteria are ours.
+state (rig.solve.growth).
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
-from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve import laws
 from rig.solve.formulation import assemble
+from rig.solve.growth import Level, stopped
 from rig.solve.linear import Steady, moving_states, steady
 from rig.solve.system import (
     CLOSED,
@@ -41,7 +31,6 @@ from rig.solve.system import (
 )
 
 Array = NDArray[np.float64]
-Level = Literal["info", "warning", "error"]
 MOST = 27
 """Mode sets looked at one by one; of more contacts only those in which all are alike, or one is stuck."""
 RK4_LIMIT = 2.785
@@ -50,7 +39,8 @@ _COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4
 _STIFF = 50.0  # |lambda| step: dopri5 takes more than 15 steps for stability alone
 _ZERO = 1e-6  # of the largest eigenvalue: what a stuck contact carries along comes out as a rounded zero
 _NEUTRAL = 1e-10
-_FAST = 1e6  # m/s: every law is flat by then
+_FAST = 10.0  # times the speed of the surface: as fast as a rig is expected to slip
+_SPEEDS = 41
 
 
 @dataclass(frozen=True)
@@ -150,12 +140,12 @@ def _drivers(system: System) -> Iterator[Finding]:
 
 
 def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
-    """det(Me)/det(M) with the coefficients of rest and of fast sliding, whichever is worse."""
+    """det(Me)/det(M) with the coefficients from rest to fast sliding, whichever is worst."""
     patch_modes, normal_modes, _, sector_modes = system.modes(key)
     M, worst = system.mass, 1.0
     if not len(M) or not any(np.any(k.inertia) for k in system.normals):
         return
-    for at_rest in (True, False):
+    for share in np.linspace(0.0, _FAST, _SPEEDS).tolist():
         Me = M.copy()
         for k, normal in enumerate(system.normals):
             if normal_modes[k] == OPEN:
@@ -163,7 +153,7 @@ def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
             d, patch, mode = normal.direction.copy(), system.patches[normal.patch], patch_modes[normal.patch]
             if mode != STICK:
                 law = system.law(normal.patch, sector_modes)
-                mu = law.mu(0.0 if at_rest else _FAST) if not law.constant else law.numbers[0]
+                mu = law.mu(share * abs(float(patch.surface @ system.start)))
                 d += (1.0 if mode == SLIP_PLUS else -1.0) * mu * patch.direction
             Me -= np.outer(d, normal.inertia)
         worst = min(worst, float(np.linalg.det(Me) / np.linalg.det(M)))
@@ -199,68 +189,9 @@ def _growth(at: Steady, name: str, fastest: float) -> Iterator[Finding]:
             continue
         kind = "flutter" if value.imag > 0.0 else "divergence"
         told = f"{kind} in {name}{_at(value)}"
-        level, stop, remedy = _stopped(at, value, shape, least)
+        level, stop, remedy = stopped(at, value, shape, least)
         if level != "info" or stuck or at.exists:
             yield Finding(level, f"{told}: {stop}", float(value.real), remedy)
-
-
-def _stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: float) -> tuple[Level, str, str]:
-    """How grave a growing motion is, what stops it, what helps."""
-    system = at.system
-    patch_modes, normal_modes, *_ = system.modes(at.modes.key)
-    for x, limiter in enumerate(system.limiters):
-        if abs(limiter.row @ shape) <= 1e-9 * np.abs(limiter.row) @ np.abs(shape):
-            continue
-        clamped = [int(i == x) for i in range(len(system.limiters))]
-        held = steady(system, system.key(patch_modes, normal_modes, clamped))
-        if _largest(held.eigenvalues()) <= least:
-            remedy = "nothing to do; a lower gain keeps the drive out of its limit"
-            return "info", f"the limits of {limiter.name} stop it", remedy
-    q = 2 * len(system.coordinates)
-    if value.imag == 0.0 and q < system.n - 1 and _largest(_undriven(at).eigenvalues()) <= least:
-        driver = system.names[q + int(np.abs(shape[q:]).argmax())]
-        remedy = "give the drive limits (speed_min, speed_max, force_max), or lower the gain of what feeds it"
-        return "error", f"{driver} runs away and nothing limits it", remedy
-    if at.modes.nonlinear.any() and _largest(_flat(at).eigenvalues()) <= least:
-        remedy = "to slide quietly: more speed, more damping, less load, or a control loop"
-        return "info", "friction falls with speed; the contact sticks and limits it", remedy
-    rows = at.modes.guards @ shape
-    size = 1e-9 * np.abs(at.modes.guards) @ np.abs(shape)
-    seen = np.abs(rows) > size
-    both_sides = bool(np.any(rows[seen].real > 0.0) and np.any(rows[seen].real < 0.0))
-    if seen.any() and (value.imag > 0.0 or both_sides):
-        first = int(np.flatnonzero(seen)[0])
-        guard = system.happens(int(at.modes.kinds[first]), int(at.modes.owners[first]))
-        remedy = "more damping, or a coefficient of friction below the limit of mode coupling"
-        return "info", f"it is limited where {guard}", remedy
-    remedy = "more damping" if value.imag > 0.0 else "more stiffness against this motion"
-    moved = system.names[int(np.abs(shape[: q // 2]).argmax())] if q else "the network"
-    return "error", f"{moved} grows and no contact, law or limiter stops it", remedy
-
-
-def _undriven(at: Steady) -> Steady:
-    """The same mode set with the network and all signals held as they are."""
-    system = at.system
-    signals, network = np.zeros_like(system.signals), np.zeros_like(system.network)
-    held = replace(system, signals=signals, network=network, limiters=(), start=at.x)
-    patch_modes, normal_modes, *_ = system.modes(at.modes.key)
-    return steady(held, held.key(patch_modes, normal_modes, []))
-
-
-def _flat(at: Steady) -> Steady:
-    """The same mode set with the coefficients of now, whatever the speed."""
-    *modes, sector_modes = at.system.modes(at.modes.key)
-    flat = []
-    for p, patch in enumerate(at.system.patches):
-        law = at.system.law(p, sector_modes)
-        mu = law.mu(max(float(at.modes.sigma[p] * at.speed[p]), 0.0))
-        flat.append(replace(patch, law=replace(laws.coulomb(mu, mu), static=law.static)))
-    system = replace(at.system, patches=tuple(flat), sectors=())
-    return steady(system, system.key(*modes))
-
-
-def _largest(values: NDArray[Any]) -> float:
-    return float(values.real.max()) if len(values) else 0.0
 
 
 def _at(value: complex) -> str:

@@ -36,7 +36,7 @@ _MOST = 24  # mode changes in one cycle
 class Cycle:
     """A limit cycle, or why there is none (`found` false, `why`).
 
-    period, frequency   [s], [Hz]             amplitude   half of peak to peak, of displacement and velocity
+    period, frequency   [s], [Hz]             amplitude   half of peak to peak, of each output
     stick_time          [s] in one period, and its share, for each contact
     extremes            (lowest, highest) of each plant output in its unit; start and end of stick: outputs there
     energy              [J] in one cycle by term; `error`: what does not close, relative to the largest term
@@ -78,8 +78,8 @@ class Cycle:
 
     @property
     def amplitude(self) -> dict[str, float]:
-        """Half of peak to peak of displacement and velocity."""
-        return {n: 0.5 * (h - l) for n, (l, h) in self.extremes.items() if n in ("displacement", "velocity")}
+        """Half of peak to peak of each output: the amplitude index of a cycle."""
+        return {name: 0.5 * (high - low) for name, (low, high) in self.extremes.items()}
 
     def to_json(self) -> dict[str, Any]:
         """As plain values."""
@@ -100,12 +100,12 @@ class Cycle:
         lines += [f"  period {self.period:.10g} s, {self.frequency:.6g} Hz; repeats to {self.repeats:.1e}"]
         for name, time in self.stick_time.items():
             lines += [f"  {name} sticks for {time:.10g} s, {100.0 * time / self.period:.4g} % of the period"]
-        lines += ["", f"  {'output':<18}{'lowest':>16}{'highest':>16}{'stick starts':>16}{'stick ends':>16}"]
+        heads = ("lowest", "highest", "amplitude", "stick starts", "stick ends")
+        lines += ["", f"  {'output':<22}" + "".join(f"{head:>16}" for head in heads)]
         for name, (low, high) in self.extremes.items():
             at = [f"{d[name]:>16.8g}" if d else f"{'':>16}" for d in (self.stick_start, self.stick_end)]
-            lines += [f"  {name:<18}{low:>16.8g}{high:>16.8g}{at[0]}{at[1]}  {self.units[name]}"]
-        sizes = ", ".join(f"{size:.8g} {self.units[name]}" for name, size in self.amplitude.items())
-        lines += ["", f"  amplitude (half of peak to peak): {sizes}"] if sizes else []
+            values = "".join(f"{value:>16.8g}" for value in (low, high, self.amplitude[name]))
+            lines += [f"  {name:<22}{values}{at[0]}{at[1]}  {self.units[name]}"]
         lines += ["", f"  Floquet multipliers: {self.floquet.text()}"]
         terms = ", ".join(f"{name} {v:.6g}" for name, v in self.energy.items() if name != "error" and v)
         lines += ["", f"  energy in a cycle [J]: {terms}; closes to {abs(self.energy['error']):.1e}"]

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from rig.errors import SceneError
 from rig.scenes.scene import Scene, plant_module
 from rig.solve.assembly import Assembly
 from rig.solve.linear import Steady, sliding_key, steady
@@ -24,6 +25,9 @@ from rig.solve.system import System
 from rig.solve.verdict import Finding, verdict
 from rig.study.averaged import averaged
 
+_REST = 1e-11  # of the sum of its terms: what the search for an equilibrium leaves of an output that is zero
+_LARGE = 0.05  # of the largest amplitude: what is told of a long shape
+_LONG = 4
 GENERATOR = ("dither.sin", "dither.cos")
 
 
@@ -50,11 +54,14 @@ class Mode:
 class Sliding:
     """An equilibrium in sliding and the motions about it, the least stable first.
 
-    `exists` is false where nothing slides steadily; the numbers mean nothing then. `equilibrium`: plant outputs;
-    `coefficient`: friction over normal force of each contact.
+    `exists` is false where nothing slides steadily, `why` then says what keeps it; the numbers mean nothing, except
+    that at constant coefficients the motions are the same wherever the equilibrium lies: they `count` also where the
+    contact would have to pull. `equilibrium`: plant outputs; `coefficient`: friction over normal force of each contact.
     """
 
     exists: bool
+    why: str
+    counts: bool
     equilibrium: dict[str, float]
     coefficient: dict[str, float]
     modes: tuple[Mode, ...]
@@ -74,7 +81,8 @@ class Sliding:
 class Modes:
     """What `modes` finds. `dithered` is None for a scene without dither; `amplitude` [unit] and `hertz` go with it.
 
-    `free`: natural frequencies [Hz] of a part of the rig by itself.
+    `free`: natural frequencies [Hz] of a part of the rig by itself. `limits`: coefficients of friction at which
+    something of the rig is used up, in closed form (infinite: never).
     """
 
     scene: str
@@ -87,6 +95,7 @@ class Modes:
     unit: str = ""
     hertz: float = 0.0
     free: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)
 
     COLUMNS: ClassVar = ("motion", "growth 1/s", "frequency Hz", "damping ratio", "shape")
 
@@ -107,21 +116,29 @@ class Modes:
             if self.dithered is None
             else {"amplitude": self.amplitude, "unit": self.unit, "hertz": self.hertz, **_plain(self.dithered)},
             "free": dict(self.free),
+            "limits": dict(self.limits),
             "findings": [finding.to_json() for finding in self.findings],
         }
 
     def text(self) -> str:
         """For a reader."""
-        lines = [f"{self.scene}: {'' if self.sliding.exists else 'no '}steady sliding ({self.mode})"]
+        what = "steady sliding" if self.sliding.coefficient else "at rest"
+        lines = [f"{self.scene}: {'' if self.sliding.exists else 'no '}{what} ({self.mode})"]
         if not self.sliding.exists:
-            lines += ["  nothing slides steadily with these values: the surface stands still or the contact is open"]
+            lines += [f"  nothing slides steadily with these values: {self.sliding.why}"]
         else:
             lines += [f"  {name} = {v:.6g} {self.units[name]}" for name, v in self.sliding.equilibrium.items()]
             lines += [f"  friction coefficient at {name} = {v:.6g}" for name, v in self.sliding.coefficient.items()]
+        if self.sliding.exists or self.sliding.counts:
             lines += ["", "  {:<22}{:>12}{:>14}{:>15}  {}".format(*self.COLUMNS)]
             lines += [f"  {k:<22}{g:>12.6g}{f:>14.6g}{d:>15.4g}  {s}" for k, g, f, d, s in self.table()]
         if self.free:
             lines += ["", "  by itself:", *(f"  {name:<36}{hertz:>12.6g}" for name, hertz in self.free.items())]
+        if self.limits:
+            known = ", ".join(
+                f"{name} {mu:.6g}" if math.isfinite(mu) else f"{name} never" for name, mu in self.limits.items()
+            )
+            lines += ["", f"  coefficients of friction at the limits: {known}"]
         if self.dithered is not None:
             effect = ", ".join(f"{v:.4g} at {name}" for name, v in self.dithered.coefficient.items())
             lines += [
@@ -148,8 +165,11 @@ def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assem
 
 
 def modes(scene: Scene) -> Modes:
-    """The eigenvalues of `scene` at its sliding equilibrium."""
-    assembly, at = at_rest(scene)
+    """The eigenvalues of `scene` at its sliding equilibrium. Raises SceneError exactly where it jams."""
+    try:
+        assembly, at = at_rest(scene)
+    except np.linalg.LinAlgError:
+        raise SceneError(scene.name, ["jams: friction takes up all of the inertia at just these values"]) from None
     system = at.system
     clock = scene.clock
     method = chosen(clock.method, system)
@@ -161,6 +181,7 @@ def modes(scene: Scene) -> Modes:
         units={name: output.unit for name, output in assembly.outputs.items()},
         findings=tuple(verdict(system, method, scene.step_ns * 1e-9, substeps)),
         free=assembly.free,
+        limits=assembly.limits,
     )
     if GENERATOR[0] not in system.names:
         return found
@@ -179,11 +200,16 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
     system = at.system
     over_x, over_t = signal_rows(system, at.modes, [output.row for output in assembly.outputs.values()])
     values = over_x @ at.x + over_t @ at.T
-    rounding = 1e-14 * (np.abs(over_x) @ np.abs(at.x) + np.abs(over_t) @ np.abs(at.T))
-    values[np.abs(values) <= rounding] = 0.0
+    rounding = _REST * (np.abs(over_x) @ np.abs(at.x) + np.abs(over_t) @ np.abs(at.T))
+    units = np.array([output.unit for output in assembly.outputs.values()])
+    largest = np.array([np.abs(values[units == unit]).max() for unit in units])
+    values[np.abs(values) <= np.maximum(rounding, _REST * largest)] = 0.0
     rates, shapes = at.eigenvectors()
+    slides = bool(np.all(at.modes.sigma * at.speed > 0.0))
     return Sliding(
         exists=at.exists,
+        why="" if at.exists else _why(at),
+        counts=at.exists or (slides and at.modes.jam > 0.0 and not at.modes.nonlinear.any()),
         equilibrium=dict(zip(assembly.outputs, values.tolist())),
         coefficient={
             p.name: abs(float(T)) / float(N) if N > 0.0 else math.nan
@@ -191,6 +217,16 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
         },
         modes=tuple(_mode(system, rate, shape) for rate, shape in zip(rates, shapes.T) if rate.imag >= 0.0),
     )
+
+
+def _why(at: Steady) -> str:
+    """What keeps a rig from sliding steadily."""
+    for patch, speed, load in zip(at.system.patches, at.speed.tolist(), at.load.tolist()):
+        if speed == 0.0:
+            return f"the surface at {patch.name} stands still"
+        if load <= 0.0:
+            return f"where all forces balance, {patch.name} would have to pull (normal force {load:.4g} N)"
+    return "no such equilibrium is found"
 
 
 def _mode(system: System, rate: complex, vector: Any) -> Mode:
@@ -209,15 +245,27 @@ def shape(names: Sequence[str], vector: Any, count: int) -> dict[str, complex]:
 
 
 def told(shape: Mapping[str, complex]) -> str:
-    """A shape for a reader: size and angle of each amplitude."""
-    parts = [(name, abs(v), math.degrees(math.atan2(v.imag, v.real))) for name, v in shape.items()]
-    return ", ".join(f"{name} {size:.3g} at {angle:.0f} deg" for name, size, angle in parts)
+    """A shape for a reader: size and angle of each amplitude; of long ones the large. Velocities follow from them."""
+    places = {name: v for name, v in shape.items() if name.removesuffix("'") == name or name[:-1] not in shape}
+    most = max(map(abs, places.values()), default=0.0)
+    large = {name: v for name, v in places.items() if len(places) <= _LONG or abs(v) >= _LARGE * most}
+    parts = [f"{name} {abs(v):.3g} at {_degrees(v)} deg" for name, v in large.items()]
+    left = len(places) - len(large)
+    return ", ".join(parts) + (f"; {left} below {_LARGE:g}" if left else "")
+
+
+def _degrees(v: complex) -> int:
+    """The angle of an amplitude; half a turn is told as such, whatever the side that rounding leaves it on."""
+    angle = round(math.degrees(math.atan2(v.imag, v.real)))
+    return 180 if angle == -180 else angle
 
 
 def _plain(sliding: Sliding) -> dict[str, Any]:
     return {
         "exists": sliding.exists,
         "stable": sliding.stable,
+        "why": sliding.why,
+        "counts": sliding.counts,
         "equilibrium": sliding.equilibrium,
         "coefficient": sliding.coefficient,
         "modes": [

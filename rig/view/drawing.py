@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from rig.view import contact
 from rig.view.channels import channels
-from rig.view.picture import Columns, picture_of
+from rig.view.parts import Columns
+from rig.view.picture import picture_of
 from rig.view.portrait import Portrait
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from rig.bus import messages
 from rig.bus.port import Message
 from rig.bus.setup import Setup
 from rig.view.drawing import HEALTH, Drawing
-from rig.view.picture import Columns
+from rig.view.parts import Columns
 
 KEPT = 4000
 SHOWN_NS = 1_000_000

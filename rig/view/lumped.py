@@ -1,4 +1,4 @@
-"""Pictures of the rigs whose body does not only run along its surface: `picture.Belt`, its body moved otherwise."""
+"""Pictures of rigs whose body does not only run along its surface: belt and pendulum, the body moved otherwise."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.view.picture import Belt, Columns, Integers, Reals
+from rig.view.parts import FRICTION, STEEL, Columns, Integers, Reals, about, along, load, spring, zigzag
+from rig.view.picture import Belt, Pendulum, disc
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -15,6 +16,8 @@ if TYPE_CHECKING:
 _GAP = 0.17
 _ACROSS = 0.25  # motion across the belt, of the magnification along it: preload alone presses far in
 _LEAN = 0.35  # rad
+_PLACE = 0.83  # radius of the slider
+_STAND = np.array((_PLACE, -0.9, 0.3))
 
 
 class Moved(Belt):
@@ -68,3 +71,38 @@ class Tilting(Moved):
             "translation": np.stack((zero, zero, _GAP - down), axis=1),
             "quaternion": np.stack((zero, np.sin(half), zero, np.cos(half)), axis=1),
         }
+
+
+class Slider(Pendulum):
+    """A slider on a rotating disc that bends: it moves along the disc and up and down. The disc turns as fast as it is.
+
+    Magnified with the motion it would be a blur.
+    """
+
+    def static(self, rec: rr.RecordingStream) -> None:
+        """See `Picture.static`."""
+        import rerun as rr
+
+        disc(rec)
+        body = rr.Boxes3D(half_sizes=[(0.09, 0.08, 0.1)], centers=[(_PLACE, 0, 0.13)], fill_mode="solid")
+        rec.log("rig/pendulum/shoe", body, static=True)
+        rec.log("rig/pendulum/friction", rr.Arrows3D.from_fields(origins=[(_PLACE + 0.13, 0, 0.06)], colors=[FRICTION],
+                                                                 radii=[0.016]), static=True)  # fmt: skip
+        post = rr.Boxes3D(half_sizes=[(0.04, 0.04, 0.2)], centers=[_STAND - (0, 0, 0.05)], colors=[STEEL],
+                          fill_mode="solid")  # fmt: skip
+        rec.log("rig/post", post, static=True)
+
+    def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
+        import rerun as rr
+
+        zoom = self.scale.motion
+        angles, up = zoom * s["displacement"] / _PLACE, zoom * _ACROSS * s["height"] + _GAP
+        place = np.stack((_PLACE * np.cos(angles), _PLACE * np.sin(angles), up), axis=1)
+        drawn = {one.path: one for one in super()._frames(t_ns, {**s, "angle": angles}, modes, ran)}
+        turn = rr.Transform3D.columns(quaternion=about(2, angles), translation=along(2, up))
+        side = place + np.array((0.0, -0.08, 0.13))
+        drawn["rig/disc"] = Columns("rig/disc", t_ns, rr.Transform3D.columns(quaternion=about(2, ran)))
+        drawn["rig/pendulum"] = Columns("rig/pendulum", t_ns, turn)
+        drawn["rig/load"] = load(t_ns, place + np.array((0.0, 0.0, 0.23)), s["normal_force"] / self.scale.force * 0.25)
+        drawn["rig/spring"] = spring(t_ns, zigzag(np.broadcast_to(_STAND, side.shape), side, flat=True))
+        return list(drawn.values())

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.view import contact
-from rig.view.picture import Columns
+from rig.view.parts import Columns
 
 SHOWN_NS = 2_000_000_000
 _POINTS = 800

@@ -24,7 +24,7 @@ from rig.process import stand_back, stopping
 from rig.view import viewer
 from rig.view.drawing import Drawing, send
 from rig.view.feed import Feed
-from rig.view.picture import Columns
+from rig.view.parts import Columns
 
 if TYPE_CHECKING:
     import rerun as rr

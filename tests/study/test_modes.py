@@ -113,3 +113,44 @@ def test_a_report_is_plain():
     assert found["modes"][0]["kind"] == "flutter"
     assert found["dither"]["stable"]
     assert np.isfinite([row[1:4] for row in modes(rig.load("belt_dither")).table()]).all()
+
+
+def test_long_shapes_are_told_by_their_large_amplitudes():
+    found = modes(rig.load("disc_slider"))
+    assert len(found.sliding.modes[0].shape) == 18
+    rows = [row[-1] for row in found.table()]
+    assert all(len(row) < 120 for row in rows)
+    assert rows[0].startswith("s 0.958 at 5 deg, u 1 at 0 deg")
+    assert "'" not in "".join(rows)  # a velocity is the amplitude times the eigenvalue
+
+
+@pytest.mark.parametrize(
+    ("name", "names"), [("pin", ["damping", "mass", "stiffness"]), ("north", ["flutter", "divergence"])]
+)
+def test_limits_of_friction_are_told(name, names):
+    found = modes(rig.load(name))
+    assert list(found.limits) == names == list(found.to_json()["limits"])
+    assert f"{names[0]} {found.limits[names[0]]:.6g}" in found.text()
+    assert "never" in modes(rig.load("north_divergence")).text()
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "why", "counts"),
+    [
+        ("belt", {"drive.speed": 0.0}, "the surface at contact stands still", False),
+        ("north_divergence", {"friction.mu": 1.2}, "contact would have to pull (normal force -", True),
+        ("pin", {"friction.mu": 2.2}, "contact would have to pull (normal force -", False),  # jams: nothing moves so
+    ],
+)
+def test_what_keeps_a_rig_from_sliding_is_told(name, changes, why, counts):
+    found = modes(rig.load(name, changes))
+    assert not found.sliding.exists
+    assert why in found.sliding.why
+    assert found.sliding.counts is counts
+    assert ("growth 1/s" in found.text()) is counts
+
+
+def test_beyond_divergence_the_growth_is_still_told():
+    mode = modes(rig.load("north_divergence", {"friction.mu": 1.2})).sliding.modes[0]
+    assert (mode.kind, mode.frequency) == ("divergence", 0.0)
+    assert mode.growth > 0.0

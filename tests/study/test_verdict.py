@@ -50,10 +50,34 @@ def errors(assembly, method="exact", step=STEP, substeps=1):
 
 @pytest.mark.parametrize("name", scenes.names())
 def test_no_shipped_scene_is_refused(name):
-    """Some grow without bound on purpose; they say so, and only they."""
+    """Those that grow without bound on purpose say so."""
     scene = rig.load(name)
     found = verdict(scene.assemble().system(), "dopri5", scene.step_ns * 1e-9)
     assert not [one for one in found if one.level == "error"] or scene.clock.unstable == "run"
+
+
+def test_growth_that_falling_friction_turns_into_contact_is_information():
+    """The tread diverges in slip; where its law is flat it flutters, and sticks. Open, it falls back from near."""
+    system = rig.load("tread").assemble().system()
+    found = {one.what: one.level for one in verdict(system, "dopri5", 2e-5)}
+    told = [(level, what) for what, level in found.items() if "divergence" in what]
+    assert [level for level, _ in told] == ["warning", "info", "info"]
+    c_x, c_z, coupling, load = 2.8e5, 8e4, 1.5e5, 34.0
+    farthest = load * c_x / (coupling**2 - c_x * c_z)  # where the springs of the open tip balance the preload
+    assert f"load closes as long as nothing carries it beyond z = {farthest:.3g}" in told[0][1]
+    assert all("it is limited where contact slip ends" in what for _, what in told[1:])
+
+
+def test_an_open_contact_that_starts_beyond_its_rest_is_not_caught():
+    system = rig.load("tread", {"start.height": 0.2}).assemble().system()
+    assert any("load open" in one.what for one in verdict(system, "dopri5", 2e-5) if one.level == "error")
+
+
+def test_jamming_is_looked_for_at_speeds_that_occur():
+    """The seal's film bears ever more force: at 1e6 m/s it would jam any absorber."""
+    seal = {"law": "seal", "load": 20.0, "mixed_force": 9.7, "decay": 700.0, "film": 38.0, "offset": 1e-5}
+    scene = rig.load("belt_tuned_mass", {f"friction.{key}": value for key, value in seal.items()})
+    assert not [one for one in verdict(scene.assemble().system(), "dopri5", STEP) if "jam" in one.what]
 
 
 def test_stick_slip_is_information():

@@ -156,7 +156,7 @@ def test_a_viewer_that_hangs_delays_nobody():
         def flush(self, **_):
             release.wait(10.0)
 
-    from rig.view.picture import Columns
+    from rig.view.parts import Columns
 
     sender = Sender(Hung())
     sender.offer([Columns("x", np.array([0]), [])])

@@ -70,6 +70,36 @@ def test_bodies_that_move_across_the_surface_are_drawn_so(name, moves):
         assert np.linalg.norm(turn, axis=1) == pytest.approx(1.0, rel=1e-6)
 
 
+def test_the_lever_is_drawn_as_it_moves():
+    """Disc and pin as one in stick; every spring ends where what it pulls is."""
+    scene = rig.load("lever")
+    picture = picture_of(scene.assemble().system(), outputs(scene))
+    run = rig.simulate(scene, 3.0)
+    t_ns = np.round(run.time * 1e9).astype(np.int64)
+    shown = np.arange(0, t_ns.size, 20)
+    columns = picture.frames(t_ns, run.signals, np.zeros(t_ns.size, int), shown)
+    zoom = picture.scale.motion
+    phi, theta = (zoom * run.signals[name][shown] for name in ("angle", "lever_angle"))
+    assert 0.05 < np.ptp(phi) < 0.8
+    disc, cylinder, lever = (
+        2.0 * np.arctan2(turn[:, :3].sum(axis=1), turn[:, 3])
+        for turn in (moving(columns, f"rig/{part}", "quaternion") for part in ("disc", "cylinder", "lever"))
+    )
+    assert cylinder == pytest.approx(-phi, abs=1e-6)  # turns against the disc: the pin hangs below the axis
+    assert lever == pytest.approx(theta, abs=1e-6)
+    stuck = np.abs(run.signals["slip_speed"][shown]) < 1e-12
+    both = stuck[1:] & stuck[:-1]
+    assert both.sum() > 20
+    turned = 0.8 * (np.unwrap(disc)[1:] - np.unwrap(disc)[:-1])[both]  # of the disc at the pin: as far as the pin goes
+    assert turned == pytest.approx((phi[1:] - phi[:-1])[both], rel=1e-3, abs=1e-4)
+
+
+@pytest.mark.parametrize(("name", "drawn"), [("lever", "Lever"), ("disc_slider", "Slider"), ("pendulum", "Pendulum")])
+def test_each_rig_has_its_own_picture(name, drawn):
+    scene = rig.load(name)
+    assert type(picture_of(scene.assemble().system(), outputs(scene))).__name__ == drawn
+
+
 def test_modes_have_names_for_each_state_of_the_contact():
     system = rig.load("belt").assemble().system()
     modes = contact.Modes(system)

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.record.provenance import provenance
-from rig.study.bench import kernels, loop, maps, whole
+from rig.study.bench import disc, kernels, loop, maps, whole
 
 FLOORS = {
     "kernel_rtf": 1e4,
@@ -21,6 +21,7 @@ FLOORS = {
     "scipy": 200.0,
     "start": 2.0,
     "step_to_command_ms": 0.5,
+    "disc": 20.0,
     "map": 0.85,
 }
 
@@ -95,6 +96,13 @@ def main() -> int:
     found["start"] = s = whole.start(3 if quick else 7)
     say(f"  new process, 10 s simulated: {s['wall']:.2f} s wall (worst {s['worst']:.2f}) "
         f"{judged('start', s['wall'], 'start', at_most=True)}")  # fmt: skip
+
+    say(f"\n{disc.SCENE} with seven modes: growth rate of the simulation beside the eigenvalue, kernel")
+    found["disc"] = growing = disc.growth()
+    for row in growing:
+        say(f"  tol {row['tolerance']:.0e}  error {row['error']:8.1e}   {row['rtf']:9.0f} x real time")
+    best = max((r["rtf"] for r in growing if r["error"] <= 1e-4), default=0.0)
+    say(f"  at 1e-4 of the growth rate: {best:.0f} x real time {judged('disc', best, 'disc')}")
 
     seconds = 10.0 if quick else 60.0
     say(f"\npaced, 1 kHz, vibrometer 10 kHz in blocks, controller, recorder, viewer bridge, {seconds:.0f} s")

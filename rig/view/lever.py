@@ -1,0 +1,122 @@
+"""The lever rig as a moving picture: a disc drags a pin, whose cylinder turns a lever, which presses the pin on.
+
+Seen from the front, one length is a decimetre. The disc turns about y, the cylinder above the pin too; the L-shaped
+lever turns about z. One leg is drawn along by the cylinder's tail (spring along x), the other presses the pin's fixture
+on the disc (spring along y); the arm's tips carry a spring and the dead mass.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.view.parts import (
+    DISC,
+    FRICTION,
+    LYING,
+    MARK,
+    NORMAL,
+    SPRING,
+    STEEL,
+    Columns,
+    Integers,
+    Reals,
+    about,
+    along,
+    coloured,
+    word,
+    zigzag,
+)
+from rig.view.picture import Picture
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+_RADIUS, _PIN, _ARM, _TAIL, _LEG = 0.8, 1.0, 1.5, 1.0, 0.6  # lengths of the scene
+_FRONT, _BACK = -0.25, -1.45  # y of the cylinder's two ends
+_HEIGHT = _RADIUS + _PIN  # of the cylinder's axis
+_PIVOT = (-_LEG, _BACK + _LEG, _RADIUS)
+"""Of the lever: its legs end beside the tail and behind the pin's fixture."""
+
+
+class Lever(Picture):
+    """Disc, cylinder with arm, pin and tail, and the lever with its springs."""
+
+    surface = "disc_speed"
+    eye = (1.9, -4.6, 3.0)
+    target = (0.0, -0.4, 0.85)
+
+    def static(self, rec: rr.RecordingStream) -> None:
+        """See `Picture.static`."""
+        import rerun as rr
+
+        def box(path: str, half: tuple[float, float, float], center: tuple[float, float, float]) -> None:
+            boxes = rr.Boxes3D(half_sizes=[half], centers=[center], colors=[STEEL], fill_mode="solid")
+            rec.log(f"rig/{path}", boxes, static=True)
+
+        def round_(path: str, length: float, radius: float, y: float, colour: tuple[int, int, int]) -> None:
+            turned = rr.Cylinders3D(lengths=[length], radii=[radius], centers=[(0.0, y, 0.0)], quaternions=[LYING],
+                                    colors=[colour], fill_mode="solid")  # fmt: skip
+            rec.log(f"rig/{path}", turned, static=True)
+
+        rec.log("rig", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+        rays = np.stack((np.cos(turns), np.zeros(24), np.sin(turns)), axis=1)
+        spokes = [np.stack((inner * ray, 1.04 * ray)) - (0.0, 0.005, 0.0)
+                  for inner, ray in zip((0.35, 0.95, 0.95) * 8, rays)]  # fmt: skip
+        round_("disc", 0.1, 1.055, 0.05, DISC)
+        rec.log("rig/disc/marks", rr.LineStrips3D(spokes, colors=[MARK], radii=[0.008]), static=True)
+        round_("cylinder/axis", _FRONT - _BACK, 0.11, 0.5 * (_FRONT + _BACK), STEEL)
+        box("cylinder/arm", (_ARM, 0.04, 0.04), (0.0, _FRONT, 0.0))
+        box("cylinder/cantilever", (0.04, 0.04, 0.5 * _PIN), (0.0, _FRONT, -0.5 * _PIN))
+        box("cylinder/tail", (0.04, 0.04, 0.5 * _TAIL), (0.0, _BACK, -0.5 * _TAIL))
+        weight = rr.Boxes3D(half_sizes=[(0.13, 0.13, 0.13)], centers=[(-_ARM, _FRONT, -0.3)], colors=[STEEL],
+                            fill_mode="solid")  # fmt: skip
+        rec.log("rig/cylinder/weight", weight, static=True)
+        pin = rr.Boxes3D(half_sizes=[(0.08, 0.5 * -_FRONT, 0.08)], centers=[(0.0, 0.5 * _FRONT, -_PIN)],
+                         fill_mode="solid")  # fmt: skip
+        rec.log("rig/cylinder/pin", pin, static=True)
+        friction = rr.Arrows3D.from_fields(origins=[(0.0, -0.05, -_PIN - 0.14)], colors=[FRICTION], radii=[0.025])
+        rec.log("rig/cylinder/friction", friction, static=True)
+        box("lever/tail", (0.035, 0.5 * _LEG, 0.06), (0.0, -0.5 * _LEG, 0.0))
+        box("lever/fixture", (0.5 * _LEG, 0.035, 0.06), (0.5 * _LEG, 0.0, 0.0))
+        box("post", (0.05, 0.05, 0.45), (_PIVOT[0], _PIVOT[1], _RADIUS - 0.45))
+
+    def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
+        import rerun as rr
+
+        zoom, colours = self.scale.motion, coloured(modes)
+        phi, theta = zoom * s["angle"], zoom * s["lever_angle"]
+        zero, count = np.zeros_like(phi), len(phi)
+
+        def point(x: Reals, y: Reals | float, z: Reals) -> Reals:
+            return np.stack((x, y + zero, z), axis=1)
+
+        pin = point(_PIN * np.sin(phi), _FRONT, _HEIGHT - _PIN * np.cos(phi))
+        tail = point(_TAIL * np.sin(phi), _BACK, _HEIGHT - _TAIL * np.cos(phi))
+        arm = point(_ARM * np.cos(phi), _FRONT, _HEIGHT + _ARM * np.sin(phi))
+        ground = np.broadcast_to((_ARM, _FRONT, _HEIGHT - 1.2), arm.shape)
+        leg = point(_PIVOT[0] + _LEG * np.sin(theta), _PIVOT[1] - _LEG * np.cos(theta), zero + _RADIUS)
+        presses = point(_PIVOT[0] + _LEG * np.cos(theta), _PIVOT[1] + _LEG * np.sin(theta), zero + _RADIUS)
+        springs = [zigzag(a, b, flat=flat) for a, b, flat in
+                   ((ground, arm, False), (leg, tail, True), (presses, pin, True))]  # fmt: skip
+        strips = [strip for frame in zip(*springs) for strip in frame]
+        load = along(1, s["normal_force"] / self.scale.force * 0.25)
+        heads = pin + np.array((0.0, -_FRONT, 0.16))
+        return [
+            Columns("rig/disc", t_ns, rr.Transform3D.columns(quaternion=about(1, zoom * ran))),
+            Columns("rig/cylinder", t_ns, rr.Transform3D.columns(
+                quaternion=about(1, -phi), translation=np.broadcast_to((0.0, 0.0, _HEIGHT), (count, 3)))),
+            Columns("rig/lever", t_ns, rr.Transform3D.columns(
+                quaternion=about(2, theta), translation=np.broadcast_to(_PIVOT, (count, 3)))),
+            Columns("rig/cylinder/pin", t_ns, rr.Boxes3D.columns(colors=colours)),
+            Columns("rig/cylinder/friction", t_ns,
+                    rr.Arrows3D.columns(vectors=along(0, s["friction_force"] / self.scale.force * 0.6))),
+            Columns("rig/load", t_ns, rr.Arrows3D.columns(
+                vectors=load, origins=heads - load, colors=[NORMAL] * count, radii=[0.02] * count)),
+            Columns("rig/spring", t_ns, rr.LineStrips3D.columns(
+                strips=strips, colors=[SPRING] * len(strips), radii=[0.012] * len(strips)).partition([3] * count)),
+            word(t_ns, (0.0, 0.0, _HEIGHT + 0.5), self._said(modes, s), colours),
+        ]  # fmt: skip
