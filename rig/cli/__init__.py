@@ -8,7 +8,7 @@ study       modes, cycle, map
 runs        demo, run, simulate
 processes   plant, control, record, view: the same processes one by one
 live        tune, topic
-logs        replay, verify, diff, recover
+logs        replay, verify, diff, sound, recover
 host        doctor, warmup
 
 Exit codes: 0 ok, 1 a check failed, 2 usage, 3 timing invalid, 4 diverged.

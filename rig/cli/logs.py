@@ -95,9 +95,38 @@ def recover(
         tell.line(f"{found.path}: {found.messages} messages, {found.seconds:.3f} s; the original: {found.fault}")
 
 
+def sound(
+    log: Log,
+    channel: Annotated[
+        str, typer.Option(metavar="SENSOR", help="The sensor to listen to; the microphone by default.")
+    ] = "",
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write it as a WAV file.")] = None,
+    figure: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw signal, spectrum and level (PNG).")] = None,
+    as_json: Json = False,
+) -> None:
+    """What the microphone of a recording heard: level, squeals with their frequency; a WAV file to listen to."""
+    from rig.record.reader import open as read
+    from rig.study.sound import hear
+    from rig.study.sound.figure import draw
+    from rig.study.sound.wav import write
+
+    run = read(log)
+    heard = hear(run, channel)
+    full = None if out is None else write(heard, out)
+    if figure is not None:
+        draw(heard, run, figure)
+    if as_json:
+        tell.report(heard.to_json() | {"wav": out, "full_scale": full, "figure": figure})
+        return
+    tell.line(heard.text())
+    if full is not None:
+        tell.line(f"{out}: 24 bit, full scale is {full:.4g} {heard.unit}")
+
+
 COMMANDS = {
     "replay": (replay, "rig replay recordings/golden/pendulum.mcap --into nf --pace max"),
     "verify": (verify, "rig verify recordings/golden/pendulum.mcap"),
     "diff": (diff, "rig diff first.mcap second.mcap"),
+    "sound": (sound, "rig sound recordings/runs/brake-20260101-120000.mcap --out squeal.wav --figure squeal.png"),
     "recover": (recover, "rig recover recordings/runs/pendulum-20260101-120000.mcap"),
 }
