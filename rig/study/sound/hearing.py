@@ -96,7 +96,7 @@ class Sound:
     @property
     def overall(self) -> float:
         """The level of all of it [dB]."""
-        return _decibel(float(np.sqrt(np.mean(self.v**2))), self.unit)
+        return float(_decibel(float(np.sqrt(np.mean(self.v**2))), self.unit))
 
     @property
     def peak(self) -> float:
