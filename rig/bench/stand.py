@@ -106,16 +106,19 @@ class Stand:
     def set_parameter(self, key: str, value: Any) -> None:
         """Change a parameter of the rig (`friction.mu_static`) at this tick. Raises SceneError when it cannot be."""
         changed = with_value(self._parameters, key, value)
-        system = self.scene.assemble(changed).system()
+        assembly = self.scene.assemble(changed)
+        system = assembly.system()
         if [p.name for p in system.patches] != [p.name for p in self.motion.system.patches]:
             raise SceneError(key, ["changes the contacts of the rig; start a new run with it"])
         if self.truth is not None:
             self.truth.work_out(self.motion)
         try:
-            self.motion.replace(system)
+            rows = {name: output.row for name, output in assembly.outputs.items()}
+            self.motion.replace(system, [rows.get(name, {}) for name in self.outputs])
         except ValueError as error:
             raise SceneError(key, [str(error)]) from None
         self._parameters = changed
+        self.inputs.update(assembly.inputs)
         self._index = {name: i for i, name in enumerate(system.names)}
 
     def parameter(self, key: str) -> Any:

@@ -9,6 +9,9 @@ dither     a fast vibration of the belt, of the mass or of the normal force
 separation  a contact spring that lifts off and comes back
 disc_modes  the free vibration of a flexible disc
 moving_contact  what a contact changes that moves over a flexible disc: geometry, slope
+piezo, stack  a linear piezo stack in the load path
+shunt, shunt_limits  the electrical network on it: resonant, with negative capacitance, switched
+amplifier  a commanded voltage on it
 
 Each file declares its parameters (a `Section`, with units) and adds its rows to a `rig.solve.assembly.Assembly`.
 """

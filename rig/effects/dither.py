@@ -74,9 +74,9 @@ def add(
         add_row(a.load(normal), {"dither.sin": 1.0})
     else:
         a.push(coordinate, {"dither.sin": arm})
-    sine, cosine = a.names.index("dither.sin"), a.names.index("dither.cos")
 
     def write(x: NDArray[np.float64], values: Mapping[str, float], t: float) -> None:
+        sine, cosine = a.names.index("dither.sin"), a.names.index("dither.cos")  # effects added later move them
         wanted = values["dither.amplitude"] if values["dither.enable"] >= 0.5 else 0.0
         now = math.hypot(x[sine], x[cosine])
         if now > 0.0 and wanted > 0.0:

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rig.effects import dither, drive, load, tuned_mass
+from rig.effects import dither, drive, load, piezo, tuned_mass
 from rig.effects.dither import Dither
 from rig.effects.drive import BeltDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
+from rig.effects.piezo import WithStack
 from rig.effects.tuned_mass import TunedMass
 from rig.quantities import Kilogram, Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
 from rig.solve.assembly import Assembly, Output
@@ -36,8 +37,8 @@ class Start(Section):
     velocity: MetrePerSecond = 0.0
 
 
-class Parameters(Section):
-    """The tables of a belt scene."""
+class Parameters(WithStack):
+    """The tables of a belt scene. A piezo stack stands beside the spring."""
 
     body: Body
     drive: BeltDrive
@@ -59,6 +60,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         dither.add(a, p.dither, "contact", "load", "x")
     if p.tuned_mass is not None:
         tuned_mass.add(a, p.tuned_mass, "load", "x")
+    piezo.add(a, p, {"x": 1.0}, moved)
     a.outputs |= contact_outputs({"x": 1.0}, a)
     return a
 

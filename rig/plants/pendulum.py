@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from rig.effects import dither, drive, load, tuned_mass
+from rig.effects import dither, drive, load, piezo, tuned_mass
 from rig.effects.dither import Dither
 from rig.effects.drive import DiscDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
+from rig.effects.piezo import WithStack
 from rig.effects.tuned_mass import TunedMass
 from rig.plants.belt import RAMPED, Start, contact_outputs
 from rig.quantities import (
@@ -37,8 +38,8 @@ class Body(Section):
     damping: NewtonMetreSecondPerRadian = 0.0
 
 
-class Parameters(Section):
-    """The tables of a pendulum scene; `start` is given at the contact point."""
+class Parameters(WithStack):
+    """The tables of a pendulum scene; `start` is given at the contact point, where a piezo stack may stand."""
 
     body: Body
     drive: DiscDrive
@@ -63,6 +64,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         dither.add(a, p.dither, "contact", "load", "angle", arm=r)
     if p.tuned_mass is not None:
         tuned_mass.add(a, p.tuned_mass, "load", "angle", arm=r)
+    piezo.add(a, p, {"angle": r}, moved)
     a.outputs |= contact_outputs({"angle": r}, a)
     a.outputs |= {
         "angle": Output({"angle": 1.0}, "rad"),

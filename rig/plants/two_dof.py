@@ -14,11 +14,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from rig.effects import dither, drive, load
+from rig.effects import dither, drive, load, piezo
 from rig.effects.dither import TangentialDither
 from rig.effects.drive import BeltDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
+from rig.effects.piezo import WithStack
 from rig.effects.separation import Separation
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
@@ -62,8 +63,8 @@ class Start(Section):
     height_velocity: MetrePerSecond = 0.0
 
 
-class Parameters(Section):
-    """The tables of a two_dof scene. `load`: the preload F0."""
+class Parameters(WithStack):
+    """The tables of a two_dof scene. `load`: the preload F0. A piezo stack stands beside the first spring."""
 
     body: Body
     spring_1: Strut
@@ -94,6 +95,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.normal("load", "contact", {"y": -p.contact.stiffness}, {"y": 1.0}, opens=p.separation is not None)
     if p.dither is not None:
         dither.add(a, p.dither, "contact", "load", "x")
+    piezo.add(a, p, {"x": math.cos(p.spring_1.angle), "y": math.sin(p.spring_1.angle)}, moved)
     a.outputs |= contact_outputs({"x": 1.0}, a)
     a.outputs |= {"height": Output({"y": 1.0}, "m"), "height_velocity": Output({"y'": 1.0}, "m/s")}
     return a

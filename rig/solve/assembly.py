@@ -20,10 +20,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import SceneError
+from rig.solve.finding import Judge
 from rig.solve.laws import Law
-from rig.solve.products import FRICTION, NORMAL, SINE, STATE, VERSINE, Factor, Product
-from rig.solve.system import Limiter, Normal, Patch, Sector, System
+from rig.solve.matrices import matrices
+from rig.solve.system import System
 
 Row = dict[str, float]
 Part = str | tuple[str, Row]
@@ -57,10 +57,27 @@ class Input:
     write: Write | None = None
 
 
+@dataclass(frozen=True)
+class Circuit:
+    """One position of a switch by names: rates of the network states it changes, those that are zero in it.
+
+    `gains` of limiters and `stores` as in `Assembly`, where this position has its own.
+    """
+
+    name: str
+    rates: dict[str, Row]
+    still: tuple[str, ...] = ()
+    gains: dict[str, float] = field(default_factory=dict)
+    stores: tuple[tuple[float, Row], ...] = ()
+
+
 @dataclass
 class Assembly:
     """A rig under construction. Plants start it, effects add rows, `system()` turns names into matrices.
 
+    Forces of the network are `coupling`: they exchange energy with its `stores`, c (row x)^2 / 2 each, and its
+    `losses`, g (row x)^2 each, whose rows may name rates of network states ("voltage'"). `keep`: what stays as it is,
+    in place of a network state, where a parameter changes. `judges` look at the rig before a run (rig.solve.verdict).
     `free`: natural frequencies [Hz] of a part of the rig by itself, told beside those of the rig. `limits`:
     coefficients of friction at which something of it is used up.
     """
@@ -71,12 +88,18 @@ class Assembly:
     damping: dict[tuple[str, str], float] = field(default_factory=dict)
     stiffness: dict[tuple[str, str], float] = field(default_factory=dict)
     force: dict[str, Row] = field(default_factory=dict)
+    coupling: dict[str, Row] = field(default_factory=dict)
     network: dict[str, Row] = field(default_factory=dict)
+    stores: list[tuple[float, Row]] = field(default_factory=list)
+    losses: list[tuple[float, Row]] = field(default_factory=list)
+    switches: list[tuple[str, str, tuple[Circuit, ...]]] = field(default_factory=list)
+    keep: dict[str, Row] = field(default_factory=dict)
+    judges: list[Judge] = field(default_factory=list)
     signals: dict[str, Row] = field(default_factory=lambda: {"one": {}})
     start: dict[str, float] = field(default_factory=lambda: {"one": 1.0})
     patches: list[tuple[str, Row, Row, Law, Row | None]] = field(default_factory=list)
     normals: list[tuple[str, str, Row, Row, Row, bool]] = field(default_factory=list)
-    limiters: list[tuple[str, Row, float, float, str, float]] = field(default_factory=list)
+    limiters: list[tuple[str, Row, float, float, str, float, float]] = field(default_factory=list)
     sectors: list[tuple[str, str, Row, str, float, tuple[float, ...], tuple[Law, ...]]] = field(default_factory=list)
     products: dict[str, tuple[Part, ...]] = field(default_factory=dict)
     outputs: dict[str, Output] = field(default_factory=dict)
@@ -134,9 +157,18 @@ class Assembly:
         """
         self.sectors.append((name, patch, dict(row), turn, period, edges, laws))
 
-    def limit(self, name: str, row: Row, low: float, high: float, signal: str, gain: float) -> None:
-        """A clamp: signal' gains `gain * min(max(row x, low), high)`."""
-        self.limiters.append((name, dict(row), low, high, signal, gain))
+    def switch(self, name: str, signal: str, circuits: tuple[Circuit, ...]) -> None:
+        """A switch of the network: the rounded value of `signal` says which of the circuits is in force."""
+        self.switches.append((name, signal, circuits))
+
+    def limit(
+        self, name: str, row: Row, low: float, high: float, signal: str, gain: float, excess: float = 0.0
+    ) -> None:
+        """A clamp: signal', or network state', gains `gain * min(max(row x, low), high)`.
+
+        Beyond it the network stores `excess` (row x - low or high)^2 / 2 more.
+        """
+        self.limiters.append((name, dict(row), low, high, signal, gain, excess))
 
     def surface(self, patch: str) -> Row:
         """The surface speed row of a patch, to add to."""
@@ -157,103 +189,7 @@ class Assembly:
 
     def system(self) -> System:
         """The matrices. Raises SceneError when a row names an unknown state."""
-        names = self.names
-        index = {name: i for i, name in enumerate(names)}
-        products = self._products(index)
-        later = {product.name: j for j, product in enumerate(products)}
-        nq, n = len(self.coordinates), len(names)
-        faults: list[str] = []
-
-        def row(what: str, entries: Row) -> NDArray[np.float64]:
-            out = np.zeros(n)
-            for name, value in entries.items():
-                if name in index:
-                    out[index[name]] += value
-                else:
-                    faults.append(f"{what} names the unknown state {name!r}; known: {', '.join(names)}")
-            return out
-
-        def both(what: str, entries: Row) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-            out_t = np.zeros(len(products))
-            for name in entries.keys() & later.keys():
-                out_t[later[name]] = entries[name]
-            return row(what, {name: value for name, value in entries.items() if name not in later}), out_t
-
-        def over_coordinates(entries: Row) -> NDArray[np.float64]:
-            return np.array([entries.get(c, 0.0) for c in self.coordinates])
-
-        def square(entries: dict[tuple[str, str], float]) -> NDArray[np.float64]:
-            out = np.zeros((nq, nq))
-            for (a, b), value in entries.items():
-                out[index[a], index[b]] += value
-            return out
-
-        patch_names = [p[0] for p in self.patches]
-        pushed = [both(f"force on {c}", self.force.get(c, {})) for c in self.coordinates]
-        system = System(
-            names=tuple(names),
-            coordinates=tuple(self.coordinates),
-            mass=square(self.mass),
-            damping=square(self.damping),
-            stiffness=square(self.stiffness),
-            force=np.array([over_x for over_x, _ in pushed]).reshape(nq, n),
-            force_t=np.array([over_t for _, over_t in pushed]).reshape(nq, len(products)),
-            network=np.array([row(f"network {e}", r) for e, r in self.network.items()]).reshape(-1, n),
-            signals=np.array([row(f"signal {s}", r) for s, r in self.signals.items()]).reshape(-1, n),
-            patches=tuple(
-                Patch(
-                    name,
-                    over_coordinates(t),
-                    row(f"surface speed of {name}", surface),
-                    law,
-                    None if travel is None else over_coordinates(travel),
-                )
-                for name, t, surface, law, travel in self.patches
-            ),
-            normals=tuple(
-                Normal(
-                    name,
-                    patch_names.index(patch),
-                    *both(f"normal force {name}", r),
-                    over_coordinates(d),
-                    over_coordinates(g),
-                    opens,
-                )
-                for name, patch, r, d, g, opens in self.normals
-            ),
-            limiters=tuple(
-                Limiter(name, row(f"limiter {name}", r), low, high, index[signal], gain)
-                for name, r, low, high, signal, gain in self.limiters
-            ),
-            sectors=tuple(
-                Sector(name, patch_names.index(patch), row(f"sector {name}", r), index[turn], period, edges, laws)
-                for name, patch, r, turn, period, edges, laws in self.sectors
-            ),
-            products=products,
-            start=np.array([self.start.get(name, 0.0) for name in names]),
-        )
-        if faults:
-            raise SceneError(self.title or "assembly", faults)
-        return system
-
-    def _products(self, index: dict[str, int]) -> tuple[Product, ...]:
-        """The products in the order of their levels. Raises KeyError for an unknown factor."""
-        patches, normals = [p[0] for p in self.patches], [k[0] for k in self.normals]
-
-        def factor(part: Part) -> Factor:
-            if not isinstance(part, str):
-                angle = np.zeros(len(index))
-                for name, value in part[1].items():
-                    angle[index[name]] += value
-                return Factor({"sin": SINE, "cos-1": VERSINE}[part[0]], 0, angle)
-            if part.startswith("N:"):
-                return Factor(NORMAL, normals.index(part[2:]))
-            if part.startswith("T:"):
-                return Factor(FRICTION, patches.index(part[2:]))
-            return Factor(STATE, index[part])
-
-        found = [Product(name, tuple(factor(part) for part in parts)) for name, parts in self.products.items()]
-        return tuple(sorted(found, key=lambda product: product.level))
+        return matrices(self)
 
 
 def add(target: Row, row: Row) -> None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rig.kernel import inlined, inner
 from rig.solve.forces import dot
+from rig.solve.ledger import RESISTOR
 
 Array = NDArray[np.float64]
 
@@ -28,6 +29,8 @@ class Books(NamedTuple):
     lift: Array
     signals: Array
     signals_t: Array
+    loss: Array
+    conductance: Array
     T: Array
 
 
@@ -47,6 +50,8 @@ def lend_books(t, slot, T):
         t.lift,
         t.signals[slot],
         t.signals_t[slot],
+        t.loss[slot],
+        t.conductance,
         T,
     )
 
@@ -65,6 +70,8 @@ def book(b, x, scale, energy):
         energy[3] += v * (dot(b.force[i], x) + dot(b.force_t[i], b.T[patches:]))
     for k in range(b.lift.shape[0]):
         energy[4] += scale * (dot(b.press[k], x) + dot(b.press_t[k], b.T)) * dot(b.lift[k], x)
+    for r in range(b.loss.shape[0]):
+        energy[RESISTOR] += scale * b.conductance[r] * dot(b.loss[r], x) ** 2
 
 
 @inner

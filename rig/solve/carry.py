@@ -160,7 +160,7 @@ def carry(shape, t, w, state, log, seg, origin, ticks, tolerance, substeps, book
     ic, fc, x, energy = state.ic, state.fc, state.x, state.energy
     while True:
         if ic[PENDING] != READY:
-            status = settle(t, ic, x, w.size, w.T, w.scratch, w.copy, ic[REPEAT] > 1)
+            status = settle(t, ic, x, w.size, w.T, w.scratch, w.copy, ic[REPEAT] > 1, energy)
             if status != DONE:
                 return status
         if ic[TICK] >= ticks:

@@ -1,9 +1,9 @@
 """One formulation for every rig: the matrices of one mode set.
 
 Each friction patch is in slip+ (w > 0), slip- or stick, each normal force closed or open, each limiter linear, low or
-high, each place on a path in one sector. Within a mode set whose friction coefficients are constant the motion is
-linear, x' = A x. What is not, contributes x' = A x + b T with inputs T: the friction force of a patch whose coefficient
-depends on speed, and products of states (rig.solve.products):
+high, each place on a path in one sector, each switch of a network in one position. Within a mode set whose friction
+coefficients are constant the motion is linear, x' = A x. What is not, contributes x' = A x + b T with inputs T: the
+friction force of a patch whose coefficient depends on speed, and products of states (rig.solve.products):
 
     [ Me   -T_P ] [ a   ]   [ F - K q - D v + sum_closed d_k r_k + sum_limiters                ]
     [ C_P    0  ] [ lam ] = [ rest of dw/dt: W_q v + W_e E + W_s S                               ] x
@@ -74,7 +74,7 @@ class ModeSet:
 
 def assemble(system: System, key: int) -> ModeSet:
     """The matrices of mode set `key` (numpy, a fraction of a millisecond; runs once for each set visited)."""
-    patch_modes, normal_modes, limiter_modes, sector_modes = system.modes(key)
+    patch_modes, normal_modes, limiter_modes, sector_modes, switch_modes = system.modes(key)
     nq, n, inputs = len(system.coordinates), system.n, system.inputs
     v = slice(nq, 2 * nq)
     P, K = len(system.patches), len(system.normals)
@@ -88,7 +88,7 @@ def assemble(system: System, key: int) -> ModeSet:
     stuck = [p for p, m in enumerate(patch_modes) if m == STICK and loaded[p]]
 
     Me = system.mass.copy()
-    R, R_t = system.force.copy(), np.zeros((nq, inputs))
+    R, R_t = system.force + system.coupling, np.zeros((nq, inputs))
     R_t[:, P:] = system.force_t
     R[:, :nq] -= system.stiffness
     R[:, v] -= system.damping
@@ -103,20 +103,29 @@ def assemble(system: System, key: int) -> ModeSet:
         R += np.outer(d, normal.row)
         R_t[:, P:] += np.outer(d, normal.row_t)
 
-    signals = system.signals.copy()
     first = system.one
-    for limiter, mode in zip(system.limiters, limiter_modes):
-        at = limiter.state - first
+    rates = np.vstack([system.network, system.signals])
+    gains = [limiter.gain for limiter in system.limiters]
+    still: list[int] = []
+    for switch, where in zip(system.switches, switch_modes):
+        position = switch.positions[where]
+        rates[np.array(switch.owned) - 2 * nq] = position.rates
+        still += position.still
+        for x, gain in position.gains.items():
+            gains[x] = gain
+    for limiter, gain, mode in zip(system.limiters, gains, limiter_modes):
+        at = limiter.state - 2 * nq
         if mode == LINEAR:
-            signals[at] += limiter.gain * limiter.row
+            rates[at] += gain * limiter.row
         else:
-            signals[at, first] += limiter.gain * (limiter.low if mode == LOW else limiter.high)
+            rates[at, first] += gain * (limiter.low if mode == LOW else limiter.high)
+    network, signals = rates[: first - 2 * nq], rates[first - 2 * nq :]
 
     # dw/dt of the stuck patches: W_v a + (the rest, over x)
     rest = np.zeros((len(stuck), n))
     W = system.slip_rows[stuck]
     rest[:, v] += W[:, :nq]
-    rest += W[:, 2 * nq : first] @ system.network
+    rest += W[:, 2 * nq : first] @ network
     rest += W[:, first:] @ signals
 
     C = -W[:, v]
@@ -138,8 +147,7 @@ def assemble(system: System, key: int) -> ModeSet:
     A = np.zeros((n, n))
     A[:nq, v] = np.eye(nq)
     A[v] = a[:, :n]
-    A[2 * nq : first] = system.network
-    A[first:] = signals
+    A[2 * nq :] = rates
     b = np.zeros((n, inputs))
     b[v] = a[:, n:]
 
@@ -165,8 +173,9 @@ def assemble(system: System, key: int) -> ModeSet:
     if stuck:
         MT = np.linalg.solve(system.mass, directions[stuck].T)
         landing[v] += MT @ np.linalg.solve(C @ MT, W)
+    landing[:, still] = 0.0
 
-    guards, guards_t, kinds, owners = _guards(system, key, sigma, stuck, friction, friction_t, loads, loads_t)
+    guards, guards_t, kinds, owners = _guards(system, key, sigma, stuck, friction, friction_t, loads, loads_t, gains)
     return ModeSet(
         key=key,
         A=A,
@@ -212,9 +221,13 @@ def _guards(
     friction_t: Array,
     loads: Array,
     loads_t: Array,
+    gains: Sequence[float],
 ) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
-    """What holds while the mode set lasts, as rows over x and T that stay positive; their kinds and owners."""
-    _, normal_modes, limiter_modes, sector_modes = system.modes(key)
+    """What holds while the mode set lasts, as rows over x and T that stay positive; their kinds and owners.
+
+    `gains`: of the limiters; one with none is out of the network.
+    """
+    _, normal_modes, limiter_modes, sector_modes, _ = system.modes(key)
     n, inputs = system.n, system.inputs
     guards: list[Array] = []
     guards_t: list[Array] = []
@@ -249,6 +262,8 @@ def _guards(
     one = np.zeros(n)
     one[system.one] = 1.0
     for x, (limiter, mode) in enumerate(zip(system.limiters, limiter_modes)):
+        if gains[x] == 0.0:
+            continue
         below, above = limiter.row - limiter.low * one, limiter.high * one - limiter.row
         if mode == LINEAR:
             guard(below, np.zeros(inputs), G_LIMIT_LOW, x)

@@ -6,33 +6,32 @@
                      stand on both sides, or from where the rig starts (a warning: thrown farther it runs away)
 
 Not the contact where a drive or a network runs away by itself: a belt that follows the body it carries (gain K above
-one, stuck: growth (K-1)/lag) and a negative capacitance below -1/(1+kappa/k).
+one, stuck: growth (K-1)/lag), a negative capacitance below -1/(1+kappa/k), or one whose charge leaks away.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.7 to 4.20; the criteria are ours.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.solve import laws
+from rig.solve.finding import Level
 from rig.solve.linear import Steady, steady
-
-Level = Literal["info", "warning", "error"]
 
 
 def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: float) -> tuple[Level, str, str]:
     """How grave a growing motion is, what stops it, what helps."""
     system = at.system
-    patch_modes, normal_modes, *_ = system.modes(at.modes.key)
+    patch_modes, normal_modes, _, sector_modes, thrown = system.modes(at.modes.key)
     for x, limiter in enumerate(system.limiters):
         if abs(limiter.row @ shape) <= 1e-9 * np.abs(limiter.row) @ np.abs(shape):
             continue
         clamped = [int(i == x) for i in range(len(system.limiters))]
-        held = steady(system, system.key(patch_modes, normal_modes, clamped))
+        held = steady(system, system.key(patch_modes, normal_modes, clamped, sector_modes, thrown))
         if _largest(held.eigenvalues()) <= least:
             remedy = "nothing to do; a lower gain keeps the drive out of its limit"
             return "info", f"the limits of {limiter.name} stop it", remedy
@@ -40,6 +39,8 @@ def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: fl
     if value.imag == 0.0 and q < system.n - 1 and _largest(_undriven(at).eigenvalues()) <= least:
         driver = system.names[q + int(np.abs(shape[q:]).argmax())]
         remedy = "give the drive limits (speed_min, speed_max, force_max), or lower the gain of what feeds it"
+        if driver in system.names[q : system.one]:
+            remedy = "less negative capacitance, or a bleed of less resistance than the leak of the stack"
         return "error", f"{driver} runs away and nothing limits it", remedy
     if at.modes.nonlinear.any():
         flat = _flat(at)
@@ -91,21 +92,21 @@ def _undriven(at: Steady) -> Steady:
     """The same mode set with the network and all signals held as they are."""
     system = at.system
     signals, network = np.zeros_like(system.signals), np.zeros_like(system.network)
-    held = replace(system, signals=signals, network=network, limiters=(), start=at.x)
+    held = replace(system, signals=signals, network=network, limiters=(), switches=(), start=at.x)
     patch_modes, normal_modes, *_ = system.modes(at.modes.key)
     return steady(held, held.key(patch_modes, normal_modes, []))
 
 
 def _flat(at: Steady) -> Steady:
     """The same mode set with the coefficients of now, whatever the speed."""
-    *modes, sector_modes = at.system.modes(at.modes.key)
+    patch_modes, normal_modes, limiter_modes, sector_modes, thrown = at.system.modes(at.modes.key)
     flat = []
     for p, patch in enumerate(at.system.patches):
         law = at.system.law(p, sector_modes)
         mu = law.mu(max(float(at.modes.sigma[p] * at.speed[p]), 0.0))
         flat.append(replace(patch, law=replace(laws.coulomb(mu, mu), static=law.static)))
     system = replace(at.system, patches=tuple(flat), sectors=())
-    return steady(system, system.key(*modes))
+    return steady(system, system.key(patch_modes, normal_modes, limiter_modes, switches=thrown))
 
 
 def _largest(values: NDArray[Any]) -> float:

@@ -67,10 +67,16 @@ def sliding_key(system: System, x: Array | None = None) -> int:
 
     `x`: a state with the signals in force; the start by default.
     """
-    held = _settled(system, system.start if x is None else x)
+    x = system.start if x is None else x
+    held = _settled(system, x)
     speeds = [float(p.surface @ held) for p in system.patches]
     slip = [SLIP_MINUS if speed < 0.0 else SLIP_PLUS for speed in speeds]
-    return system.key(slip, [CLOSED] * len(system.normals), [0] * len(system.limiters))
+    return system.key(
+        slip,
+        [CLOSED] * len(system.normals),
+        [0] * len(system.limiters),
+        switches=[switch.at(x) for switch in system.switches],
+    )
 
 
 def _settled(system: System, x: Array) -> Array:
@@ -84,6 +90,8 @@ def _settled(system: System, x: Array) -> Array:
     if len(free):
         out[free] = np.linalg.solve(A[np.ix_(free, free)], -A[np.ix_(free, held)] @ x[held])
     for limiter in system.limiters:  # a lag behind a clamp ends where the clamp does
+        if limiter.state < system.one:
+            continue
         value = float(limiter.row @ out)
         rate = -float(system.signals[limiter.state - system.one, limiter.state])
         if rate > 0.0:

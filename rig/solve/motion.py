@@ -110,7 +110,8 @@ class Motion:
             bound=np.array(list((bounds or {}).values()), dtype=np.float64),
         )
         self.state.ic[PENDING] = START
-        self._stored = ledger.stored(system, self.state.x)
+        at_start = system.key([0] * len(system.patches), [0] * len(system.normals), [0] * len(system.limiters))
+        self._stored = ledger.stored(system, self.state.x, at_start)
         self._room(longest, longest)
         self._run(0, 0)
 
@@ -188,34 +189,38 @@ class Motion:
         The energy that this gives the structure is booked as an impulse.
         """
         if index < 2 * len(self.system.coordinates):
-            before = ledger.stored(self.system, self.state.x)
+            before = ledger.stored(self.system, self.state.x, self.key)
             self.state.x[index] = value
-            self._jumps += ledger.stored(self.system, self.state.x) - before
+            self._jumps += ledger.stored(self.system, self.state.x, self.key) - before
         else:
             self.state.x[index] = value
 
-    def replace(self, system: System) -> None:
-        """Go on as another system from here: equal states keep their values, modes are settled anew.
+    def replace(self, system: System, outputs: list[dict[str, float]] | None = None) -> None:
+        """Go on as another system from here: equal states keep their values, or what the systems say is kept.
 
-        Both must have the same patches, normals, limiters and sectors. What the change does to the stored energy is
-        booked as an impulse.
+        Both must have the same patches, normals, limiters, sectors and switches; modes are settled anew. What the
+        change does to the stored energy is booked as an impulse. `outputs`: their rows now, where they are others.
         """
+        self._outputs = self._outputs if outputs is None else outputs
         x = dict(zip(self.system.names, self.state.x.tolist()))
-        before = ledger.stored(self.system, self.state.x)
+        before = ledger.stored(self.system, self.state.x, self.key)
         modes = self.system.modes(self.key)
         old, tally = self.system, self.state.tally.copy()
         visited = [s.key for s in self.slots.sets]
         self._set(system)
         kept = np.array([x.get(name, start) for name, start in zip(system.names, system.start.tolist())])
+        for name in system.kept.keys() & old.kept.keys():
+            row, at = system.kept[name], system.names.index(name)
+            kept[at] += (old.kept[name] @ self.state.x - row @ kept) / row[at]
         for visited_key in visited:  # the tally goes by slot: keep the slots in order
             self.slots.add(visited_key)
         if system.n != old.n:
             self.work = workspace(system, self._read, self.slots.tables.G.shape[1])
             self.log = self.log._replace(out=np.zeros((len(self.log.out), system.n)))
         self.state = self.state._replace(x=kept, tally=tally)
-        self.state.ic[KEY] = system.key(*modes[:3], [sector.at(kept) for sector in system.sectors])
+        self.state.ic[KEY] = system.key(*modes[:3], [sector.at(kept) for sector in system.sectors], modes[4])
         self.state.ic[PENDING] = SETTLE
-        self._jumps += ledger.stored(system, kept) - before
+        self._jumps += ledger.stored(system, kept, self.key) - before
         self._lend()
         self._run(0, 0)
 
@@ -312,9 +317,9 @@ class Motion:
     def energy(self) -> dict[str, float]:
         """The ledger so far [J], and `error`: what does not close, relative to the largest term or store."""
         terms = self.state.energy
-        stored = ledger.stored(self.system, self.state.x) - self._stored
+        stored = ledger.stored(self.system, self.state.x, self.key) - self._stored
         largest = max(float(np.abs(terms).max()), abs(stored), abs(self._stored), 1e-30)
-        out = dict(zip(ledger.NAMES, terms.tolist()))
+        out = ledger.by_name(self.system, terms)
         out |= {"impulses": self._jumps, "stored": stored}
         out["error"] = (float(terms @ ledger.SIGNS) + self._jumps - stored) / largest
         return out

@@ -3,13 +3,15 @@
 Settled at the start of a run, after every event and at the start of every block (a held command may have jumped):
 change a mode, look up its slot, land on the constraint, look again, until nothing changes. A step that ends on w = 0
 decides by the force that sticking would need, never by the sign of a rounded w. Nothing is landed at a jump of the
-belt: a stuck body whose belt jumps slips, and no energy moves by itself.
+belt: a stuck body whose belt jumps slips, and no energy moves by itself. A switch that was thrown takes its position
+here; what the network then stores less is booked.
 """
 
 from __future__ import annotations
 
 from rig.kernel import inlined, inner
 from rig.solve.forces import dot, inputs, rounding
+from rig.solve.ledger import SWITCH, held
 from rig.solve.system import (
     G_CLOSE,
     G_LIMIT_BACK,
@@ -24,7 +26,7 @@ from rig.solve.system import (
 )
 
 DONE, NEED, CHATTER, JAM, LOST, OVERFULL = range(6)  # what a kernel returns
-READY, SETTLE, LAND, START = range(4)  # what a run has to do first
+READY, SETTLE, LAND, START, THROWN = range(5)  # what a run has to do first
 
 _SLACK = 1e-9  # a contact that slips and sticks in the same instant may hold this much more
 
@@ -66,6 +68,17 @@ def of_sector(t, s):
     for i in range(s):
         weight *= t.sectors[i]
     return weight
+
+
+@inner
+def thrown(t, key, x):
+    """The key with every switch in the position that its signal says."""
+    weight = of_sector(t, t.sectors.shape[0])
+    for s in range(t.positions.shape[0]):
+        where = min(max(int(x[t.commanded[s]] + 0.5), 0), t.positions[s] - 1)
+        key += (where - (key // weight) % t.positions[s]) * weight
+        weight *= t.positions[s]
+    return key
 
 
 @inlined
@@ -184,12 +197,12 @@ def disagreement(t, slot, key, x, size, T, slack):
 
 
 @inner
-def settle(t, ic, x, size, T, scratch, copy, repeat):
+def settle(t, ic, x, size, T, scratch, copy, repeat, energy):
     """Bring the modes of `ic` (see motion: key, pending work) into agreement with x. Returns DONE, NEED or JAM.
 
     `size` holds the largest sizes of the states so far: a slip speed that is only their rounding is none, also where
     belt and body have come to rest. `repeat`: the same contact has just changed twice in one instant; sticking may
-    then hold a little more.
+    then hold a little more. `energy`: of the ledger.
     """
     key, pending = ic[1], ic[2]
     for i in range(x.shape[0]):
@@ -197,16 +210,21 @@ def settle(t, ic, x, size, T, scratch, copy, repeat):
     if pending == START:
         for p in range(t.slip.shape[0]):
             key = choose(t.slip, key, p, x, size)
-        key = place(t, key, x)
+        key = thrown(t, place(t, key, x), x)
         pending = LAND
+    elif thrown(t, key, x) != key:
+        energy[SWITCH] += held(t.store[t.slot_of[key]], x)
+        key, pending = thrown(t, key, x), THROWN
     slack = _SLACK if repeat else 0.0
     for _ in range(4 * (t.slip.shape[0] + t.of_patch.shape[0]) + 12):
         slot = t.slot_of[key]
         if slot < 0:
             ic[1], ic[2] = key, pending
             return NEED
-        if pending == LAND:
+        if pending != SETTLE:
             land(t, slot, x, copy)
+            if pending == THROWN:
+                energy[SWITCH] -= held(t.store[slot], x)
             pending = SETTLE
         if t.curved[slot]:
             inputs(t, slot, x, T, scratch)

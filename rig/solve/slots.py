@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rig.kernel import bundle
 from rig.solve import expm, laws, products
 from rig.solve.formulation import ModeSet, assemble
-from rig.solve.ledger import TERMS, powers, supplied, work
+from rig.solve.ledger import TERMS, loss_rows, powers, store, supplied, work
 from rig.solve.products import Products
 from rig.solve.system import STICK, System
 
@@ -75,6 +75,11 @@ class Tables(NamedTuple):
     limiters: NDArray[np.int64]  # [1] number of limiters
     sectors: NDArray[np.int64]  # [sector row] number of sectors
     turn: NDArray[np.int64]  # [sector row] the state that is moved by a period
+    commanded: NDArray[np.int64]  # [switch] the state that says its position
+    positions: NDArray[np.int64]  # [switch] how many it has
+    store: Array  # [slot, n, n] twice the energy in the network
+    loss: Array  # [slot, resistor, n] their heat is the square of this, times the
+    conductance: Array  # [resistor]
     path: Array  # [sector row, n] place
     edges: Array  # [sector row, widest + 1] the last is the period
     products: Products | None
@@ -150,6 +155,11 @@ class Slots:
             limiters=np.array([len(s.limiters)]),
             sectors=np.array([len(sector.laws) for sector in s.sectors], dtype=np.int64),
             turn=np.array([sector.turn for sector in s.sectors], dtype=np.int64),
+            commanded=np.array([switch.state for switch in s.switches], dtype=np.int64),
+            positions=np.array([len(switch.positions) for switch in s.switches], dtype=np.int64),
+            store=z((0, n, n)),
+            loss=z((0, len(s.losses), n)),
+            conductance=np.array([loss.conductance for loss in s.losses]),
             path=np.array([sector.row for sector in s.sectors]).reshape(-1, n),
             edges=edges,
             products=products.pack(s.products, n, P, K),
@@ -167,7 +177,7 @@ class Slots:
         bounds, slopes = _bounds(modes.A, guards, self.step)
         E = (modes.landing - np.eye(system.n)) + modes.landing @ E @ modes.landing
         forms = powers(system, modes)
-        patch_modes, normal_modes, _, sector_modes = system.modes(key)
+        patch_modes, normal_modes, _, sector_modes, _ = system.modes(key)
         met = tuple(system.law(p, sector_modes) for p in range(len(system.patches)))
         code, numbers = laws.pack(met, t.numbers.shape[2])
         closed = 1.0 - np.array(normal_modes, dtype=np.float64).reshape(-1, 1)
@@ -210,6 +220,8 @@ class Slots:
             "signals_t": rows_t,
             "coupled": int(load_t[:, : len(system.patches)].any()),
             "needs": _padded(np.array(modes.guards_t.any(axis=1), dtype=np.int64), g),
+            "store": store(system, key),
+            "loss": loss_rows(system, modes),
             "press": modes.normal * closed,
             "press_t": modes.normal_t * closed,
             "active": forms.any(axis=(1, 2)).astype(np.int64),
@@ -238,6 +250,8 @@ def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) ->
         known[name] = (np.eye(system.n)[i], np.zeros(system.inputs))
     for j, product in enumerate(system.products):
         known[product.name] = (np.zeros(system.n), inputs[len(system.patches) + j])
+    for i, name in enumerate(system.names[2 * nq :], 2 * nq):
+        known[f"{name}'"] = (modes.A[i], modes.b[i])
     for i, name in enumerate(system.coordinates):
         known[f"{name}''"] = (modes.A[nq + i], modes.b[nq + i])
     for p, patch in enumerate(system.patches):

@@ -1,4 +1,4 @@
-"""A rig as matrices and rows: structure, friction patches, normal forces, limiters, sectors, products; its mode sets.
+"""A rig as matrices and rows: structure, network, patches, normal forces, limiters, sectors, switches, products.
 
 State  x = [q, v, network, signals]. What is not linear in x are the inputs T = [friction forces, products]: the force
 of a patch under a law over speed, and products of states such as x y, cos(k phi) - 1 or N sin(k phi). Rows that end in
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.solve.finding import Judge
 from rig.solve.laws import Law
 from rig.solve.products import Product
 
@@ -69,7 +70,10 @@ class Normal:
 
 @dataclass(frozen=True)
 class Limiter:
-    """A clamp: the derivative of state `state` gains `gain * min(max(row x, low), high)`."""
+    """A clamp: the derivative of state `state` gains `gain * min(max(row x, low), high)`.
+
+    Beyond the clamp the network stores `excess` (row x - low or high)^2 / 2 more than it does within.
+    """
 
     name: str
     row: Array
@@ -77,6 +81,7 @@ class Limiter:
     high: float
     state: int
     gain: float
+    excess: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -102,10 +107,52 @@ class Sector:
 
 
 @dataclass(frozen=True)
+class Position:
+    """One position of a switch: the `rates` [owned, n] of the network states that the switch owns.
+
+    `still`: states that are zero in it, the others keep their values when the switch is thrown. `gains`: of limiters,
+    by number, where they are not the limiter's own; 0 takes it out of the network. `store` [n, n]: twice the energy
+    that only this position stores, as a form of x.
+    """
+
+    name: str
+    rates: Array
+    still: tuple[int, ...]
+    gains: dict[int, float]
+    store: Array
+
+
+@dataclass(frozen=True)
+class Switch:
+    """Which of its positions a network is in is what the signal `state` says, rounded; a command writes it."""
+
+    name: str
+    state: int
+    owned: tuple[int, ...]
+    positions: tuple[Position, ...]
+
+    def at(self, x: Array) -> int:
+        """The position at state x."""
+        return min(max(int(x[self.state] + 0.5), 0), len(self.positions) - 1)
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A resistor: the power conductance * (row x + rate . network rates)^2 turns into heat."""
+
+    conductance: float
+    row: Array
+    rate: Array
+
+
+@dataclass(frozen=True)
 class System:
     """A rig as matrices over x = [q, v, network, signals]; the first signal is the constant one.
 
-    force [coordinate, state], force_t [coordinate, product].
+    force [coordinate, state], force_t [coordinate, product]. coupling [coordinate, state]: forces of the network, which
+    exchange energy with what it stores, x.store x / 2, and with its resistors. kept: of some states by name the row of
+    what stays as it is, in place of the state, where a parameter changes: the charge in place of the voltage. judges:
+    of effects, see rig.solve.verdict.
     """
 
     names: tuple[str, ...]
@@ -115,13 +162,19 @@ class System:
     stiffness: Array
     force: Array
     force_t: Array
+    coupling: Array
     network: Array
+    store: Array
+    losses: tuple[Loss, ...]
     signals: Array
     patches: tuple[Patch, ...]
     normals: tuple[Normal, ...]
     limiters: tuple[Limiter, ...]
     sectors: tuple[Sector, ...]
+    switches: tuple[Switch, ...]
     products: tuple[Product, ...]
+    judges: tuple[Judge, ...]
+    kept: dict[str, Array]
     start: Array
     slip_rows: Array = field(init=False)
 
@@ -159,9 +212,9 @@ class System:
 
     @property
     def radices(self) -> list[int]:
-        """Number of modes of each patch, normal, limiter and sector, in the order of the key."""
+        """Number of modes of each patch, normal, limiter, sector and switch, in the order of the key."""
         fixed = [3] * len(self.patches) + [2] * len(self.normals) + [3] * len(self.limiters)
-        return fixed + [len(s.laws) for s in self.sectors]
+        return fixed + [len(s.laws) for s in self.sectors] + [len(s.positions) for s in self.switches]
 
     @property
     def keys(self) -> int:
@@ -169,27 +222,33 @@ class System:
         return int(np.prod(self.radices, dtype=np.int64))
 
     def key(
-        self, patches: Sequence[int], normals: Sequence[int], limiters: Sequence[int], sectors: Sequence[int] = ()
+        self,
+        patches: Sequence[int],
+        normals: Sequence[int],
+        limiters: Sequence[int],
+        sectors: Sequence[int] = (),
+        switches: Sequence[int] = (),
     ) -> int:
-        """Mixed-radix number of a mode set; without `sectors`, those of the start."""
+        """Mixed-radix number of a mode set; without `sectors` or `switches`, those of the start."""
         where = sectors or [sector.at(self.start) for sector in self.sectors]
+        thrown = switches or [switch.at(self.start) for switch in self.switches]
         key, base = 0, 1
-        for mode, radix in zip((*patches, *normals, *limiters, *where), self.radices, strict=True):
+        for mode, radix in zip((*patches, *normals, *limiters, *where, *thrown), self.radices, strict=True):
             key += int(mode) * base
             base *= radix
         return key
 
-    def modes(self, key: int) -> tuple[list[int], list[int], list[int], list[int]]:
-        """The mode set of a number: modes of patches, normals, limiters, sectors."""
+    def modes(self, key: int) -> tuple[list[int], list[int], list[int], list[int], list[int]]:
+        """The mode set of a number: modes of patches, normals, limiters, sectors, switches."""
         modes = []
         for radix in self.radices:
             modes.append(key % radix)
             key //= radix
         out = []
-        for count in (len(self.patches), len(self.normals), len(self.limiters), len(self.sectors)):
-            out.append(modes[:count])
-            modes = modes[count:]
-        return out[0], out[1], out[2], out[3]
+        for parts in (self.patches, self.normals, self.limiters, self.sectors, self.switches):
+            out.append(modes[: len(parts)])
+            modes = modes[len(parts) :]
+        return out[0], out[1], out[2], out[3], out[4]
 
     def law(self, p: int, sectors: Sequence[int]) -> Law:
         """The law of patch p where the sectors are these."""
@@ -200,11 +259,12 @@ class System:
 
     def describe(self, key: int) -> str:
         """The mode set in words, e.g. "contact slip+"."""
-        patches, normals, limiters, sectors = self.modes(key)
+        patches, normals, limiters, sectors, switches = self.modes(key)
         words = [f"{p.name} {('slip+', 'slip-', 'stick')[m]}" for p, m in zip(self.patches, patches)]
         words += [f"{k.name} open" for k, m in zip(self.normals, normals) if m == OPEN]
         words += [f"{x.name} {('', 'low', 'high')[m]}" for x, m in zip(self.limiters, limiters) if m]
         words += [f"{s.name} {m + 1}" for s, m in zip(self.sectors, sectors)]
+        words += [f"{s.name} {s.positions[m].name}" for s, m in zip(self.switches, switches)]
         return ", ".join(words) or "free"
 
     def happens(self, kind: int, owner: int) -> str:

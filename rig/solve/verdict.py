@@ -9,14 +9,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.solve.finding import Finding
 from rig.solve.formulation import assemble
-from rig.solve.growth import Level, stopped
+from rig.solve.growth import stopped
 from rig.solve.linear import Steady, moving_states, steady
 from rig.solve.system import (
     CLOSED,
@@ -43,20 +43,6 @@ _FAST = 10.0  # times the speed of the surface: as fast as a rig is expected to 
 _SPEEDS = 41
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One verdict: how grave, what, the number that says so (a rate in 1/s where it is growth) and what helps."""
-
-    level: Level
-    what: str
-    number: float
-    remedy: str
-
-    def to_json(self) -> dict[str, object]:
-        """As plain values."""
-        return dict(vars(self))
-
-
 def verdict(system: System, method: str, step: float, substeps: int = 1) -> list[Finding]:
     """Everything that can be said of `system` before it is run by `method` with sample step `step` [s]; gravest first.
 
@@ -66,6 +52,8 @@ def verdict(system: System, method: str, step: float, substeps: int = 1) -> list
     if broken:
         return broken
     found = list(_drivers(system))
+    for judge in system.judges:
+        found += judge(system, step)
     sets: list[tuple[float, str, Steady]] = []
     for key in mode_sets(system):
         name = system.describe(key)
@@ -87,21 +75,27 @@ def verdict(system: System, method: str, step: float, substeps: int = 1) -> list
 
 
 def mode_sets(system: System) -> Iterator[int]:
-    """The mode sets to look at: contacts closed in slip and stick, in every sector, and all open; limiters free."""
+    """The mode sets to look at: contacts closed in slip and stick, in every sector, and all open; limiters free.
+
+    Of the many positions of a switch its first two, its last and the one at the start.
+    """
     P, K, free = len(system.patches), len(system.normals), [LINEAR] * len(system.limiters)
     kinds = (SLIP_PLUS, SLIP_MINUS, STICK)
     patches: list[tuple[int, ...]] = list(product(kinds, repeat=P)) if 3**P <= MOST else [(k,) * P for k in kinds]
     if 3**P > MOST:
         patches += [(SLIP_PLUS,) * p + (STICK,) + (SLIP_PLUS,) * (P - p - 1) for p in range(P)]
     places = list(product(*(range(len(sector.laws)) for sector in system.sectors)))
-    for modes, where in product(patches, places):
-        yield system.key(modes, [CLOSED] * K, free, where)
-    if any(k.opens for k in system.normals):
-        yield system.key([SLIP_PLUS] * P, [OPEN if k.opens else CLOSED for k in system.normals], free)
+    ends = [{0, 1, len(s.positions) - 1, s.at(system.start)} for s in system.switches]
+    for thrown in product(*(sorted(positions) for positions in ends)):
+        for modes, where in product(patches, places):
+            yield system.key(modes, [CLOSED] * K, free, where, thrown)
+        if any(k.opens for k in system.normals):
+            lifted = [OPEN if k.opens else CLOSED for k in system.normals]
+            yield system.key([SLIP_PLUS] * P, lifted, free, switches=thrown)
 
 
 def _matrices(system: System) -> Iterator[Finding]:
-    names = ("mass", "damping", "stiffness", "force", "network", "signals", "start")
+    names = ("mass", "damping", "stiffness", "force", "coupling", "network", "signals", "start")
     bad = [name for name in names if not np.all(np.isfinite(getattr(system, name)))]
     parts: list[Patch | Normal] = [*system.patches, *system.normals]
     for part in parts:
@@ -141,7 +135,7 @@ def _drivers(system: System) -> Iterator[Finding]:
 
 def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
     """det(Me)/det(M) with the coefficients from rest to fast sliding, whichever is worst."""
-    patch_modes, normal_modes, _, sector_modes = system.modes(key)
+    patch_modes, normal_modes, _, sector_modes, _ = system.modes(key)
     M, worst = system.mass, 1.0
     if not len(M) or not any(np.any(k.inertia) for k in system.normals):
         return

@@ -65,7 +65,7 @@ class Designer:
     def structure(self) -> Array:
         """A [2 nq, 2 nq] of the linear structure without friction, over (x, v)."""
         s, nq = self.system, self.nq
-        pull = s.force[:, : 2 * nq] - np.hstack([s.stiffness, s.damping])
+        pull = (s.force + s.coupling)[:, : 2 * nq] - np.hstack([s.stiffness, s.damping])
         return np.block([[np.zeros((nq, nq)), np.eye(nq)], [np.linalg.solve(s.mass, pull)]])
 
     @cached_property
@@ -123,7 +123,7 @@ class Designer:
         """What a row over the states gains per unit of a command once the drive has settled."""
         system, first = self.system, self.system.one
         lags = system.signals[:, first:].copy()
-        for limiter in system.limiters:
+        for limiter in (one for one in system.limiters if one.state >= first):
             lags[limiter.state - first] += limiter.gain * limiter.row[first:]
         given = self.assembly.inputs.get(actuator)
         change = 0.0

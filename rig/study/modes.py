@@ -18,11 +18,12 @@ import numpy as np
 from rig.errors import SceneError
 from rig.scenes.scene import Scene, plant_module
 from rig.solve.assembly import Assembly
+from rig.solve.finding import Finding
 from rig.solve.linear import Steady, sliding_key, steady
 from rig.solve.motion import chosen
 from rig.solve.slots import signal_rows
 from rig.solve.system import System
-from rig.solve.verdict import Finding, verdict
+from rig.solve.verdict import verdict
 from rig.study.averaged import averaged
 
 _REST = 1e-11  # of the sum of its terms: what the search for an equilibrium leaves of an output that is zero

@@ -98,6 +98,7 @@ class _Ledger:
     """The energy terms of one cycle."""
 
     def __init__(self, motion: Motion) -> None:
+        self._system = motion.system
         self._sum = np.zeros(ledger.TERMS)
         self._stored = 0.0
         self.start(motion)
@@ -105,15 +106,15 @@ class _Ledger:
     def start(self, motion: Motion) -> None:
         """Count from here."""
         self._before = motion.state.energy.copy()
-        self._held = ledger.stored(motion.system, motion.x)
+        self._held = ledger.stored(motion.system, motion.x, motion.key)
 
     def add(self, motion: Motion) -> None:
         """Count what has come and gone since `start`."""
         self._sum += motion.state.energy - self._before
-        self._stored += ledger.stored(motion.system, motion.x) - self._held
+        self._stored += ledger.stored(motion.system, motion.x, motion.key) - self._held
 
     def terms(self) -> dict[str, float]:
         """By name, and `error`: what does not close, relative to the largest term."""
         largest = max(float(np.abs(self._sum).max()), 1e-30)
         error = (float(self._sum @ ledger.SIGNS) - self._stored) / largest
-        return {**dict(zip(ledger.NAMES, self._sum.tolist())), "stored": self._stored, "error": error}
+        return {**ledger.by_name(self._system, self._sum), "stored": self._stored, "error": error}

@@ -1,0 +1,42 @@
+"""A voltage amplifier on the electrodes of a piezo stack: the stack as an actuator, force e U on its ends.
+
+    U = u,  or  U' = (min(max(u, -limit), limit) - U) / lag        u: commanded voltage
+
+The amplifier gives whatever current that takes. Its work on the structure is among the forces of the ledger.
+Source: Kroeger, Neubauer, Popp (2008), section 4 a and figure 21 (active control of the brake, about 50 V).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Self
+
+from pydantic import model_validator
+
+from rig.effects.drive import actuator
+from rig.effects.stack import Stack, scaled
+from rig.quantities import PositiveSecond, PositiveVolt, Section, Volt
+from rig.solve.assembly import Assembly, Output
+
+
+class Amplifier(Section):
+    """Voltage at the start, largest voltage of either sign, lag."""
+
+    voltage: Volt = 0.0
+    limit: PositiveVolt
+    lag: PositiveSecond | None = None
+
+    @model_validator(mode="after")
+    def _within(self) -> Self:
+        if abs(self.voltage) > self.limit:
+            raise ValueError(f"voltage {self.voltage:g} V is beyond the limit of {self.limit:g} V")
+        return self
+
+
+def add(a: Assembly, stack: Stack, amplifier: Amplifier, moved: Mapping[str, str]) -> None:
+    """Add the amplifier and its actuator `amplifier.voltage`."""
+    bounds = (-amplifier.limit, amplifier.limit)
+    voltage = actuator(a, "amplifier.voltage", "V", amplifier.voltage, 0.0, bounds, amplifier.lag, "amplifier", moved)
+    for c, f in stack.path.items():
+        a.push(c, scaled(voltage, f * stack.e))
+    a.outputs["stack_voltage"] = Output(dict(voltage), "V")

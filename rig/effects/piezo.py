@@ -1,0 +1,80 @@
+"""A linear piezo stack in the load path: it turns extension into charge, and voltage into force.
+
+    F = c33 dx - e U        q = e dx + Cps U        e = c33 d33
+
+F deforms the stack by dx, U is the voltage of its electrodes, q the charge on them. c33 is its stiffness with the
+electrodes shorted, Cps its capacitance with the ends held; hysteresis is absent. With the electrodes open it is stiffer
+by kappa = e^2/Cps. What the electrodes are connected to is an effect of its own: a shunt (rig.effects.shunt), an
+amplifier (rig.effects.amplifier), or nothing: open.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.14 to 4.20.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Self
+
+from pydantic import model_validator
+
+from rig.effects import amplifier, shunt
+from rig.effects.amplifier import Amplifier
+from rig.effects.shunt import Shunt
+from rig.effects.stack import Stack
+from rig.quantities import Farad, MetrePerVolt, NewtonPerVolt, Section, SomeNewtonPerMetre
+from rig.solve.assembly import Assembly, Output, Row
+
+
+class Piezo(Section):
+    """Clamped capacitance Cps, and either the coupling e or d33, which makes it with the stiffness.
+
+    `stiffness`: c33, what the stack adds to the path; 0 where a spring of the rig is the stack with shorted electrodes.
+    """
+
+    capacitance: Farad
+    coupling: NewtonPerVolt | None = None
+    d33: MetrePerVolt | None = None
+    stiffness: SomeNewtonPerMetre = 0.0
+
+    @model_validator(mode="after")
+    def _one_coupling(self) -> Self:
+        if (self.coupling is None) == (self.d33 is None):
+            raise ValueError("give either coupling [N/V] or d33 [m/V], which is coupling / stiffness")
+        if self.d33 is not None and self.stiffness == 0.0:
+            raise ValueError("d33 needs the stiffness of the stack above 0 N/m: coupling = d33 * stiffness")
+        return self
+
+    @property
+    def e(self) -> float:
+        """Coupling e [N/V], [As/m]."""
+        return float(self.coupling if self.coupling is not None else (self.d33 or 0.0) * self.stiffness)
+
+
+class WithStack(Section):
+    """The tables of a rig that may have a stack in its load path; at most one of `shunt` and `amplifier`."""
+
+    piezo: Piezo | None = None
+    shunt: Shunt | None = None
+    amplifier: Amplifier | None = None
+
+    @model_validator(mode="after")
+    def _one_use(self) -> Self:
+        if self.piezo is None and (self.shunt is not None or self.amplifier is not None):
+            raise ValueError("a shunt or an amplifier needs a stack: give [piezo]")
+        if self.shunt is not None and self.amplifier is not None:
+            raise ValueError("the stack has one pair of electrodes: give [shunt] or [amplifier], not both")
+        return self
+
+
+def add(a: Assembly, p: WithStack, path: Row, moved: Mapping[str, str]) -> None:
+    """Add the stack of `p`, if it has one, where it is extended by `path`, a row over coordinates."""
+    if p.piezo is None:
+        return
+    for i, f in path.items():
+        for j, g in path.items():
+            a.stiffness[i, j] = a.stiffness.get((i, j), 0.0) + p.piezo.stiffness * f * g
+    stack = Stack(p.piezo.e, p.piezo.capacitance, path)
+    a.outputs["stack_extension"] = Output(dict(path), "m")
+    if p.amplifier is not None:
+        amplifier.add(a, stack, p.amplifier, moved)
+    else:
+        shunt.add(a, stack, p.shunt or shunt.Open(kind="open"), moved)

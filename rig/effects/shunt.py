@@ -1,0 +1,279 @@
+"""An electrical network on the electrodes of a piezo stack, part of the plant.
+
+    series    L i' = -U - R i,  U = U_p + U_C    R, L and C = Cps/delta in one loop; delta < 0: a negative capacitance
+    parallel  U' = -(U/R + i + e dx')/((1 + ratio) Cps),  L i' = U      R, L and C = ratio Cps side by side
+    open, short
+
+States of the series shunt are the voltage round the loop and the current,
+
+    U' = (1 + delta) i/Cps - e dx'/Cps        U_p = (U + delta s)/(1 + delta),  U_C = delta (U - s)/(1 + delta)
+
+with s = V0 - e dx/Cps and V0 = (q - q_C)/Cps; never the charge, which is a small difference of large numbers, in the
+guards of contacts too. V0 moves only where a resistor bleeds the stack (`leak`) or the capacitor (`bleed`, which a
+negative capacitance inverts as well): what differs when the stack is connected again. R = 0, L = 0 or both take their
+states out, and so do values that no motion of the structure would notice, L omega^2 below 1e-8 of (1 + delta)/Cps.
+
+A switch is a command, no new matrix: open, the charges stay and the current is zero; the inductor's energy is lost and
+booked. The op-amp that makes a negative capacitance can give U_C only up to `saturation`, and then no more.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.14 to 4.19; loop voltage, switching
+and bleeding are ours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Literal, Self
+
+import numpy as np
+from annotated_types import Gt
+from numpy.typing import NDArray
+from pydantic import BeforeValidator, Field, model_validator
+
+from rig.effects import shunt_limits
+from rig.effects.stack import Stack, scaled, total
+from rig.errors import SceneError
+from rig.quantities import Henry, Number, Ohm, PositiveHenry, PositiveOhm, PositiveVolt, Section, Unit, si
+from rig.solve.assembly import Assembly, Circuit, Input, Output, Row
+
+VOLTAGE, CURRENT, OFFSET, POSITION = "shunt.voltage", "shunt.current", "shunt.offset", "shunt.position"
+OP_AMP = "op-amp"
+_UNNOTICED = 1e-8
+
+Beyond = Annotated[float, Unit("1"), BeforeValidator(lambda v: si(v, "1")), Gt(-1.0)]
+Bank = Annotated[tuple[PositiveHenry, ...], Field(min_length=2)]
+
+
+class Open(Section):
+    """Nothing on the electrodes but perhaps the resistance of their insulation."""
+
+    kind: Literal["open"]
+    leak: PositiveOhm | None = None
+
+
+class Short(Section):
+    """Electrodes shorted."""
+
+    kind: Literal["short"]
+
+
+class Series(Section):
+    """R, L, C in one loop; `delta` = Cps/C, 0: no capacitor. `switch`: closed at the start.
+
+    `bank`: inductances to choose from while it runs; a command takes the nearest. Without it a new inductance is a new
+    matrix. `leak` across the stack, `bleed` across the capacitor, `saturation` of the op-amp that makes it.
+    """
+
+    kind: Literal["series"]
+    resistance: Ohm = 0.0
+    inductance: Henry = 0.0
+    delta: Number = 0.0
+    switch: bool = True
+    bank: Bank | None = None
+    leak: PositiveOhm | None = None
+    bleed: PositiveOhm | None = None
+    saturation: PositiveVolt | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if self.delta == -1.0:
+            raise ValueError("delta -1 leaves the loop without capacitance; a stable shunt has delta above -1")
+        if self.delta == 0.0 and (self.bleed is not None or self.saturation is not None):
+            raise ValueError("bleed and saturation are of the capacitor; delta 0 means that there is none")
+        if self.saturation is not None and self.resistance == 0.0:
+            raise ValueError("saturation needs a resistance above 0 ohm: nothing else would limit the current")
+        if self.bank is not None and self.inductance not in self.bank:
+            raise ValueError(f"inductance {self.inductance:g} H is not in the bank; give one of its values")
+        return self
+
+
+class Parallel(Section):
+    """R, L and C = `ratio` Cps side by side; a negative ratio is a negative capacitance, at least -1."""
+
+    kind: Literal["parallel"]
+    resistance: PositiveOhm | None = None
+    inductance: PositiveHenry | None = None
+    ratio: Beyond = 0.0
+    switch: bool = True
+
+    @model_validator(mode="after")
+    def _something(self) -> Self:
+        if self.resistance is None and self.inductance is None and self.ratio == 0.0:
+            raise ValueError('a parallel shunt of nothing is kind = "open"')
+        return self
+
+
+Shunt = Annotated[Open | Short | Series | Parallel, Field(discriminator="kind")]
+
+
+def add(a: Assembly, stack: Stack, shunt: Open | Short | Series | Parallel, moved: Mapping[str, str]) -> None:
+    """Add the network, its actuators `shunt.switch`, `shunt.inductance`, `shunt.resistance`, `shunt.delta`."""
+    if isinstance(shunt, Series) and (shunt.switch or shunt.bank or "shunt.switch" in moved):
+        _series(a, stack, shunt, moved)
+    elif isinstance(shunt, Parallel) and (shunt.switch or "shunt.switch" in moved):
+        _parallel(a, stack, shunt, moved)
+    elif isinstance(shunt, Short):
+        stack.couple(a, {})
+        a.outputs["shunt_current"] = Output(scaled(stack.pumped, stack.capacitance), "A")
+    else:
+        _open(a, stack, None if isinstance(shunt, Parallel) else shunt.leak)
+    if isinstance(shunt, Series | Parallel):
+        a.inputs.setdefault("shunt.switch", Input("1", 0.0, 1.0, float(shunt.switch), float(shunt.switch)))
+    if isinstance(shunt, Series):
+        L, R, delta = shunt.inductance, shunt.resistance, shunt.delta
+        a.inputs.setdefault("shunt.inductance", Input("H", 0.0, math.inf, L, L))
+        a.inputs["shunt.resistance"] = Input("ohm", 0.0, math.inf, R, R)
+        a.inputs["shunt.delta"] = Input("1", -0.999, math.inf, delta, delta)
+
+
+def _open(a: Assembly, stack: Stack, leak: float | None) -> None:
+    """The extension charges the open stack, which has no voltage at the start."""
+    if leak is None:
+        stack.couple(a, total(scaled(stack.held, -1.0), {"one": _at_start(a, stack)}))
+        return
+    a.network[VOLTAGE] = total(scaled(stack.pumped, -1.0), {VOLTAGE: -1.0 / (leak * stack.capacitance)})
+    a.owners[VOLTAGE] = "shunt"
+    a.losses.append((1.0 / leak, {VOLTAGE: 1.0}))
+    stack.couple(a, {VOLTAGE: 1.0})
+
+
+def _at_start(a: Assembly, stack: Stack) -> float:
+    """Charge of the stack over Cps [V], at the start and without voltage."""
+    return sum(value * a.start.get(c, 0.0) for c, value in stack.held.items())
+
+
+def _series(a: Assembly, stack: Stack, given: Series, moved: Mapping[str, str]) -> None:
+    shunt = _noticed(a, stack, given)
+    Cps, delta, R, L = stack.capacitance, shunt.delta, shunt.resistance, shunt.inductance
+    thrown = shunt.bank is not None or "shunt.switch" in moved
+    loop: Row = {VOLTAGE: 1.0} if L or R or thrown else {}
+    if delta:
+        drifts = shunt.leak is not None or shunt.bleed is not None
+        offset: Row = {OFFSET: 1.0} if drifts else {"one": _at_start(a, stack)}
+        inside = total(offset, scaled(stack.held, -1.0))
+        voltage = scaled(total(loop, scaled(inside, delta)), 1.0 / (1.0 + delta))
+        capacitor = scaled(total(loop, scaled(inside, -1.0)), delta / (1.0 + delta))
+        a.stores.append((Cps / delta, capacitor))
+        a.outputs["capacitor_voltage"] = Output(capacitor, "V")
+    else:
+        drifts, voltage, capacitor = False, loop, {}
+    stack.couple(a, voltage)
+
+    leaks, bleeds = {}, {}
+    if shunt.leak is not None:
+        leaks = scaled(voltage, 1.0 / (shunt.leak * Cps))
+        a.losses.append((1.0 / shunt.leak, voltage))
+    if shunt.bleed is not None:
+        bleeds = scaled(capacitor, math.copysign(1.0, delta) / (shunt.bleed * Cps))
+        a.losses.append((math.copysign(1.0 / shunt.bleed, delta), capacitor))
+    alone = scaled(total(stack.pumped, leaks, scaled(bleeds, delta)), -1.0)  # U' without a current in the loop
+    clamped = shunt.saturation is not None
+    driving = voltage if clamped else loop
+    rates: dict[str, Row] = {}
+    if L:
+        rates[VOLTAGE] = total(alone, {CURRENT: (1.0 + delta) / Cps})
+        rates[CURRENT] = _coil(driving, R, L)
+        current: Row = {CURRENT: 1.0}
+    else:
+        if loop:
+            rates[VOLTAGE] = total(alone, scaled(driving, -(1.0 + delta) / (R * Cps))) if R else {}
+        current = scaled(total({f"{VOLTAGE}'": 1.0} if loop else {}, scaled(alone, -1.0)), Cps / (1.0 + delta))
+    if R:
+        a.losses.append((R, current))
+    if L and shunt.bank is None:
+        a.stores.append((L, {CURRENT: 1.0}))
+    a.network |= rates
+    a.owners |= dict.fromkeys(rates, "shunt")
+    if drifts:
+        a.network[OFFSET] = total(bleeds, scaled(leaks, -1.0))
+        a.owners[OFFSET] = "shunt leak"
+        a.start[OFFSET] = _at_start(a, stack)
+    if clamped:
+        limit = float(shunt.saturation or 0.0)
+        at, gain = (CURRENT, -1.0 / L) if L else (VOLTAGE, -(1.0 + delta) / (R * Cps))
+        a.limit(OP_AMP, capacitor, -limit, limit, at, gain, excess=-Cps / delta)
+    if loop:
+        a.keep[VOLTAGE] = total(scaled(voltage, Cps), scaled(stack.path, stack.e))
+    a.outputs["shunt_current"] = Output(current, "A")
+    dropped = [key for key in ("inductance", "resistance") if getattr(given, key) != getattr(shunt, key)]
+    a.judges.append(shunt_limits.judge(stack, delta, list(rates), dropped))
+    if not thrown:
+        return
+    silent: dict[str, Row] = {name: {} for name in rates if name != VOLTAGE}
+    opened = Circuit("open", {VOLTAGE: alone, **silent}, tuple(silent), {OP_AMP: 0.0} if clamped else {})
+    coils = shunt.bank or (L,)
+    closed = [
+        Circuit(
+            f"{coil:g} H" if shunt.bank else "connected",
+            {CURRENT: _coil(driving, R, coil)} if L else {VOLTAGE: rates[VOLTAGE]},
+            () if L or R else (VOLTAGE,),
+            {OP_AMP: -1.0 / coil} if clamped and L else {},
+            ((coil, {CURRENT: 1.0}),) if shunt.bank else (),
+        )
+        for coil in coils
+    ]
+    _switch(a, opened, closed, shunt.switch, L, coils)
+    if shunt.bank is not None:
+        bounds = min(shunt.bank), max(shunt.bank)
+        a.inputs["shunt.inductance"] = Input("H", *bounds, L, L, write=a.inputs["shunt.switch"].write)
+
+
+def _coil(driving: Row, R: float, L: float) -> Row:
+    return total(scaled(driving, -1.0 / L), {CURRENT: -R / L})
+
+
+def _switch(
+    a: Assembly, opened: Circuit, closed: list[Circuit], on: bool, coil: float, coils: tuple[float, ...]
+) -> None:
+    """The switch, with one closed position for each coil, and its actuator; `coil` is the one at the start."""
+    wanted = np.array(coils)
+
+    def position(on: float, inductance: float) -> float:
+        return 1.0 + float(np.abs(wanted - inductance).argmin()) if on >= 0.5 else 0.0
+
+    def write(x: NDArray[np.float64], values: Mapping[str, float], t: float) -> None:
+        x[a.names.index(POSITION)] = position(values["shunt.switch"], values.get("shunt.inductance", coil))
+
+    a.signal(POSITION, {}, position(float(on), coil), "shunt switch")
+    a.switch("shunt", POSITION, (opened, *closed))
+    a.inputs["shunt.switch"] = Input("1", 0.0, 1.0, float(on), float(on), write=write)
+
+
+def _noticed(a: Assembly, stack: Stack, shunt: Series) -> Series:
+    """The shunt without what no motion of the structure notices: a coil, and then a resistor, as good as none."""
+    if shunt.bank is not None:
+        return shunt
+    index = {c: i for i, c in enumerate(a.coordinates)}
+    ends = np.array([stack.path.get(c, 0.0) for c in index])
+    M, K = np.zeros((len(index), len(index))), stack.kappa * np.outer(ends, ends)
+    for matrix, entries in ((M, a.mass), (K, a.stiffness)):
+        for (i, j), value in entries.items():
+            matrix[index[i], index[j]] += value
+    fastest = math.sqrt(float(np.abs(np.linalg.eigvals(np.linalg.solve(M, K))).max()))
+    least = _UNNOTICED * abs(1.0 + shunt.delta) / stack.capacitance
+    L = shunt.inductance if shunt.inductance * fastest**2 >= least else 0.0
+    keeps = L or shunt.saturation is not None or shunt.resistance * fastest >= least
+    return shunt.model_copy(update={"inductance": L, "resistance": shunt.resistance if keeps else 0.0})
+
+
+def _parallel(a: Assembly, stack: Stack, shunt: Parallel, moved: Mapping[str, str]) -> None:
+    Cps, R, L = stack.capacitance, shunt.resistance, shunt.inductance
+    if "shunt.switch" in moved and shunt.ratio:
+        raise SceneError("shunt.ratio", ["a parallel capacitor cannot be switched: it would keep a voltage of its own"])
+    taken: Row = total({VOLTAGE: 1.0 / R} if R else {}, {CURRENT: 1.0} if L else {})
+    rate = scaled(total(stack.pumped, scaled(taken, 1.0 / Cps)), -1.0 / (1.0 + shunt.ratio))
+    a.network[VOLTAGE] = rate
+    if L:
+        a.network[CURRENT] = {VOLTAGE: 1.0 / L}
+        a.stores.append((L, {CURRENT: 1.0}))
+    if R:
+        a.losses.append((1.0 / R, {VOLTAGE: 1.0}))
+    stack.couple(a, {VOLTAGE: 1.0})
+    if shunt.ratio:
+        a.stores.append((shunt.ratio * Cps, {VOLTAGE: 1.0}))
+    a.owners |= {name: "shunt" for name in (VOLTAGE, CURRENT) if name in a.network}
+    a.outputs["shunt_current"] = Output(taken, "A")
+    if "shunt.switch" in moved:
+        silent: dict[str, Row] = {CURRENT: {}} if L else {}
+        opened = Circuit("open", {VOLTAGE: scaled(stack.pumped, -1.0), **silent}, tuple(silent))
+        _switch(a, opened, [Circuit("connected", {})], shunt.switch, L or 0.0, (L or 0.0,))

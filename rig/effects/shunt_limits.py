@@ -1,0 +1,91 @@
+"""What a series shunt and the structure say together before a run: its static limit, its time constants.
+
+A negative capacitance softens the stack, c33 + kappa delta/(1 + delta) at rest. The rig gives way where that takes up
+the stiffness k_b that the ends of the shorted stack see, at delta = -k_b/(k_b + kappa): before the loop by itself does,
+at delta = -1.
+Source: Kroeger, Neubauer, Popp (2008), section 4 d; the limit in the structure is ours.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rig.effects.stack import Stack
+from rig.solve.finding import Finding, Judge
+from rig.solve.formulation import assemble
+from rig.solve.linear import sliding_key
+from rig.solve.system import System
+
+TOLERANCE = 0.1
+"""Of a stack's capacitance, with its temperature. # calibrated"""
+
+
+def stiffness_seen(system: System, stack: Stack) -> float:
+    """Static stiffness k_b [N/m] between the ends of the shorted stack in steady sliding; infinite where they are held.
+
+    Friction over speed counts as a force that stays.
+    """
+    nq = len(system.coordinates)
+    ends = np.array([stack.path.get(c, 0.0) for c in system.coordinates])
+    push = np.zeros_like(system.coupling)
+    push[:, system.one] = ends
+    key = sliding_key(system)
+    plain, pushed = (assemble(replace(system, coupling=c), key).A[nq : 2 * nq] for c in (0.0 * push, push))
+    given = ends @ np.linalg.solve(plain[:, :nq], (plain - pushed)[:, system.one])
+    return 1.0 / float(given) if given else math.inf
+
+
+def static_limit(system: System, stack: Stack) -> float:
+    """Below this delta the rig gives way: -k_b/(k_b + kappa)."""
+    return -1.0 / (1.0 + stack.kappa / stiffness_seen(system, stack))
+
+
+def judge(stack: Stack, delta: float, states: Sequence[str], dropped: Sequence[str]) -> Judge:
+    """The judge of a series shunt; `dropped`: values that nothing notices and that were taken for zero."""
+
+    def told(system: System, step: float) -> Iterator[Finding]:
+        if dropped:
+            what = f"shunt: {' and '.join(dropped)} too small to be noticed by any motion of the structure, taken as 0"
+            yield Finding("info", what, 0.0, "nothing to do; it saves a state that would be very fast")
+        if delta < 0.0:
+            yield from _static(system, stack, delta)
+        if states:
+            yield from _fast(system, states, step)
+
+    return told
+
+
+def _static(system: System, stack: Stack, delta: float) -> Iterator[Finding]:
+    k_b, kappa = stiffness_seen(system, stack), stack.kappa
+    limit = static_limit(system, stack)
+    where = f"the limit is -k_b/(k_b + kappa) = {limit:.4f} (k_b {k_b:.4g} N/m, kappa {kappa:.4g} N/m)"
+    if delta <= limit:
+        left = k_b + kappa * delta / (1.0 + delta) if delta > -1.0 else -math.inf
+        what = f"shunt: with delta {delta:g} the stack gives way statically, stiffness left {left:.4g} N/m; {where}"
+        yield Finding(
+            "error", what, delta - limit, f"delta above {limit:.4f}, {limit / (1.0 + TOLERANCE):.2f} to be safe"
+        )
+    elif delta * (1.0 + TOLERANCE) <= limit:
+        more = delta * (1.0 + TOLERANCE)
+        what = f"shunt: a stack {TOLERANCE:.0%} above its capacitance makes delta {delta:g} to {more:.3f}"
+        yield Finding("warning", f"{what}; {where}", delta - limit, f"delta above {limit / (1.0 + TOLERANCE):.2f}")
+
+
+def _fast(system: System, states: Sequence[str], step: float) -> Iterator[Finding]:
+    """The network by itself, its ends held, against the step."""
+    at = [system.names.index(name) for name in states]
+    key = sliding_key(system)
+    patches, normals, limiters, sectors, thrown = system.modes(key)
+    closed = [max(position, 1) for position in thrown]
+    A = assemble(system, system.key(patches, normals, limiters, sectors, closed)).A[np.ix_(at, at)]
+    values = np.linalg.eigvals(A)
+    fastest = max(values, key=abs)
+    if abs(fastest) == 0.0:
+        return
+    hertz = f"resonance {abs(fastest) / (2.0 * math.pi):.4g} Hz, " if fastest.imag else ""
+    what = f"shunt: {hertz}time constant {1.0 / max(abs(fastest.real), 1e-300):.3g} s, step {step:g} s"
+    yield Finding("info", what, abs(fastest) * step, "exact carries it at any step; rk4 and dopri5 follow it")
