@@ -58,7 +58,7 @@ class Short(Section):
 
 
 class Series(Section):
-    """R, L, C in one loop; `delta` = Cps/C, 0: no capacitor. `switch`: closed at the start.
+    """R, L, C in one loop; `delta` = Cps/C, 0: no capacitor. `connected`: at the start.
 
     `bank`: inductances to choose from while it runs; a command takes the nearest. Without it a new inductance is a new
     matrix. `leak` across the stack, `bleed` across the capacitor, `saturation` of the op-amp that makes it.
@@ -68,7 +68,7 @@ class Series(Section):
     resistance: Ohm = 0.0
     inductance: Henry = 0.0
     delta: Number = 0.0
-    switch: bool = True
+    connected: bool = True
     bank: Bank | None = None
     leak: PositiveOhm | None = None
     bleed: PositiveOhm | None = None
@@ -94,7 +94,7 @@ class Parallel(Section):
     resistance: PositiveOhm | None = None
     inductance: PositiveHenry | None = None
     ratio: Beyond = 0.0
-    switch: bool = True
+    connected: bool = True
 
     @model_validator(mode="after")
     def _something(self) -> Self:
@@ -107,10 +107,10 @@ Shunt = Annotated[Open | Short | Series | Parallel, Field(discriminator="kind")]
 
 
 def add(a: Assembly, stack: Stack, shunt: Open | Short | Series | Parallel, moved: Mapping[str, str]) -> None:
-    """Add the network, its actuators `shunt.switch`, `shunt.inductance`, `shunt.resistance`, `shunt.delta`."""
-    if isinstance(shunt, Series) and (shunt.switch or shunt.bank or "shunt.switch" in moved):
+    """Add the network, its actuators `shunt.connected`, `shunt.inductance`, `shunt.resistance`, `shunt.delta`."""
+    if isinstance(shunt, Series) and (shunt.connected or shunt.bank or "shunt.connected" in moved):
         _series(a, stack, shunt, moved)
-    elif isinstance(shunt, Parallel) and (shunt.switch or "shunt.switch" in moved):
+    elif isinstance(shunt, Parallel) and (shunt.connected or "shunt.connected" in moved):
         _parallel(a, stack, shunt, moved)
     elif isinstance(shunt, Short):
         stack.couple(a, {})
@@ -118,7 +118,7 @@ def add(a: Assembly, stack: Stack, shunt: Open | Short | Series | Parallel, move
     else:
         _open(a, stack, None if isinstance(shunt, Parallel) else shunt.leak)
     if isinstance(shunt, Series | Parallel):
-        a.inputs.setdefault("shunt.switch", Input("1", 0.0, 1.0, float(shunt.switch), float(shunt.switch)))
+        a.inputs.setdefault("shunt.connected", Input("1", 0.0, 1.0, float(shunt.connected), float(shunt.connected)))
     if isinstance(shunt, Series):
         L, R, delta = shunt.inductance, shunt.resistance, shunt.delta
         a.inputs.setdefault("shunt.inductance", Input("H", 0.0, math.inf, L, L))
@@ -145,7 +145,7 @@ def _at_start(a: Assembly, stack: Stack) -> float:
 def _series(a: Assembly, stack: Stack, given: Series, moved: Mapping[str, str]) -> None:
     shunt = _noticed(a, stack, given)
     Cps, delta, R, L = stack.capacitance, shunt.delta, shunt.resistance, shunt.inductance
-    thrown = shunt.bank is not None or "shunt.switch" in moved
+    thrown = shunt.bank is not None or "shunt.connected" in moved
     loop: Row = {VOLTAGE: 1.0} if L or R or thrown else {}
     if delta:
         drifts = shunt.leak is not None or shunt.bleed is not None
@@ -212,10 +212,10 @@ def _series(a: Assembly, stack: Stack, given: Series, moved: Mapping[str, str]) 
         )
         for coil in coils
     ]
-    _switch(a, opened, closed, shunt.switch, L, coils)
+    _switch(a, opened, closed, shunt.connected, L, coils)
     if shunt.bank is not None:
         bounds = min(shunt.bank), max(shunt.bank)
-        a.inputs["shunt.inductance"] = Input("H", *bounds, L, L, write=a.inputs["shunt.switch"].write)
+        a.inputs["shunt.inductance"] = Input("H", *bounds, L, L, write=a.inputs["shunt.connected"].write)
 
 
 def _coil(driving: Row, R: float, L: float) -> Row:
@@ -232,11 +232,11 @@ def _switch(
         return 1.0 + float(np.abs(wanted - inductance).argmin()) if on >= 0.5 else 0.0
 
     def write(x: NDArray[np.float64], values: Mapping[str, float], t: float) -> None:
-        x[a.names.index(POSITION)] = position(values["shunt.switch"], values.get("shunt.inductance", coil))
+        x[a.names.index(POSITION)] = position(values["shunt.connected"], values.get("shunt.inductance", coil))
 
     a.signal(POSITION, {}, position(float(on), coil), "shunt switch")
     a.switch("shunt", POSITION, (opened, *closed))
-    a.inputs["shunt.switch"] = Input("1", 0.0, 1.0, float(on), float(on), write=write)
+    a.inputs["shunt.connected"] = Input("1", 0.0, 1.0, float(on), float(on), write=write)
 
 
 def _noticed(a: Assembly, stack: Stack, shunt: Series) -> Series:
@@ -258,7 +258,7 @@ def _noticed(a: Assembly, stack: Stack, shunt: Series) -> Series:
 
 def _parallel(a: Assembly, stack: Stack, shunt: Parallel, moved: Mapping[str, str]) -> None:
     Cps, R, L = stack.capacitance, shunt.resistance, shunt.inductance
-    if "shunt.switch" in moved and shunt.ratio:
+    if "shunt.connected" in moved and shunt.ratio:
         raise SceneError("shunt.ratio", ["a parallel capacitor cannot be switched: it would keep a voltage of its own"])
     taken: Row = total({VOLTAGE: 1.0 / R} if R else {}, {CURRENT: 1.0} if L else {})
     rate = scaled(total(stack.pumped, scaled(taken, 1.0 / Cps)), -1.0 / (1.0 + shunt.ratio))
@@ -273,7 +273,7 @@ def _parallel(a: Assembly, stack: Stack, shunt: Parallel, moved: Mapping[str, st
         a.stores.append((shunt.ratio * Cps, {VOLTAGE: 1.0}))
     a.owners |= {name: "shunt" for name in (VOLTAGE, CURRENT) if name in a.network}
     a.outputs["shunt_current"] = Output(taken, "A")
-    if "shunt.switch" in moved:
+    if "shunt.connected" in moved:
         silent: dict[str, Row] = {CURRENT: {}} if L else {}
         opened = Circuit("open", {VOLTAGE: scaled(stack.pumped, -1.0), **silent}, tuple(silent))
-        _switch(a, opened, [Circuit("connected", {})], shunt.switch, L or 0.0, (L or 0.0,))
+        _switch(a, opened, [Circuit("connected", {})], shunt.connected, L or 0.0, (L or 0.0,))

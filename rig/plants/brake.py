@@ -24,9 +24,10 @@ from typing import Literal, Self
 from pydantic import ValidationError, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from rig.effects import drive
+from rig.effects import drive, piezo
 from rig.effects.drive import DiscDrive
 from rig.effects.friction import Friction
+from rig.effects.piezo import Piezo, WithStack
 from rig.plants.belt import RAMPED
 from rig.plants.multibody import Body, Spring, adrift, apart, motion, unknown
 from rig.quantities import (
@@ -92,9 +93,18 @@ class Start(Section):
     velocity: MetrePerSecond = 0.0
 
 
-class Parameters(Section):
+class Mounted(Piezo):
+    """The stack between two points, "body.point" each: `first` less `second` along the direction is its extension."""
+
+    first: str
+    second: str
+    direction: Literal["x", "z"] = "z"
+
+
+class Parameters(WithStack):
     """The tables of a brake scene."""
 
+    piezo: Mounted | None = None
     bodies: dict[str, Body]
     springs: dict[str, Spring]
     contacts: dict[str, Contact]
@@ -109,6 +119,8 @@ class Parameters(Section):
     @model_validator(mode="after")
     def _joined(self) -> Self:
         ends = {f"contacts.{name}": (c.pad, c.disc) for name, c in self.contacts.items()}
+        if self.piezo is not None:
+            ends["piezo"] = (self.piezo.first, self.piezo.second)
         wrong = list(adrift(self.bodies, self.springs, ends))
         if problem := unknown(self.bodies, self.probe.point):
             wrong.append(("probe.point", problem))
@@ -162,6 +174,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         for coordinate, value in along.items() if p.load.at == "sliding" else ():
             a.push(coordinate, {"one": -value * pull * force})
 
+    if p.piezo is not None:
+        piezo.add(a, p, apart(p.bodies, p.piezo.first, p.piezo.second, p.piezo.direction), moved)
     seen = motion(p.bodies, p.probe.point, p.probe.direction)
     a.start |= {f"{p.probe.point.partition('.')[0]}.{p.probe.direction}'": p.start.velocity}
     a.outputs |= {

@@ -200,7 +200,7 @@ def test_switching_keeps_the_charges_and_books_the_interrupted_current(delta):
         before = on.motion.energy()
         x, voltage, current = read(on, "stack_extension", "stack_voltage", "shunt_current")
         assert current != 0.0
-        on.apply("shunt.switch", 0.0)
+        on.apply("shunt.connected", 0.0)
         on.motion.advance(0)
         assert read(on, "stack_extension", "stack_voltage", "shunt_current") == [x, voltage, 0.0]
         lost = on.motion.energy()["switch"] - before["switch"]
@@ -210,7 +210,7 @@ def test_switching_keeps_the_charges_and_books_the_interrupted_current(delta):
         x, voltage, current = read(on, "stack_extension", "stack_voltage", "shunt_current")
         assert current == 0.0
         assert CPS * voltage + 1e-3 * x == pytest.approx(held, rel=1e-12)
-        on.apply("shunt.switch", 1.0)
+        on.apply("shunt.connected", 1.0)
         on.motion.advance(0)
         assert read(on, "stack_extension", "stack_voltage", "shunt_current") == [x, voltage, 0.0]
         run_for(on, 91)
@@ -224,14 +224,14 @@ def test_a_bled_stack_is_connected_again_with_another_offset():
     on = stand(**values)
     run_for(on, 500)
     assert on.motion.system.names[4] == "shunt.offset"
-    on.apply("shunt.switch", 0.0)
+    on.apply("shunt.connected", 0.0)
     on.motion.advance(0)
     capacitor, offset = on.output("capacitor_voltage"), on.motion.x[4]
     run_for(on, 30)
     assert on.output("capacitor_voltage") == pytest.approx(capacitor * math.exp(-0.5 * 0.03 / (5e5 * CPS)), rel=1e-9)
     assert abs(on.motion.x[4] - offset) > 0.1 * abs(capacitor)
     before = read(on, "stack_voltage", "capacitor_voltage")
-    on.apply("shunt.switch", 1.0)
+    on.apply("shunt.connected", 1.0)
     on.motion.advance(0)
     assert read(on, "stack_voltage", "capacitor_voltage") == before
     run_for(on, 300)
@@ -242,11 +242,11 @@ def test_a_shorted_stack_loses_its_charge_at_once_and_that_is_booked():
     on = stand(**shunt(**LONE))
     run_for(on, 100)
     assert on.output("stack_voltage") == 0.0
-    on.apply("shunt.switch", 0.0)
+    on.apply("shunt.connected", 0.0)
     run_for(on, 100)
     voltage = on.output("stack_voltage")
     assert voltage != 0.0
-    on.apply("shunt.switch", 1.0)
+    on.apply("shunt.connected", 1.0)
     run_for(on, 100)
     assert on.motion.energy()["switch"] == pytest.approx(0.5 * CPS * voltage**2, rel=1e-9)
     assert abs(on.motion.energy()["error"]) < 1e-9
@@ -257,7 +257,7 @@ def test_a_switch_that_only_opens_makes_no_new_matrices():
     run_for(on, 400)
     slots = on.motion.slots
     for position in (0.0, 1.0, 0.0, 1.0):
-        on.apply("shunt.switch", position)
+        on.apply("shunt.connected", position)
         run_for(on, 400)
     assert on.motion.slots is slots
     assert len(slots.sets) <= 6  # stick, slip+ and slip-, open and connected
@@ -275,12 +275,12 @@ def test_a_bank_of_coils_is_switched_like_everything_else():
     assert on.motion.energy()["switch"] - before == pytest.approx(0.5 * (20.0 - 30.0) * current**2, rel=1e-9)
     assert "shunt 30 H" in on.mode
     run_for(on, 100)
-    on.apply("shunt.switch", 0.0)
+    on.apply("shunt.connected", 0.0)
     run_for(on, 100)
     on.apply("shunt.inductance", 15.0)
     run_for(on, 10)
     assert "shunt open" in on.mode
-    on.apply("shunt.switch", 1.0)
+    on.apply("shunt.connected", 1.0)
     run_for(on, 100)
     assert "shunt 15 H" in on.mode
     assert on.motion.slots is slots
