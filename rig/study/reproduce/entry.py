@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ROOMS = (
-    "kroeger", "kroeger_tread", "kroeger_brake", "kroeger_loops", "liu_two_dof", "liu_disc", "liu_lever",
-    "liu_lever_speed",
+    "kroeger", "kroeger_tread", "kroeger_brake", "kroeger_braking", "kroeger_loops",
+    "liu_two_dof", "liu_disc", "liu_lever", "liu_lever_speed",
 )  # fmt: skip
 PAPERS = {
     "kroeger": "Kroeger, Neubauer, Popp: Experimental investigation on the avoidance of self-excited vibrations. "
