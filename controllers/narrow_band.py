@@ -34,7 +34,7 @@ class NarrowBand(ControllerSection):
     phase: OptionalAngle = None
     limit: Voltage = 50.0
     enable_at: Second = 0.0
-    drive: str = "piezo.voltage"
+    drive: str = "amplifier.voltage"
 
 
 class NarrowBandFeedback:
