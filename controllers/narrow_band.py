@@ -1,65 +1,77 @@
-"""Damp one mode of the brake through the voltage of its stack: the pad's velocity in a narrow band, at the right phase.
+"""Damp the squeal of a brake through the voltage of its stack: an observer of the modes in a band, fed back.
 
-    U = -gain Re(z exp(i phase))        z: the band of the measured velocity (`resonator`)        |U| <= limit
+    e = y - 2 Re sum z_i        z_i <- z_i + l_i e        u = -Re sum conj(k_i) z_i        z_i <- p_i z_i + g_i u
 
-A force along the brake's axis that follows the velocity of the pad along its surface damps the squeal mode only at one
-phase: near flutter the coupling is complex, so plain feedback of either sign mostly shifts the frequency, and without
-the band it destabilises another mode. The design step finds phase and gain from the eigenvectors, the delay of the
-loop and the instrument included; what is stated in the scene overrules it.
-Source: Kroeger, Neubauer, Popp (2008), figure 21; phase and band are ours.
+A force along the brake's axis that follows the velocity of the pad along its surface damps the squeal mode at one phase
+only: near flutter the coupling of force and velocity is complex, so plain feedback of either sign shifts the frequency,
+and it destabilises the modes beside. Here each mode of the band has a turning number z_i of its own, which is told what
+the stack does to it (|u| <= limit, as it is given), and the design step finds the phases k_i, l_i from the matrices.
+Source: Kroeger, Neubauer, Popp (2008), figure 21; observer and feedback are ours (linear quadratic, discrete time).
 """
 
 from __future__ import annotations
 
-import cmath
 from typing import ClassVar, Literal
 
-from controllers.base import ControllerSection, DecayRate, Numbers, OptionalAngle, OptionalGain, Values, Voltage
-from controllers.resonator import Resonator
+from controllers.base import ControllerSection, Gain, Numbers, Speed, Values, Voltage
 from rig.errors import UsageError
 from rig.quantities import Hertz, Second
 
+Modes = tuple[complex, ...]
+KEYS = ("poles", "driven", "corrected", "fed_back")
+
 
 class NarrowBand(ControllerSection):
-    """Parameters; `decay` is the rate at which the design lets the mode near `frequency` die away."""
+    """Parameters; the band lies `bandwidth` wide about `frequency`.
 
-    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"sensor", "drive", "decay"}
+    `effort`: voltage that is spent on a velocity, of the quadratic cost v^2 + (u / effort)^2. `disturbance`: a random
+    voltage at the stack that shakes the brake as much as what really does; `noise`: of one sample, believed the less.
+    """
+
+    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {
+        "sensor", "drive", "frequency", "bandwidth", "effort", "disturbance", "noise",
+    }  # fmt: skip
 
     kind: Literal["narrow_band"]
     sensor: str
     frequency: Hertz
-    bandwidth: Hertz = 400.0
-    decay: DecayRate = 150.0
-    gain: OptionalGain = None
-    phase: OptionalAngle = None
+    bandwidth: Hertz = 2000.0
+    effort: Gain = 6e4
+    disturbance: Voltage = 1.0
+    noise: Speed = 3e-4
     limit: Voltage = 50.0
     enable_at: Second = 0.0
     drive: str = "amplifier.voltage"
 
 
 class NarrowBandFeedback:
-    """One sample in, one voltage out; the state is the band."""
+    """One sample in, one voltage out; the state is one number for each mode."""
 
     def __init__(self, section: NarrowBand, numbers: Numbers) -> None:
+        missing = [key for key in KEYS if key not in numbers]
+        if missing:
+            raise UsageError(f"needs numbers of the design step; missing: {', '.join(missing)}")
         self.section = section
         self.numbers = numbers
-        gain = section.gain if section.gain is not None else numbers.get("gain")
-        phase = section.phase if section.phase is not None else numbers.get("phase")
-        if gain is None or phase is None:
-            raise UsageError("gain, phase: are not stated, and the design step gives no numbers for them")
         self.reads = (section.sensor,)
         self.drives = (section.drive,)
         self.period_ns = section.period
-        self.band = Resonator(section.frequency, section.bandwidth, section.period * 1e-9)
-        self.factor = -gain * cmath.exp(1j * phase)
+        self.poles, self.driven, self.corrected, self.fed_back = (
+            tuple(complex(*pair) for pair in numbers[key]) for key in KEYS
+        )
         self.enable_ns = round(section.enable_at * 1e9)
 
-    def start(self) -> complex:
-        """Before the first sample."""
-        return 0j
+    def start(self) -> Modes:
+        """A brake at rest."""
+        return (0j,) * len(self.poles)
 
-    def update(self, state: complex, t_ns: int, values: Values) -> tuple[complex, Values]:
-        """The band after one more sample, and the voltage [V]."""
-        z = self.band.update(state, values[0])
-        u, limit = (self.factor * z).real if t_ns >= self.enable_ns else 0.0, self.section.limit
-        return z, (-limit if u < -limit else limit if u > limit else u,)
+    def update(self, state: Modes, t_ns: int, values: Values) -> tuple[Modes, Values]:
+        """The modes at the next sample, and the voltage [V] until then."""
+        e = values[0] - 2.0 * sum(state).real
+        modes = [z + gain * e for z, gain in zip(state, self.corrected)]
+        u = 0.0
+        if t_ns >= self.enable_ns:
+            u = -sum(k.real * z.real + k.imag * z.imag for k, z in zip(self.fed_back, modes))
+            limit = self.section.limit
+            u = -limit if u < -limit else limit if u > limit else u
+        return tuple([p * z + g * u for p, z, g in zip(self.poles, modes, self.driven)]), (u,)

@@ -7,6 +7,7 @@ strain_gauge        force         N     strain    second-order amplifier; zero d
 accelerometer       acceleration  m/s^2 m/s^2     resonance and high-pass; warming
 normal_force        force         N     N         second-order; charge drift
 disc_speed          speed         rad/s rad/s     first-order pickup (m/s on a belt's roller)
+voltmeter           voltage       V     V         second-order
 
 Signal model:  y = Q{ sat[ (1+g) H(s) x e^{-s tau} + offset + drift + noise ] }, then drop-outs.
 Noise is white from 0 to half the sample rate, with exactly the stated density there (the card's anti-aliasing is taken
@@ -28,6 +29,7 @@ from sensors.instrument import Instrument
 from sensors.laser_vibrometer import LaserVibrometer
 from sensors.normal_force import NormalForce
 from sensors.strain_gauge import StrainGauge
+from sensors.voltmeter import Voltmeter
 
 KINDS: dict[str, type[Instrument]] = {
     "laser_vibrometer": LaserVibrometer,
@@ -36,4 +38,5 @@ KINDS: dict[str, type[Instrument]] = {
     "accelerometer": Accelerometer,
     "normal_force": NormalForce,
     "disc_speed": DiscSpeed,
+    "voltmeter": Voltmeter,
 }

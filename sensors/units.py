@@ -57,3 +57,7 @@ StrainSpan = quantity("1", Gt(0.0))
 StrainStep = quantity("1", Ge(0.0))
 StrainDensity = quantity("1/Hz^0.5", Ge(0.0))
 StrainPerKelvin = quantity("1/K")
+
+Voltage = quantity("V", Ge(0.0))
+VoltageSpan = quantity("V", Gt(0.0))
+VoltageDensity = quantity("V/Hz^0.5", Ge(0.0))

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from controllers.observer import propagated
 from rig.errors import SceneError
 from rig.solve.assembly import Assembly
+from rig.study import squeal_design
 
 Array = NDArray[np.float64]
 
@@ -39,7 +40,7 @@ def numbers(scene: Any, assembly: Assembly | None = None) -> dict[str, dict[str,
     """Numbers for each controller of `scene`, as plain JSON values. Raises SceneError with all that cannot be done."""
     if not scene.controllers:
         return {}
-    designer = Designer(assembly if assembly is not None else scene.assemble(), scene.sensors)
+    designer = Designer(assembly if assembly is not None else scene.assemble(), scene.sensors, scene.parameters)
     found: dict[str, dict[str, Any]] = {}
     faults: list[str] = []
     for name, section in scene.controllers.items():
@@ -55,8 +56,8 @@ def numbers(scene: Any, assembly: Assembly | None = None) -> dict[str, dict[str,
 class Designer:
     """The matrices of a rig as a controller's designer sees them: structure, contact, actuators, instruments."""
 
-    def __init__(self, assembly: Assembly, sensors: Mapping[str, Any]) -> None:
-        self.assembly, self.sensors = assembly, sensors
+    def __init__(self, assembly: Assembly, sensors: Mapping[str, Any], parameters: Any) -> None:
+        self.assembly, self.sensors, self.parameters = assembly, sensors, parameters
         self.system = assembly.system()
         self.nq = len(self.system.coordinates)
         self.contact = self.system.patches[0]
@@ -295,4 +296,8 @@ DESIGNS = {
     "belt_velocity": _belt_velocity,
     "dither": _dither,
     "dither_sampled": _dither_sampled,
+    "narrow_band": squeal_design.narrow_band,
+    "shunt_schedule": lambda designer, section: {},
+    "shunt_tuner": squeal_design.tuner,
+    "squeal_switch": squeal_design.heard,
 }

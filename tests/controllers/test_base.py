@@ -10,12 +10,13 @@ SECTIONS = {
     "belt_velocity": {"sensor": "v", "gain": 2.0, "nominal": "60 mm/s"},
     "dither": {"sensor": "v", "speed": 0.06, "frequency": "150 Hz"},
     "dither_sampled": {"amplitude": 0.1, "nominal": 0.06},
-    "narrow_band": {"sensor": "v", "frequency": "2.14 kHz", "gain": 1e3, "phase": "127 deg"},
+    "narrow_band": {"sensor": "v", "frequency": "2.14 kHz", "effort": "6e4 V*s/m"},
     "shunt_schedule": {"begin": "1 s"},
     "shunt_tuner": {"sensor": "v", "frequency": "3.4 kHz"},
     "squeal_switch": {"sensor": "v", "frequency": "3.4 kHz", "threshold": "5 mm/s"},
 }
-NUMBERS = {"sample_period": 20e-6, "capacitance": 30e-9, "delta": -0.5}  # of a design step
+PAIRS = {key: [[0.5, 0.1]] for key in ("poles", "driven", "corrected", "fed_back")}
+NUMBERS = {"sample_period": 20e-6, "capacitance": 30e-9, "delta": -0.5} | PAIRS  # of a design step
 
 
 @pytest.fixture(params=sorted(controllers.KINDS))

@@ -37,6 +37,7 @@ BENCH = {
     ),
     "normal_force": ({}, lambda f: second_order(f, 2000.0, np.sqrt(0.5)), (17.0, 1030.0, 4180.0), 0.1),
     "disc_speed": ({}, lambda f: 1.0 / (1.0 + 1j * f / 50.0), (5.3, 47.0, 133.0), 0.2),
+    "voltmeter": ({}, lambda f: second_order(f, 100e3, np.sqrt(0.5)), (49.0, 3407.0, 20e3 + 70.0), 0.1),
 }
 CASES = [(kind, f) for kind, (_, _, frequencies, _) in BENCH.items() for f in frequencies]
 RATE = 1000.0
@@ -99,6 +100,7 @@ DENSITY = {
     "accelerometer": 7e-5,
     "normal_force": 2e-4,
     "disc_speed": 1e-4,
+    "voltmeter": 1e-6,
 }
 
 

@@ -20,6 +20,7 @@ SIGNALS = {
     "acceleration": lambda t: 5.0 * np.cos(150.0 * t) + 2.0,
     "normal_force": lambda t: 20.0 + np.sin(70.0 * t),
     "disc_speed": lambda t: 0.3 + 0.1 * np.sin(30.0 * t),
+    "stack_voltage": lambda t: 7.0 * np.sin(110.0 * t) + 1.0,
 }
 
 
@@ -222,8 +223,7 @@ def test_every_fault_of_a_bank_is_named():
 
 
 def test_needs_names_each_output_once():
-    expected = "velocity", "displacement", "friction_force", "acceleration", "normal_force", "disc_speed"
-    assert Bank.needs(instruments()) == expected
+    assert Bank.needs(instruments()) == tuple(SIGNALS)
     assert Bank.needs({}) == ()
 
 

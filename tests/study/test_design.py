@@ -64,7 +64,7 @@ def rig(radius=None, lag=None):
 
 
 def scene(**sections):
-    return SimpleNamespace(name="PEND", controllers=sections, sensors=SENSORS)
+    return SimpleNamespace(name="PEND", controllers=sections, sensors=SENSORS, parameters=None)
 
 
 def normal_force(**given):
@@ -194,7 +194,7 @@ def test_a_dither_is_told_in_the_unit_of_its_generator(on, radius):
 def test_the_belt_speed_may_be_measured_at_the_disc(radius, reads):
     section = Dither(kind="dither", sensor="vibrometer", speed_sensor="disc")
     sensors = SENSORS | {"disc": DiscSpeed(reads=reads)}
-    given = SimpleNamespace(name="PEND", controllers={"a": section}, sensors=sensors)
+    given = SimpleNamespace(name="PEND", controllers={"a": section}, sensors=sensors, parameters=None)
     found = design.numbers(given, dithered("belt", radius))["a"]
     assert found["speed_scale"] == pytest.approx(1.0 if reads == "surface_speed" else RADIUS)
 

@@ -1,0 +1,50 @@
+"""Voltmeter: the voltage of a piezo stack through a divider and an amplifier."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Literal
+
+from rig.quantities import Hertz, Volt
+from sensors import filters
+from sensors.front_end import FrontEnd, deviation
+from sensors.instrument import Instrument
+from sensors.units import Voltage, VoltageDensity, VoltageSpan
+
+
+class Voltmeter(Instrument):
+    """Voltage of the electrodes [V]; its divider of 100 Mohm is none beside the leak of a stack.
+
+    bandwidth   100 kHz, second order, Butterworth [calibrated]
+    span        +-100 V: a divider 10 to 1 in front of +-10 V [calibrated]
+    noise       1e-6 V/sqrt(Hz) before the divider [calibrated]
+    resolution  3.1 mV: 16 bit over the span [calibrated]
+    """
+
+    delivers: ClassVar[str] = "V"
+    accepts: ClassVar[str] = "V"
+
+    kind: Literal["voltmeter"] = "voltmeter"
+    reads: str = "stack_voltage"
+    bandwidth: Hertz = 100e3
+    span: VoltageSpan = 100.0
+    resolution: Voltage = 3.1e-3
+    noise: VoltageDensity = 1e-6
+    offset: Volt = 0.0
+
+    def flawed(self) -> FrontEnd:
+        """Second-order low-pass."""
+        poles, residues = filters.second_order(self.bandwidth, math.sqrt(0.5))
+        return FrontEnd(
+            self.period_ns,
+            self.delay,
+            poles,
+            residues,
+            direct=0.0,
+            gain=self.gain,
+            offset=self.offset,
+            noise=deviation(self.noise, self.rate),
+            low=-self.span,
+            high=self.span,
+            resolution=self.resolution,
+        )
