@@ -114,17 +114,17 @@ def regions(scene: Scene, x: Axis, y: Axis, progress: Callable[[int, int], objec
     for j, along_y in enumerate(y.values):
 
         @cache
-        def at(value: float, fixed: float = along_y) -> Steady:
-            return sliding(scene, {x.key: value, y.key: fixed})
+        def at(value: float, fixed: Scene = y.at(scene, along_y)) -> tuple[complex, bool]:
+            found = sliding(fixed, {x.key: value})
+            return complex(found.eigenvalues()[0]), found.exists
 
-        def grows(value: float, at: Callable[[float], Steady] = at) -> float:
-            rate = at(value).eigenvalues()[0]
-            return float(rate.real - NEUTRAL * abs(rate))
+        def grows(value: float, at: Callable[[float], tuple[complex, bool]] = at) -> float:
+            rate, _ = at(value)
+            return rate.real - NEUTRAL * abs(rate)
 
         for i, value in enumerate(x.values):
-            rate = at(value).eigenvalues()[0]
+            rate, exists[j, i] = at(value)
             growth[j, i], frequency[j, i] = rate.real, abs(rate.imag) / (2.0 * math.pi)
-            exists[j, i] = at(value).exists
         row = []
         unstable = [grows(value) > 0.0 for value in x.values]
         for i in np.flatnonzero(np.diff(unstable)).tolist():
