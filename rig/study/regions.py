@@ -112,9 +112,10 @@ def regions(scene: Scene, x: Axis, y: Axis, progress: Callable[[int, int], objec
     growth, frequency, exists = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=bool)
     edges = []
     for j, along_y in enumerate(y.values):
+        row_scene = y.at(scene, along_y)
 
         @cache
-        def at(value: float, fixed: Scene = y.at(scene, along_y)) -> tuple[complex, bool]:
+        def at(value: float, fixed: Scene = row_scene) -> tuple[complex, bool]:
             found = sliding(fixed, {x.key: value})
             return complex(found.eigenvalues()[0]), found.exists
 

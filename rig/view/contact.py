@@ -11,6 +11,7 @@ import json
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.solve.assembly import Assembly
 from rig.solve.system import OPEN, SLIP_MINUS, SLIP_PLUS, STICK, System
 
 NAMES = ("stick", "slip+", "slip-", "open")
@@ -19,16 +20,22 @@ _OF_PATCH = {STICK: 0, SLIP_PLUS: 1, SLIP_MINUS: 2}
 _LIFTED = 3
 
 
-def system_of(scene: str) -> System | None:
-    """The rig of a scene (JSON text) as matrices; None if the text describes none, as in a recording by others."""
+def assembly_of(scene: str) -> Assembly | None:
+    """The rig of a scene (JSON text); None if the text describes none, as in a recording by others."""
     from rig.scenes.scene import Scene
 
     try:
-        system = Scene.from_json(scene).assemble().system()
+        assembly = Scene.from_json(scene).assemble()
     except (KeyError, TypeError, ValueError, json.JSONDecodeError):
         return None
-    assert isinstance(system, System)
-    return system
+    assert isinstance(assembly, Assembly)
+    return assembly
+
+
+def system_of(scene: str) -> System | None:
+    """The same as matrices."""
+    assembly = assembly_of(scene)
+    return assembly.system() if assembly else None
 
 
 class Modes:

@@ -49,11 +49,13 @@ class Drawing:
     """The entities of a rig with these outputs and sensors (name -> unit)."""
 
     def __init__(self, scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> None:
-        system = contact.system_of(scene)
+        assembly = contact.assembly_of(scene)
+        system = assembly.system() if assembly else None
+        rows = {name: output.row for name, output in assembly.outputs.items()} if assembly else {}
         self.scene = scene
         self.outputs, self.sensors = dict(outputs), dict(sensors)
         self.channels = channels(scene, outputs, sensors)
-        self.picture = picture_of(system, outputs)
+        self.picture = picture_of(system, outputs, rows.get("displacement"))
         self._modes = contact.Modes(system)
         self._mode = -1
         self._frame_ns = -FRAME_NS

@@ -63,20 +63,28 @@ def scale_of(system: System | None) -> Scale:
     count = len(system.coordinates)
     stiffness = system.stiffness - sum(np.outer(k.direction, k.row[:count]) for k in system.normals)
     reach = float(np.abs(np.linalg.lstsq(stiffness, patch.direction * force, rcond=None)[0]).max())
-    return Scale(_round_down(_REACH / (1.5 * reach)) if reach else 1.0, force or 1.0)
+    return Scale(round_down(_REACH / (1.5 * reach)) if reach else 1.0, force or 1.0)
 
 
-def _round_down(value: float) -> float:
+def round_down(value: float) -> float:
     """To 1, 2 or 5 times a power of ten."""
     base = 10.0 ** math.floor(math.log10(value))
     return base * max(step for step in (1.0, 2.0, 5.0) if step * base <= value * (1.0 + 1e-9))
 
 
-def picture_of(system: System | None, outputs: Mapping[str, str]) -> Picture | None:
-    """The picture of a rig with these outputs; None if nobody has drawn one yet."""
+def picture_of(
+    system: System | None, outputs: Mapping[str, str], probe: Mapping[str, float] | None = None
+) -> Picture | None:
+    """The picture of a rig with these outputs; None if nobody has drawn one yet.
+
+    `probe`: the row over coordinates that is the output displacement, for a rig of many bodies.
+    """
     if not {"displacement", "surface_speed", "friction_force", "normal_force"} <= set(outputs):
         return None
-    from rig.view import lever, lumped  # pictures that build on those here
+    from rig.view import brake, lever, lumped  # pictures that build on those here
+
+    if system is not None and {f"{body}.x" for body in brake.BODIES} <= set(system.names):
+        return brake.Brake(system, probe or {"inner_pad.x": 1.0})
 
     drawn: dict[str, type[Picture]] = {
         "lever_angle": lever.Lever,

@@ -94,7 +94,41 @@ def test_the_lever_is_drawn_as_it_moves():
     assert turned == pytest.approx((phi[1:] - phi[:-1])[both], rel=1e-3, abs=1e-4)
 
 
-@pytest.mark.parametrize(("name", "drawn"), [("lever", "Lever"), ("disc_slider", "Slider"), ("pendulum", "Pendulum")])
+def test_the_brake_is_drawn_under_a_stroboscope():
+    """A squeal of 5 um, told as it would be recorded: where the bodies are, at which instants, what is open."""
+    scene = rig.load("brake_3400")
+    picture = picture_of(scene.assemble().system(), outputs(scene))
+    omega, zoom = picture.motion.omega, picture.scale.motion
+    assert omega / (2.0 * math.pi) == pytest.approx(rig.modes(scene).sliding.modes[0].frequency, rel=1e-9)
+    t_ns = np.arange(0, 1_000_000_000, 20_000)
+    phase = omega * t_ns * 1e-9
+    zero = np.zeros(t_ns.size)
+    signals = dict.fromkeys(outputs(scene), zero)
+    signals |= {"displacement": 5e-6 * np.cos(phase), "velocity": -5e-6 * omega * np.sin(phase)}
+    signals |= {"surface_speed": zero + 0.289, "normal_force_inner_left": zero + 900.0}
+    shown = np.arange(999, t_ns.size, 1000)
+    columns = picture.frames(t_ns, signals, np.full(t_ns.size, 1), shown)
+    pad, other = (moving(columns, f"rig/{body}", "translation") for body in ("inner_pad", "outer_pad"))
+    seen = 2.0 * math.pi * next(c for c in columns if c.path == "rig/inner_pad").t_ns * 1e-9
+    step = omega * 20e-6  # how closely an instant can be chosen
+    assert pad[:, 0] == pytest.approx(10.0 * zoom * 5e-6 * np.cos(seen), abs=10.0 * zoom * 5e-6 * step)
+    assert np.ptp(pad[:, 0]) > 1.9 * 10.0 * zoom * 5e-6
+    assert np.corrcoef(pad[:, 0], other[:, 0])[0, 1] < -0.99  # the pads run against each other
+    turned = 2.0 * moving(columns, "rig/free_carrier", "quaternion")[:, 1]
+    assert 0.01 < np.abs(turned).max() < 0.5
+    colours = [moving(columns, f"rig/inner_pad/inner_{side}", "colors") for side in ("left", "right")]
+    assert [tuple(np.unique(one)) for one in colours] == [(_packed("#e08b3c"),), (_packed("#9a9a9a"),)]
+
+
+def _packed(colour):
+    """Four bytes of rerun: red, green, blue, opaque."""
+    return int(colour[1:] + "ff", 16)
+
+
+@pytest.mark.parametrize(
+    ("name", "drawn"),
+    [("lever", "Lever"), ("disc_slider", "Slider"), ("pendulum", "Pendulum"), ("brake_3400", "Brake")],
+)
 def test_each_rig_has_its_own_picture(name, drawn):
     scene = rig.load(name)
     assert type(picture_of(scene.assemble().system(), outputs(scene))).__name__ == drawn

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ROOMS = (
-    "kroeger", "kroeger_tread", "kroeger_brake", "kroeger_braking", "kroeger_loops",
+    "kroeger", "kroeger_tread", "kroeger_brake", "kroeger_braking", "kroeger_loops", "kroeger_shunt",
     "liu_two_dof", "liu_disc", "liu_lever", "liu_lever_speed",
 )  # fmt: skip
 PAPERS = {

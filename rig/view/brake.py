@@ -1,0 +1,225 @@
+"""The disc brake as a moving picture: disc, pads, calliper and carriers, each moved and turned as the squeal does it.
+
+Seen from the front, one length is a decimetre; x is the way of the disc's surface, z its axis. Motions are magnified by
+a stated factor. The plant tells the motion of one place, the probe; the other bodies are drawn as the eigenvector of
+the motion that grows has them then: with x - i v / omega of the probe the instant is known. Squeal is faster than any
+picture, so a stroboscope picks the instants: of the states since the last frame the one nearest to a phase that runs on
+with 1 Hz. The linings under the contacts have the colour of the contact mode, grey where that contact is open.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from rig.solve.linear import sliding_key, steady
+from rig.solve.system import System
+from rig.view import contact
+from rig.view.parts import (
+    DISC,
+    FRICTION,
+    MARK,
+    NORMAL,
+    SPRING,
+    STEEL,
+    Columns,
+    Integers,
+    Reals,
+    about,
+    along,
+    word,
+    zigzag,
+)
+from rig.view.picture import Picture, Scale, round_down
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+BODIES = ("disc", "inner_pad", "outer_pad", "calliper", "free_carrier", "supporting_carrier")
+_PLACES = {"disc": (0.0, 0.0), "inner_pad": (0.0, -0.225), "outer_pad": (0.0, 0.225), "calliper": (0.0, 0.0),
+           "free_carrier": (-0.85, 0.0), "supporting_carrier": (0.85, 0.0)}  # fmt: skip
+"""x, z of the centres."""
+_BOXES = {
+    "disc": [((1.35, 0.42, 0.11), (0.0, 0.05, 0.0))],
+    "inner_pad": [((0.55, 0.3, 0.075), (0.0, 0.0, -0.025))],
+    "outer_pad": [((0.55, 0.3, 0.075), (0.0, 0.0, 0.025))],
+    "calliper": [((0.42, 0.26, 0.07), (0.0, 0.0, -0.52)), ((0.42, 0.26, 0.07), (0.0, 0.0, 0.52)),
+                 ((0.42, 0.05, 0.59), (0.0, 0.56, 0.0))],
+    "free_carrier": [((0.08, 0.25, 0.06), (0.0, 0.0, -0.225)), ((0.08, 0.25, 0.06), (0.0, 0.0, 0.225)),
+                     ((0.05, 0.04, 0.28), (0.0, 0.56, 0.0))],
+    "supporting_carrier": [((0.08, 0.25, 0.06), (0.0, 0.0, -0.225)), ((0.08, 0.25, 0.06), (0.0, 0.0, 0.225)),
+                           ((0.05, 0.04, 0.28), (0.0, 0.56, 0.0))],
+}  # fmt: skip
+"""Half sizes and centres, from the centre of the body."""
+_SIDES = (("inner", -0.225), ("outer", 0.225))
+_SPRINGS = (
+    *((("inner_pad", (side * 0.25, -0.1)), ("calliper", (side * 0.25, -0.45))) for side in (-1.0, 1.0)),
+    *((("outer_pad", (side * 0.25, 0.1)), ("calliper", (side * 0.25, 0.45))) for side in (-1.0, 1.0)),
+    *(((f"{pad}_pad", (-0.55, 0.0)), ("free_carrier", (0.08, z))) for pad, z in _SIDES),
+    *(((f"{pad}_pad", (0.55, 0.0)), ("supporting_carrier", (-0.08, z))) for pad, z in _SIDES),
+    (("free_carrier", (-0.08, 0.225)), (None, (-1.35, 0.225))),
+    (("free_carrier", (-0.08, -0.225)), (None, (-1.35, -0.225))),
+    (("supporting_carrier", (0.08, 0.225)), (None, (1.35, 0.225))),
+    (("supporting_carrier", (0.08, -0.225)), (None, (1.35, -0.225))),
+)
+"""Ends as (body, point from its centre); the ground where there is no body."""
+_LINING, _THICK = 0.18, 0.02
+_FRONT = -0.32  # y at which springs and arrows are drawn
+_PITCH = 0.3
+_DRAWN = 0.13
+"""Lengths by which something moves at most when the first contact just opens."""
+_SLOW = 1.0  # Hz of the stroboscope
+
+
+class Motion(NamedTuple):
+    """Amplitudes of x, z, phi [m, m, rad] of each of `BODIES` when the probe's is one, at `omega` [rad/s]."""
+
+    shape: dict[str, tuple[complex, complex, complex]]
+    omega: float
+    opens: float
+    """Amplitude of the probe [m] at which the first contact opens."""
+
+
+def motion_of(system: System, probe: Mapping[str, float]) -> Motion:
+    """The motion that grows, or the one that moves the probe most where none does. `probe`: a row over coordinates."""
+    at = steady(system, sliding_key(system))
+    rates, vectors = at.eigenvectors()
+    count = len(system.coordinates)
+    names = list(system.names[:count])
+    row, vectors = np.array([probe.get(name, 0.0) for name in names]), vectors[:count]
+    energy = np.einsum("ik,ij,jk->k", vectors.conj(), system.mass, vectors).real
+    swings, moves = rates.imag > 1.0, np.abs(row @ vectors) / np.sqrt(np.maximum(energy, 1e-300))
+    grows = swings & (rates.real > 0.0)
+    best = int(np.where(grows, rates.real, -np.inf).argmax() if grows.any() else np.where(swings, moves, 0.0).argmax())
+    vector = vectors[:, best] / (row @ vectors[:, best])
+
+    def of(body: str, axis: str) -> complex:
+        return complex(vector[names.index(f"{body}.{axis}")])
+
+    swing = [float(abs(normal.row[:count] @ vector)) for normal in system.normals]
+    opens = min(float(normal.row @ at.x) / one for normal, one in zip(system.normals, swing))
+    shape = {body: (of(body, "x"), of(body, "z"), of(body, "phi")) for body in BODIES}
+    return Motion(shape, float(rates[best].imag), opens)
+
+
+class Brake(Picture):
+    """Disc, pads, calliper and carriers under the stroboscope."""
+
+    surface = "surface_speed"
+    eye = (0.5, -3.4, 1.3)
+    target = (0.0, 0.0, 0.0)
+
+    def __init__(self, system: System, probe: Mapping[str, float]) -> None:
+        self.motion = motion_of(system, probe)
+        sizes = [abs(one) for x, z, phi in self.motion.shape.values() for one in (x, z, 0.05 * phi)]
+        largest = 10.0 * self.motion.opens * max(sizes)
+        load = max((abs(float(normal.row @ system.start)) for normal in system.normals), default=1.0) or 1.0
+        super().__init__(Scale(round_down(_DRAWN / largest), load))
+        self._contacts = [normal.name for normal in system.normals]
+
+    def static(self, rec: rr.RecordingStream) -> None:
+        """See `Picture.static`."""
+        import rerun as rr
+
+        rec.log("rig", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        for body, boxes in _BOXES.items():
+            halves, centers = zip(*boxes)
+            colour = DISC if body == "disc" else STEEL
+            drawn = rr.Boxes3D(half_sizes=halves, centers=centers, colors=[colour] * len(boxes), fill_mode="solid")
+            rec.log(f"rig/{body}/body", drawn, static=True)
+        lines = [np.array([(x, -0.375, -0.11), (x, -0.375, 0.11)]) for x in np.arange(-1.2, 1.2, _PITCH)]
+        rec.log("rig/disc/marks", rr.LineStrips3D(lines, colors=[MARK], radii=[0.006]), static=True)
+        for name in self._contacts:
+            pad, side = _where(name)
+            up = -1.0 if pad == "outer_pad" else 1.0
+            lining = rr.Boxes3D(half_sizes=[(0.22, 0.3, _THICK)], centers=[(1.3 * side * _LINING, 0.0, 0.075 * up)],
+                                fill_mode="solid")  # fmt: skip
+            rec.log(f"rig/{pad}/{name}", lining, static=True)
+
+    def frames(self, t_ns: Integers, signals: Mapping[str, Reals], modes: Integers, shown: Integers) -> list[Columns]:
+        """See `Picture.frames`; the stroboscope moves the rows that are shown."""
+        z = signals["displacement"] - 1j * signals["velocity"] / self.motion.omega
+        behind = np.angle(z * np.exp(-2j * math.pi * _SLOW * 1e-9 * t_ns))
+        begins = [0, *(shown[:-1] + 1)]
+        picked = [begin + int(np.abs(behind[begin : end + 1]).argmin()) for begin, end in zip(begins, shown)]
+        return super().frames(t_ns, signals, modes, np.array(picked, np.int64))
+
+    def placed(self, s: Mapping[str, Reals]) -> dict[str, tuple[Reals, Reals, Reals]]:
+        """x, z [lengths] and turn [rad] of each body, magnified, at the states `s`."""
+        z = s["displacement"] - 1j * s["velocity"] / self.motion.omega
+        lengths = 10.0 * self.scale.motion
+        moved = {}
+        for body, (along_x, along_z, turn) in self.motion.shape.items():
+            moved[body] = (
+                lengths * (along_x * z).real,
+                lengths * (along_z * z).real,
+                self.scale.motion * (turn * z).real,
+            )
+        return moved
+
+    def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
+        import rerun as rr
+
+        placed, count = self.placed(s), len(t_ns)
+        found = [
+            Columns(f"rig/{body}", t_ns, rr.Transform3D.columns(
+                translation=np.stack((_PLACES[body][0] + x, np.zeros(count), _PLACES[body][1] + z), axis=1),
+                quaternion=about(1, phi)))
+            for body, (x, z, phi) in placed.items()
+        ]  # fmt: skip
+        marks = along(0, np.mod(10.0 * ran, _PITCH))
+        found.append(Columns("rig/disc/marks", t_ns, rr.Transform3D.columns(translation=marks)))
+        for name in self._contacts:
+            pad, _ = _where(name)
+            open_ = s[f"normal_force_{name}"] <= 0.0
+            colours = [contact.rgb(contact.COLOURS[-1 if lifted else mode]) for lifted, mode in zip(open_, modes)]
+            found.append(Columns(f"rig/{pad}/{name}", t_ns, rr.Boxes3D.columns(colors=colours)))
+        springs = [zigzag(_point(placed, a, count), _point(placed, b, count), flat=False) for a, b in _SPRINGS]
+        strips = [strip for frame in zip(*springs) for strip in frame]
+        drawn = rr.LineStrips3D.columns(strips=strips, colors=[SPRING] * len(strips), radii=[0.006] * len(strips))
+        found.append(Columns("rig/spring", t_ns, drawn.partition([len(_SPRINGS)] * count)))
+        found += self._forces(t_ns, s, placed, count)
+        said = f"motion x {self.scale.motion:g}, {self.motion.omega / (2.0 * math.pi):.0f} Hz shown at {_SLOW:g} Hz"
+        size = 1e6 * np.hypot(s["displacement"], s["velocity"] / self.motion.omega)
+        texts = [f"{contact.NAMES[mode]}   pad {one:.2f} um   {said}" for mode, one in zip(modes, size)]
+        return [*found, word(t_ns, (0.0, -0.3, 0.85), texts, [contact.rgb(contact.COLOURS[m]) for m in modes])]
+
+    def _forces(self, t_ns: Integers, s: Mapping[str, Reals], placed: Mapping[str, tuple[Reals, Reals, Reals]],
+                count: int) -> list[Columns]:  # fmt: skip
+        """Normal forces on the pads at the contacts, friction on the inner pad."""
+        import rerun as rr
+
+        found = []
+        for name in self._contacts:
+            pad, side = _where(name)
+            up = 1.0 if pad == "outer_pad" else -1.0
+            end = _point(placed, (pad, (side * _LINING, -0.11 * up)), count)
+            force = along(2, up * 0.25 * np.maximum(s[f"normal_force_{name}"], 0.0) / self.scale.force)
+            found.append(Columns(f"rig/load/{name}", t_ns, rr.Arrows3D.columns(
+                vectors=force, origins=end, colors=[NORMAL] * count, radii=[0.012] * count)))  # fmt: skip
+        end = _point(placed, ("inner_pad", (0.0, 0.04)), count)
+        drags = along(0, 0.25 * s["friction_force"] / self.scale.force)
+        found.append(Columns("rig/friction", t_ns, rr.Arrows3D.columns(
+            vectors=drags, origins=end, colors=[FRICTION] * count, radii=[0.012] * count)))  # fmt: skip
+        return found
+
+
+def _where(name: str) -> tuple[str, float]:
+    """Pad and side of a contact, as the scenes call them."""
+    return ("outer_pad" if name.startswith("outer") else "inner_pad"), (1.0 if name.endswith("right") else -1.0)
+
+
+def _point(
+    placed: Mapping[str, tuple[Reals, Reals, Reals]], end: tuple[str | None, tuple[float, float]], count: int
+) -> Reals:
+    """Where a point of a body is [frame, xyz]."""
+    body, (a, b) = end
+    if body is None:
+        return np.tile((a, _FRONT, b), (count, 1))
+    x, z, phi = placed[body]
+    cos, sin = np.cos(phi), np.sin(phi)
+    return np.stack((_PLACES[body][0] + x + a * cos + b * sin, np.full(count, _FRONT),
+                     _PLACES[body][1] + z - a * sin + b * cos), axis=1)  # fmt: skip
