@@ -14,6 +14,7 @@ from rig.solve.forces import dot, inputs
 from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
 from rig.solve.settle import CHATTER, DONE, LOST, OVERFULL, READY, SETTLE, settle
 from rig.solve.system import System
+from rig.solve.wide import quiet
 
 Array = NDArray[np.float64]
 TICK, KEY, PENDING, EVENTS, OPENED, TRIALS, REPEAT, BEYOND, PAST, COUNTERS = range(10)  # of State.ic
@@ -93,13 +94,13 @@ class State(NamedTuple):
 
 
 @kernel
-def advance(shape, tables, loan, begin, origin, ticks, tolerance, substeps, booking, emitting, limit):
+def advance(shape, tables, loan, begin, origin, ticks, wide, tolerance, substeps, booking, emitting, limit):
     """Carry the state from row `origin` of the log up to row `ticks`; returns a status.
 
     To be called again, no longer with `begin`, when that asks for a mode set. ic[BEYOND]: number of the first output
     beyond its bound, or -1; ic[PAST]: events of all calls so far.
     `tolerance` is None for a system that is linear in every mode set, `substeps` is None for other methods than rk4:
-    what is not asked for is not compiled.
+    what is not asked for is not compiled. `wide` is None for a rig of few states (rig.solve.wide).
     """
     w, state, log, seg = loan.content
     if begin:
@@ -115,6 +116,7 @@ def advance(shape, tables, loan, begin, origin, ticks, tolerance, substeps, book
         lent(seg),
         origin,
         ticks,
+        wide,
         tolerance,
         substeps,
         booking,
@@ -124,9 +126,19 @@ def advance(shape, tables, loan, begin, origin, ticks, tolerance, substeps, book
 
 
 @inlined
-def propagate(shape, t, slot, ic, fc, x, w, origin, ticks, log, energy, booking, emitting, seg):
+def propagate(shape, wide, t, slot, ic, fc, x, w, origin, ticks, log, energy, booking, emitting, seg):
     """Quiet ticks as far as they go, else one opened tick, in a linear mode set. Returns the guard that fell or -1."""
-    if fc[PLACE] == 0.0:
+    if fc[PLACE] == 0.0 and wide is not None:
+        while quiet(
+            t, slot, x, log.out[ic[TICK]], w.g, booking, energy, emitting, (ic[TICK] - origin) * t.step[0], seg
+        ):
+            for i in range(x.shape[0]):
+                x[i] = log.out[ic[TICK], i]
+            log.modes[ic[TICK]] = slot
+            ic[TICK] += 1
+            if ic[TICK] == ticks:
+                return -1
+    elif fc[PLACE] == 0.0:
         first = ic[TICK]
         for g in range(t.guards[slot]):
             w.g[g] = dot(t.G[slot, g], x)
@@ -145,7 +157,7 @@ def propagate(shape, t, slot, ic, fc, x, w, origin, ticks, log, energy, booking,
         if done == block:
             return -1
     ic[OPENED] += 1
-    guard = exact.opened(t, slot, ic, fc, x, w, energy, booking, emitting, seg, (ic[TICK] - origin) * t.step[0])
+    guard = exact.opened(wide, t, slot, ic, fc, x, w, energy, booking, emitting, seg, (ic[TICK] - origin) * t.step[0])
     if guard < 0:
         for i in range(len(shape)):
             log.out[ic[TICK], i] = x[i]
@@ -155,7 +167,7 @@ def propagate(shape, t, slot, ic, fc, x, w, origin, ticks, log, energy, booking,
 
 
 @inner
-def carry(shape, t, w, state, log, seg, origin, ticks, tolerance, substeps, booking, emitting, limit):
+def carry(shape, t, w, state, log, seg, origin, ticks, wide, tolerance, substeps, booking, emitting, limit):
     """`advance` on borrowed arrays."""
     ic, fc, x, energy = state.ic, state.fc, state.x, state.energy
     while True:
@@ -211,7 +223,7 @@ def carry(shape, t, w, state, log, seg, origin, ticks, tolerance, substeps, book
             if guard == -2:
                 return LOST
         else:
-            guard = propagate(shape, t, slot, ic, fc, x, w, origin, ticks, log, energy, booking, emitting, seg)
+            guard = propagate(shape, wide, t, slot, ic, fc, x, w, origin, ticks, log, energy, booking, emitting, seg)
         if guard >= 0:
             e = ic[EVENTS]
             if e >= log.event.shape[0]:

@@ -14,6 +14,10 @@ from rig.solve.forces import dot, rounding
 from rig.solve.ledger import book
 from rig.solve.roots import NONE, first_fall
 from rig.solve.settle import passed
+from rig.solve.wide import book as book_part
+from rig.solve.wide import earliest as fall_of
+from rig.solve.wide import emit as emit_cells
+from rig.solve.wide import expand
 
 
 @inner
@@ -101,11 +105,11 @@ def earliest(t, slot, size, derivatives, terms, poly, work):
 
 
 @inlined
-def opened(t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
+def opened(wide, t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
     """Carry x through (the rest of) one tick, up to its end or the first event.
 
     fc[0] = u, where in the tick; advanced. Returns the guard that fell, or -1 at the end of the tick. `w`: Workspace.
-    `emit`: write segments for the sensors, `origin`: start of this tick [s] within the frame.
+    `emit`: write segments for the sensors, `origin`: start of this tick [s] within the frame. `wide`: see carry.
     """
     h = t.step[0]
     depth, terms = t.depth[slot], t.order[slot]
@@ -121,7 +125,7 @@ def opened(t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
                 whole //= 2
                 level -= 1
             found = False
-            while True:
+            while wide is None or depth > 0:  # a wide rig's tick has just been found to have no proof
                 for i in range(x.shape[0]):
                     w.y[i] = x[i] + dot(t.E[slot, level, i], x)
                 if certified(t, slot, x, w.y, 1.0 / 4.0**level):
@@ -133,7 +137,10 @@ def opened(t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
             if found:
                 width = 1.0 / 2.0**level
                 if emit:
-                    emit_linear(t, slot, x, origin + u * h, width * h, seg, w.derivatives)
+                    if wide is not None:
+                        emit_cells(t, slot, x, width * cells, origin + u * h, width * h, seg)
+                    else:
+                        emit_linear(t, slot, x, origin + u * h, width * h, seg, w.derivatives)
                 if booking:
                     book(t.work[slot, level], t.active[slot], x, energy)
                 for i in range(x.shape[0]):
@@ -141,14 +148,24 @@ def opened(t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
                 u += width
                 continue
         length = (int(position) + 1) / cells - u
-        series(t.A[slot], x, length * h, terms, w.derivatives)
-        fall, guard = earliest(t, slot, w.size, w.derivatives, terms, w.poly, w.roots)
+        if wide is not None:
+            fall, guard = fall_of(t, slot, x, w.size, length * cells, w.poly, w.roots)
+            expand(t, slot, x, length * cells, w.derivatives)
+        else:
+            series(t.A[slot], x, length * h, terms, w.derivatives)
+            fall, guard = earliest(t, slot, w.size, w.derivatives, terms, w.poly, w.roots)
         reach = 1.0 if guard < 0 else fall
         if reach > 0.0:
             if emit:
-                emit_linear(t, slot, x, origin + u * h, reach * length * h, seg, w.spare)
+                if wide is not None:
+                    emit_cells(t, slot, x, reach * length * cells, origin + u * h, reach * length * h, seg)
+                else:
+                    emit_linear(t, slot, x, origin + u * h, reach * length * h, seg, w.spare)
             if booking:
-                book_series(t, slot, w, terms, reach, length * h, energy)
+                if wide is not None:
+                    book_part(t, slot, w, reach, length * h, energy)
+                else:
+                    book_series(t, slot, w, terms, reach, length * h, energy)
             along(w.derivatives, terms, reach, x)
         u = u + reach * length if guard >= 0 else (int(position) + 1) / cells
         if guard >= 0:

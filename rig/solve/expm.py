@@ -62,14 +62,15 @@ def norm(A, d):
 
 @kernel
 def multiply(X, Y, out):
-    """Out = X Y, sums in index order."""
+    """Out = X Y, sums in index order, row by row: what lies side by side is multiplied side by side."""
     n, m, k = X.shape[0], Y.shape[1], X.shape[1]
     for i in range(n):
         for j in range(m):
-            s = 0.0
-            for l in range(k):
-                s += X[i, l] * Y[l, j]
-            out[i, j] = s
+            out[i, j] = 0.0
+        for l in range(k):
+            f = X[i, l]
+            for j in range(m):
+                out[i, j] += f * Y[l, j]
 
 
 @kernel

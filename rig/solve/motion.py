@@ -35,13 +35,12 @@ from rig.solve.carry import (
 )
 from rig.solve.emit import empty_segments
 from rig.solve.settle import CHATTER, DONE, JAM, LOST, NEED, OVERFULL, SETTLE, START
-from rig.solve.slots import Slots
+from rig.solve.slots import UNROLLED, Slots
 from rig.solve.system import STICK, System
 
 Array = NDArray[np.float64]
 METHODS = ("exact", "dopri5", "rk4")
 SEGMENTS = 1024
-UNROLLED = 8
 
 
 def chosen(method: str, system: System) -> str:
@@ -123,11 +122,11 @@ class Motion:
                 f"exact needs motion that is linear in every mode set; not so {', '.join(bent)}: use dopri5"
             )
         self.system = system
-        self.slots = Slots(system, self.step_ns * 1e-9, self._outputs)
-        # n as a constant of the compiled code where that pays; above, one compiled code serves all
+        self.slots = Slots(system, self.step_ns * 1e-9, self._outputs, self._read)
         self._shape = (0.0,) * system.n if system.n <= UNROLLED else np.zeros(system.n)
         self._carry: Callable[..., int] | None = None
         self._how = (
+            None if system.n <= UNROLLED else True,
             None if system.linear else self.tolerance,
             self.substeps if self.method == "rk4" else None,
             self.booking,

@@ -222,7 +222,8 @@ def settle(t, ic, x, size, T, scratch, copy, repeat, energy):
             ic[1], ic[2] = key, pending
             return NEED
         if pending != SETTLE:
-            land(t, slot, x, copy)
+            if t.lands[slot]:
+                land(t, slot, x, copy)
             if pending == THROWN:
                 energy[SWITCH] -= held(t.store[slot], x)
             pending = SETTLE

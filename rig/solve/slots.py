@@ -15,13 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.kernel import bundle
-from rig.solve import expm, laws, products
+from rig.solve import expm, laws, products, wide
 from rig.solve.formulation import ModeSet, assemble
-from rig.solve.ledger import TERMS, loss_rows, powers, store, supplied, work
+from rig.solve.ledger import RESISTOR, TERMS, factors, loss_rows, powers, store, supplied, work
 from rig.solve.products import Products
+from rig.solve.roots import DEGREE
 from rig.solve.system import STICK, System
+from rig.solve.wide import Wide
 
 Array = NDArray[np.float64]
+UNROLLED = 8
+"""States up to which their number is a constant of the compiled code; above, one compiled code serves all rigs."""
 _SAMPLES = 128
 _MARGIN = 1.25
 
@@ -34,6 +38,7 @@ class Tables(NamedTuple):
     order: NDArray[np.int64]  # [slot] terms of a finest cell's Taylor polynomial
     curved: NDArray[np.int64]  # [slot] 1: not linear: a slipping patch has a law over speed, or there are products
     stuck: NDArray[np.int64]  # [slot] 1: some patch sticks
+    lands: NDArray[np.int64]  # [slot] 1: landing moves something
     E: Array  # [slot, level, n, n] propagators over step / 2^level less one, landing folded in
     A: Array  # [slot, n, n]
     b: Array  # [slot, n, I]
@@ -83,14 +88,17 @@ class Tables(NamedTuple):
     path: Array  # [sector row, n] place
     edges: Array  # [sector row, widest + 1] the last is the period
     products: Products | None
+    wide: Wide | None  # of rigs with many states
     step: Array  # [1] s
 
 
 class Slots:
     """The mode sets of one run: `tables` for the kernels, `add(key)` when one is met for the first time."""
 
-    def __init__(self, system: System, step: float, signals: list[dict[str, float]]) -> None:
-        """`signals`: extended rows (rig.solve.assembly) of the quantities that sensors read; `step` in s."""
+    def __init__(self, system: System, step: float, signals: list[dict[str, float]], read: int = 0) -> None:
+        """`signals`: extended rows (rig.solve.assembly) of the rig's outputs, sensors read the first; `step` in s."""
+        self.read = read
+        self.booked = RESISTOR + bool(system.losses)  # terms of the ledger that a tick may add to
         self.system = system
         self.step = step
         self.rows = signals
@@ -107,6 +115,7 @@ class Slots:
         edges = np.zeros((len(s.sectors), nodes))
         for i, sector in enumerate(s.sectors):
             edges[i, : len(sector.laws) + 1] = (*sector.edges, sector.period)
+        multiplied = 3 * P + 2 * K + 2 * nq + len(s.losses)
         z = np.zeros
         return Tables(
             slot_of=np.full(s.keys, -1, dtype=np.int32),
@@ -114,6 +123,7 @@ class Slots:
             order=z(0, dtype=np.int64),
             curved=z(0, dtype=np.int64),
             stuck=z(0, dtype=np.int64),
+            lands=z(0, dtype=np.int64),
             E=z((0, 1, n, n)),
             A=z((0, n, n)),
             b=z((0, n, I)),
@@ -163,6 +173,7 @@ class Slots:
             path=np.array([sector.row for sector in s.sectors]).reshape(-1, n),
             edges=edges,
             products=products.pack(s.products, n, P, K),
+            wide=wide.empty(n, g, self.read, self.booked, multiplied) if n > UNROLLED else None,
             step=np.array([self.step]),
         )
 
@@ -177,6 +188,12 @@ class Slots:
         bounds, slopes = _bounds(modes.A, guards, self.step)
         E = (modes.landing - np.eye(system.n)) + modes.landing @ E @ modes.landing
         forms = powers(system, modes)
+        integrals = work(modes.A, modes.landing, forms, self.step, E)
+        broad: dict[str, Array] = {}
+        terms = expm.order(modes.A, self.step)
+        if t.wide is not None:
+            level = wide.depth(modes.A, self.step)
+            E, integrals, terms = E[: level + 1], integrals[: level + 1], DEGREE
         patch_modes, normal_modes, _, sector_modes, _ = system.modes(key)
         met = tuple(system.law(p, sector_modes) for p in range(len(system.patches)))
         code, numbers = laws.pack(met, t.numbers.shape[2])
@@ -187,13 +204,18 @@ class Slots:
                 load[contact.patch] += modes.normal[k]
                 load_t[contact.patch] += modes.normal_t[k]
         rows, rows_t = signal_rows(system, modes, self.rows)
+        if t.wide is not None:
+            cell = wide.series(modes.A, self.step / 2.0**level)
+            parts = factors(system, modes), integrals[0, : self.booked]
+            broad = wide.tables(cell, E, modes.landing, guards, bounds, rows[: self.read], *parts)
         slot_of = t.slot_of.copy()
         slot_of[key] = len(self.sets)
         new: dict[str, Any] = {
             "depth": len(E) - 1,
-            "order": expm.order(modes.A, self.step),
+            "order": terms,
             "curved": int(bool(modes.nonlinear.any()) or bool(system.products)),
             "stuck": int(STICK in patch_modes),
+            "lands": int(not np.array_equal(modes.landing, np.eye(system.n))),
             "static": np.array([law.static for law in met]),
             "code": code,
             "numbers": numbers,
@@ -226,7 +248,7 @@ class Slots:
             "press_t": modes.normal_t * closed,
             "active": forms.any(axis=(1, 2)).astype(np.int64),
             "powers": forms,
-            "work": work(modes.A, modes.landing, forms, self.step, E),
+            "work": integrals,
         }
         stacked: dict[str, Any] = {name: _stack(getattr(t, name), new[name]) for name in new}
         if t.products is not None:
@@ -236,6 +258,8 @@ class Slots:
                 rub=stacked["friction"],
                 rub_t=stacked["friction_t"],
             )
+        if t.wide is not None:
+            stacked["wide"] = t.wide._replace(**{name: _stack(getattr(t.wide, name), broad[name]) for name in broad})
         self.tables = t._replace(slot_of=slot_of, **stacked)
         self.handle = bundle(self.tables)
         self.sets.append(modes)

@@ -18,7 +18,8 @@ import llvmlite.binding
 from rig import kernel, scenes
 from rig.bench.stand import Stand
 from rig.scenes.scene import Scene
-from rig.solve.motion import UNROLLED, chosen
+from rig.solve.motion import chosen
+from rig.solve.slots import UNROLLED
 from rig.solve.system import System
 
 FRAMES = 3

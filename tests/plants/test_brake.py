@@ -5,6 +5,8 @@ Numbers: tests/reference/brake.json, by independent code (sets BRAKE and BRAKE-P
 
 import json
 import math
+from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +16,9 @@ from scipy.optimize import brentq
 import rig
 from rig.errors import SceneError
 from rig.solve.formulation import assemble
-from rig.solve.linear import sliding_key
+from rig.solve.linear import sliding_key, steady
+from rig.solve.motion import Motion
+from rig.solve.system import OPEN, STICK
 
 BRAKE = json.loads((Path(__file__).parents[1] / "reference" / "brake.json").read_text())
 
@@ -125,3 +129,88 @@ def test_all_faults_of_the_geometry_are_told_at_once():
         "springs.bridge",
         "contacts.inner_left",
     ]
+
+
+def open_stack(scene="brake_3400", changes=None):
+    """The rig with the stack of BRAKE-P open, whose charge then only stiffens it: kappa between pad and calliper."""
+    found = system(changes, scene)
+    row = np.zeros(len(found.coordinates))
+    offset = BRAKE["BRAKE-P"]["piezo_offset_x"]
+    for body, sign in (("inner_pad", 1.0), ("calliper", -1.0)):
+        row[found.coordinates.index(f"{body}.z")] = sign
+        row[found.coordinates.index(f"{body}.phi")] = -sign * offset
+    return replace(found, stiffness=found.stiffness + BRAKE["BRAKE-P"]["kappa"] * np.outer(row, row))
+
+
+def motion(brake, step=20e-6, duration=0.0, **how):
+    row = rig.load("brake").assemble().outputs["velocity"].row
+    ticks = round(duration / step)
+    found = Motion(brake, round(step * 1e9), "exact", outputs=[row], longest=max(ticks, 1), cap=1000, **how)
+    if ticks:
+        found.advance(ticks)
+    return found
+
+
+def velocity(run):
+    return run.outputs_at(run.states, run.slots_of_states)[:, 0]
+
+
+def test_growth_of_the_open_stack_is_that_of_the_reference():
+    found = steady(open_stack(), sliding_key(open_stack())).eigenvalues()[0]
+    assert [found.real, found.imag] == pytest.approx(BRAKE["BRAKE-P"]["open"], abs=1e-3)
+
+
+def test_squeal_is_bounded_by_lift_off():
+    """Amplitude and frequency of the open limit cycle: 0.17768 m/s, 3399.8 Hz; one contact opens once in a period."""
+    run = motion(open_stack(), duration=0.4)
+    assert run.energy()["error"] == pytest.approx(0.0, abs=1e-9)
+    run.advance(5000)
+    v, period = velocity(run), 1.0 / BRAKE["BRAKE-P"]["f_open_LC_Hz"]
+    assert np.abs(v).max() == pytest.approx(BRAKE["BRAKE-P"]["v_pad_x_open_LC"], rel=2e-4)
+    up = np.flatnonzero((v[:-1] < 0.0) & (v[1:] >= 0.0))
+    crossings = up - v[up] / (v[up + 1] - v[up])
+    assert np.ptp(crossings) * 20e-6 / (len(up) - 1) == pytest.approx(period, rel=1e-4)
+    what = Counter(event.what for event in run.events())
+    assert set(what) == {"inner_left opens", "inner_left closes"}
+    assert what["inner_left opens"] == pytest.approx(0.1 / period, abs=1.5)
+    assert run.energy()["error"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_events_do_not_depend_on_the_step():
+    times = []
+    for step in (2.5e-6, 10e-6, 20e-6, 50e-6):
+        run = motion(open_stack(changes={"start.velocity": 2.0}), step, 2e-3)
+        times.append([(e.tick + e.place) * step for e in run.events()])
+    assert len(times[0]) > 20
+    for other in times[1:]:
+        assert other == pytest.approx(times[0], abs=1e-14)
+
+
+def test_a_marginal_mode_neither_grows_nor_decays():
+    """No false damping: at the critical friction the flutter keeps its amplitude to 1e-3 1/s."""
+    run = motion(system({"friction.mu": BRAKE["mu_crit"]}), duration=1.0)
+    at = steady(run.system, sliding_key(run.system))
+    values, shapes = np.linalg.eig(at.modes.A)
+    left = np.linalg.inv(shapes)[np.argmin(np.abs(values - 2j * math.pi * BRAKE["f_crit_Hz"]))]
+    sizes = np.abs((run.states - at.x) @ left)
+    assert math.log(sizes[-1] / sizes[0]) / (len(sizes) - 1) / 20e-6 == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_smooth_run_closes_its_books():
+    run = motion(system({"friction.mu": 0.6, "start.velocity": 0.05}), duration=0.1)
+    energy = run.energy()
+    assert run.counts()["events"] == 0
+    assert energy["damper"] > 1e-4
+    assert abs(energy["error"]) < 1e-9
+
+
+def test_pads_that_creep_stick():
+    """The disc at 2 rpm, the pads faster than it: both stick in turn, and contacts open while they do."""
+    run = motion(system({"drive.speed": "2 rpm", "start.velocity": 1.0}, "brake_3400"), duration=0.02)
+    modes = [run.system.modes(s.key) for s in run.slots.sets]
+    assert any(STICK in patches for patches, *_ in modes)
+    assert any(STICK in patches and OPEN in normals for patches, normals, *_ in modes)
+    slip = run.states @ run.system.slip_rows.T
+    stuck = np.array([[m == STICK for m in run.system.modes(s.key)[0]] for s in run.slots.sets])[run.slots_of_states]
+    assert np.abs(slip[stuck]).max() < 1e-14
+    assert abs(run.energy()["error"]) < 1e-6
