@@ -38,7 +38,8 @@ def cycles(figure: Figure) -> Iterator[Comparison]:
         law = law_of(scene)
         speeds = np.linspace(1e-6, 0.3, 300)
         laws.plot(1e3 * speeds, [law.mu(v) for v in speeds], color=colour, ls=line, label=f"{shown} ({name})")
-        laws.plot([0.0], [law.static], "o", color=colour, markersize=4)
+        if name != "belt_c_damped":
+            laws.plot([0.0], [law.static], "o", color=colour, markersize=9 if name == "belt_c" else 4, fillstyle="none")
         ran = run(quiet(scene), 12.0)
         last = ran.time > ran.time[-1] - 2.0 * cycle.period
         x, v = (1e3 * ran.signals[key][last] for key in ("displacement", "velocity"))
@@ -87,7 +88,7 @@ def energy(figure: Figure) -> Iterator[Comparison]:
     slope = value(scene, "friction.slope")
     period = 2.0 * math.pi * math.sqrt(5.0 / 2500.0)
     phase = np.linspace(0.0, 2.0 * math.pi, 4001)[:-1]
-    amplitudes = np.linspace(1e-3, 0.3, 300)
+    amplitudes = np.linspace(1e-3, 0.15, 300)
 
     def put_in(amplitude: float) -> float:
         v = amplitude * np.sin(phase)
@@ -111,7 +112,7 @@ def energy(figure: Figure) -> Iterator[Comparison]:
 
 def pin(figure: Figure) -> Iterator[Comparison]:
     """Eigenvalues of the tilted pin over the friction coefficient."""
-    yield from _swept(figure, "pin", "friction.mu", (0.3, 0.95, 60), [("mu at the damping limit", 0.727389, 6e-7)])
+    yield from _swept(figure, "pin", "friction.mu", (0.3, 0.95, 200), [("mu at the damping limit", 0.727389, 6e-7)])
     gamma = math.radians(25.0)
     theory = math.tan(gamma) + 2.0 * 2.0 / (20.0 * math.sin(2.0 * gamma))
     import rig
@@ -153,8 +154,8 @@ def _swept(
     growth.plot(swept.axis.values, swept.growth, color=BLUE)
     growth.axhline(0.0, color=GREY, lw=0.7)
     frequency.plot(swept.axis.values, swept.frequency, color=BLUE)
-    growth.set(xlabel=key, ylabel="growth [1/s]")
-    frequency.set(xlabel=key, ylabel="frequency [Hz]")
+    growth.set(xlabel="friction coefficient", ylabel="growth [1/s]")
+    frequency.set(xlabel="friction coefficient", ylabel="frequency [Hz]")
     for critical, (what, expected, bound) in zip(swept.critical, limits):
         growth.axvline(critical.value, color=RED, ls="--", lw=1.0)
         yield Comparison(what, "", critical.value, expected, "reference", absolute=bound)
@@ -167,7 +168,7 @@ def seal(figure: Figure) -> Iterator[Comparison]:
     speeds = np.linspace(0.0, 0.04, 400)
     force = np.array([force_per_mu * law.mu(v) for v in speeds])
     axis = figure.subplots()
-    axis.plot(1e3 * speeds, force, color=BLUE)
+    axis.plot(1e3 * speeds, force, color=BLUE, label="scene seal_p")
     axis.set(xlabel="speed [mm/s]", ylabel="friction force [N]", ylim=(0.0, 12.0))
     for v, expected in (
         (0, 9.820),
@@ -179,8 +180,9 @@ def seal(figure: Figure) -> Iterator[Comparison]:
         (20, 6.015),
         (40, 7.925),
     ):
-        axis.plot([v], [expected], "o", color=RED, markersize=4)
+        axis.plot([v], [expected], "o", color=RED, markersize=4, label="" if v else "equation 3.1")
         yield Comparison(f"force at {v} mm/s", "N", force_per_mu * law.mu(v * 1e-3), expected, "paper", absolute=6e-4)
+    axis.legend()
     from scipy.optimize import minimize_scalar
 
     lowest = minimize_scalar(
@@ -210,7 +212,12 @@ def seal_limits(figure: Figure) -> Iterator[Comparison]:
         [limit] = [c.value for c in rig.sweep(scene, "drive.speed", np.linspace(5e-4, 0.012, 40)).critical]
         found.append(limit)
         yield Comparison(f"d = {damping / 1e3:g} N s/mm", "mm/s", 1e3 * limit, expected, "reference", absolute=6e-4)
-    axis.plot([d / 1e3 for d in reference], [1e3 * v for v in found], "o-", color=BLUE)
+    law, force_per_mu = law_of(load("seal_p")), value(load("seal_p"), "friction.load")
+    speeds = np.linspace(1.6e-3, 6.139e-3, 200)
+    balanced = [-1e-3 * force_per_mu * law.slope(v) for v in speeds]  # the damper takes what falling friction gives
+    axis.plot(balanced, 1e3 * speeds, color=GREY, lw=0.9, label="damping = fall of the friction force")
+    axis.plot([d / 1e3 for d in reference], [1e3 * v for v in found], "o", color=BLUE, label="eigenvalues")
+    axis.legend()
     axis.set(xlabel="damping [N s/mm]", ylabel="lowest speed of stable sliding [mm/s]", ylim=(0.0, 7.0))
 
 
@@ -218,7 +225,7 @@ ENTRIES = (
     Entry("kroeger-3", "kroeger", "Figure 3", "friction characteristics and their limit cycles",
           ("belt", "belt_b", "belt_c", "belt_c_damped"), cycles),
     Entry("kroeger-4", "kroeger", "Figure 4", "sliding that grows, and sliding that needs a push",
-          ("belt", "belt_b", "belt_c_damped"), onset),
+          ("belt", "belt_b", "belt_c_damped"), onset, "Dark: from 0.2 mm beside the equilibrium; pale: from 4 mm."),
     Entry("kroeger-5", "kroeger", "Figure 5", "energy that a falling characteristic puts in", ("belt_b",), energy),
     Entry("kroeger-6", "kroeger", "Figure 6", "tilted pin: growth over the friction coefficient", ("pin",), pin),
     Entry("kroeger-7", "kroeger", "Figure 7", "non-conservative restoring forces: flutter and divergence",
