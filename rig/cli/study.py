@@ -205,7 +205,7 @@ def reproduce(
 ) -> None:
     """A figure of the papers, made again from a scene, with published or reference numbers beside ours.
 
-    Without FIGURE: what there is. Exit code 1 where a number does not agree.
+    Without FIGURE: what there is. Exit code 1 where a number does not agree. What the folder held before stays in it.
     """
     from rig.record.provenance import provenance
     from rig.study import reproduce as again
@@ -232,7 +232,7 @@ def reproduce(
         progress(len(wanted), len(wanted))
     machine = provenance(0, ())
     host = f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, numba {machine['numba']}"
-    (out / "README.md").write_text(again.page(results, host))
+    (out / "README.md").write_text(again.page(again.keep(results, out), host))
     if as_json:
         tell.report([result.to_json() for result in results])
     else:

@@ -47,6 +47,14 @@ def test_what_is_made_is_a_picture_and_a_page(tmp_path):
     assert json.loads(json.dumps(made.to_json()))["comparisons"][1]["agrees"] is False
 
 
+def test_a_figure_that_is_made_again_leaves_the_others_on_the_page(tmp_path):
+    fifth, seventh = (reproduce.make(*reproduce.pick(name), tmp_path) for name in ("kroeger-5", "kroeger-7"))
+    assert reproduce.keep([seventh], tmp_path) == [seventh]
+    assert reproduce.keep([fifth], tmp_path) == [fifth, seventh]
+    (tmp_path / "numbers.json").write_text("{")  # broken off
+    assert reproduce.keep([fifth], tmp_path) == [fifth]
+
+
 @pytest.mark.parametrize("name", ["kroeger-5", "kroeger-7", "kroeger-9", "liu000-3"])
 def test_figures_that_need_no_run_agree(name, tmp_path):
     [entry] = reproduce.pick(name)

@@ -6,6 +6,7 @@ Each entry is a function: it draws its axes and returns its comparisons. `ENTRIE
 from __future__ import annotations
 
 from rig.study.reproduce.entry import Comparison, Entry, Result, make, pick
+from rig.study.reproduce.kept import keep
 from rig.study.reproduce.page import page
 
-__all__ = ["Comparison", "Entry", "Result", "make", "page", "pick"]
+__all__ = ["Comparison", "Entry", "Result", "keep", "make", "page", "pick"]
