@@ -1,7 +1,8 @@
 """Messages of the bus in, rows for rerun out: collected between two batches, bounded, and what is left out is counted.
 
 Between two batches at most `KEPT` samples of a sensor and `KEPT` states are kept; when nobody takes them, as when the
-viewer hangs, the oldest go and count as dropped. Curves show 1 kHz at most: of faster sensors every n-th sample.
+viewer hangs, the oldest go and count as dropped. Curves show 1 kHz at most: of faster sensors the lowest and the highest
+samples, so that a squeal is the band that it is and not what a slower sampling would make of it.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.bus import messages
 from rig.bus.port import Message
@@ -126,5 +128,18 @@ class Feed:
         fine = max(SHOWN_NS // max(blocks[0].dt_ns, 1), 1) if blocks[0].dt_ns else 1
         every = max(int(fine), -(-v.size // _ROWS))
         blocks.clear()
-        self.thinned += v.size - len(v[::every])
-        return self._drawing.measured(sensor, t_ns[::every], v[::every])
+        rows = outline(v, every)
+        self.thinned += v.size - rows.size
+        return self._drawing.measured(sensor, t_ns[rows], v[rows])
+
+
+def outline(v: NDArray[np.float64], every: int) -> NDArray[np.int64]:
+    """Rows that a drawn line needs, one of `every`: the lowest and the highest sample of each stretch of two of them."""
+    if every < 2:
+        return np.arange(v.size)
+    rows: set[int] = set()
+    for begin in range(0, v.size, 2 * every):
+        part = v[begin : begin + 2 * every]
+        low, high = np.where(np.isnan(part), np.inf, part), np.where(np.isnan(part), -np.inf, part)
+        rows |= {begin + int(low.argmin()), begin + part.size - 1 - int(high[::-1].argmax())}
+    return np.array(sorted(rows), np.int64)

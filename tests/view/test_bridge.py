@@ -82,6 +82,17 @@ def test_a_fast_sensor_is_thinned_to_a_kilohertz(shown):
     assert viewing.thinned == 10_000 * SECONDS - at.size
 
 
+def test_a_squeal_is_thinned_to_the_band_that_it_is():
+    """At every 16th sample a tone of 3.4 kHz would be a slow swing; drop-outs count as nothing."""
+    tone = np.sin(2.0 * np.pi * 3400.0 * np.arange(992) / 54400.0)  # 16 samples in a period
+    tone[[5, 103]] = np.nan
+    rows = feed.outline(tone, 16)
+    assert rows.size == 992 / 16
+    assert np.abs(tone[rows]).min() == pytest.approx(1.0, abs=1e-9)
+    assert np.all(np.diff(rows) > 0)
+    assert feed.outline(tone, 1).size == tone.size
+
+
 def test_contact_protocol_and_controllers_are_strips(shown):
     _, rows, _ = shown
     contact = rows["/strip/contact"]
