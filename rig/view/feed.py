@@ -1,7 +1,7 @@
 """Messages of the bus in, rows for rerun out: collected between two batches, bounded, and what is left out is counted.
 
 Between two batches at most `KEPT` samples of a sensor and `KEPT` states are kept; when nobody takes them, as when the
-viewer hangs, the oldest go and count as dropped. Curves show 1 kHz at most: of faster sensors the lowest and the highest
+viewer hangs, the oldest go and count as dropped. Curves show 1 kHz at most: of faster sensors the lowest and highest
 samples, so that a squeal is the band that it is and not what a slower sampling would make of it.
 """
 
@@ -134,7 +134,7 @@ class Feed:
 
 
 def outline(v: NDArray[np.float64], every: int) -> NDArray[np.int64]:
-    """Rows that a drawn line needs, one of `every`: the lowest and the highest sample of each stretch of two of them."""
+    """Rows that a drawn line needs, one of `every`: lowest and highest sample of each stretch of 2 `every`."""
     if every < 2:
         return np.arange(v.size)
     rows: set[int] = set()
