@@ -17,7 +17,7 @@ from typing import ClassVar, Literal, NamedTuple
 from controllers.base import ControllerSection, Fraction, Numbers, Positive, Samples, Values
 from controllers.resonator import Resonator
 from rig.errors import UsageError
-from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveSecond
+from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveSecond, Second
 
 
 class ShuntTuner(ControllerSection):
@@ -33,6 +33,7 @@ class ShuntTuner(ControllerSection):
     average: PositiveSecond = 0.02
     step: Fraction = 0.002
     ratio: Positive = 1.0
+    enable_at: Second = 0.0
     drive: str = "shunt.inductance"
 
 
@@ -60,11 +61,12 @@ class FrequencyTuner:
         self.period_ns = section.period
         self.band = Resonator(section.frequency, section.bandwidth, float(numbers["sample_period"]))
         self.keep = math.exp(-section.period * 1e-9 / section.average)
+        self.enable_ns = round(section.enable_at * 1e9)
         self.scale = section.ratio * (1.0 + float(numbers["delta"])) / float(numbers["capacitance"])
 
     def start(self) -> Track:
-        """Tuned to the stated frequency."""
-        return Track(inductance=self.tuned(self.section.frequency))
+        """The coil of the scene, or one for the stated frequency."""
+        return Track(inductance=float(self.numbers.get("inductance", self.tuned(self.section.frequency))))
 
     def tuned(self, frequency: float) -> float:
         """The inductance for a frequency [Hz]: [H]."""
@@ -74,7 +76,7 @@ class FrequencyTuner:
         """The inductance [H] after the samples of one frame."""
         z, square, turned = self.band.run(state.z, values[0])
         inductance = state.inductance
-        if square > self.section.threshold**2:
+        if t_ns >= self.enable_ns and square > self.section.threshold**2:
             turned = self.keep * state.turned + turned
             frequency = cmath.phase(turned) / (2.0 * math.pi * self.band.period)
             wanted = self.tuned(frequency) if frequency > 0.0 else inductance

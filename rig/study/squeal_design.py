@@ -46,7 +46,8 @@ def tuner(designer: Designer, section: Any) -> dict[str, Any]:
     piezo, shunt = (getattr(designer.parameters, name, None) for name in ("piezo", "shunt"))
     if piezo is None or shunt is None or not hasattr(shunt, "delta"):
         raise ValueError('kind: tunes a shunt of kind "series" on a piezo stack, and the scene has none')
-    return heard(designer, section) | {"capacitance": piezo.capacitance, "delta": shunt.delta}
+    told = {"capacitance": piezo.capacitance, "delta": shunt.delta, "inductance": shunt.inductance}
+    return heard(designer, section) | told
 
 
 def narrow_band(designer: Designer, section: Any) -> dict[str, Any]:
