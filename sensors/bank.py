@@ -5,20 +5,22 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import SceneError
-from rig.kernel import entry
+from rig.kernel import bundle, entry
 from rig.solve.segments import DEGREE, Segments
 from sensors.front_end import FrontEnd
 from sensors.instrument import Instrument
-from sensors.response import COLUMNS, POLE, RESIDUE, STATE, STEP, weigh
-from sensors.sampling import FRONT, advance
+from sensors.response import COLUMNS, POLE, RESIDUE, STATE
+from sensors.sampling import FRONT, NOW, SHORT, Rack, advance, prepare
 from sensors.streams import Stream
 
-_CHUNK = 1024  # random numbers drawn at a time, at least
+_CHUNK = 1024  # random numbers drawn and samples kept at a time, at least
+_FRAMES = 64  # and for so many frames
 _FINEST_STEP = 1000  # ns
 
 
@@ -26,7 +28,8 @@ class Bank:
     """The instruments of a scene over the plant's outputs.
 
     `latest[i]` is the last published sample of instrument i (NaN before `start`), `fresh[i]` how many were published in
-    the last frame, `samples(i)` these. `columns` names the signals of `Segments` in order.
+    the last frame, `samples(i)` these. `columns` names the signals of `Segments` in order. `rack` is what the kernels
+    work on; where they find the bank `short`, it must be filled up before the next frame.
     """
 
     def __init__(self, sensors: Mapping[str, Instrument], columns: Sequence[str], frame_ns: int, seed: int) -> None:
@@ -42,29 +45,31 @@ class Bank:
         n = len(self.names)
         most = [frame_ns // period + 1 for period in self.periods_ns]
         wait = max((end.delay_ns // end.period_ns + m + 1 for end, m in zip(self._ends, most)), default=1)
+        room = max(_CHUNK, _FRAMES * max(most, default=1))
         self.latest = np.full(n, np.nan)
         self.fresh = np.zeros(n, dtype=np.int64)
-        self._queue = np.zeros((n, wait))
-        self._samples = np.zeros((n, max(most, default=1)))
-        self._noise = np.zeros((n, max(_CHUNK, 4 * max(most, default=1))))
+        self._samples, self._noise = np.zeros((n, room)), np.zeros((n, room))
         longest = max((max(end.period_ns, frame_ns) * end.dropout_rate * 1e-9 for end in self._ends), default=0.0)
         self._gaps = np.zeros((n, _CHUNK + math.ceil(16 * longest), 2), dtype=np.int64)
         self._fronts = np.zeros(n, dtype=FRONT)
         self._poles = np.zeros((sum(max(len(e.poles), e.averages) for e in self._ends), COLUMNS), dtype=complex)
         self._most = most
-        self._all = (
-            self._fronts,
-            self._poles,
-            self.latest,
-            self.fresh,
-            self._queue,
-            self._samples,
-            self._noise,
-            self._gaps,
-            frame_ns,
-            1e-9 * self.step_ns,
+        self._clock = np.zeros(2, dtype=np.int64)
+        self.rack = bundle(  # type: ignore[no-untyped-call]
+            Rack(
+                self._fronts,
+                self._poles,
+                self.latest,
+                self.fresh,
+                np.zeros((n, wait)),
+                self._samples,
+                self._noise,
+                self._gaps,
+                self._clock,
+                frame_ns,
+                1e-9 * self.step_ns,
+            )
         )
-        self._now = 0
         self._run: Callable[..., int] | None = None
 
     @staticmethod
@@ -81,28 +86,50 @@ class Bank:
         for i, (section, end) in enumerate(zip(self._sections, self._ends)):
             y = float(values[self._columns.index(section.reads)])
             row = self._settle(i, row, end, y, before)
-        self._draw(everything=True)
+        prepare(self.rack)
+        self.fill(everything=True)
         # A delayed sample was taken before t = 0: run the frames before it on the constant input.
         coef = np.zeros((1, len(values), DEGREE + 1))
         coef[0, :, 0] = values
         whole = Segments(np.ones(1, dtype=np.int64), np.zeros(1), np.array([1e-9 * self._frame]), coef)
-        self._now = -before
-        while self._now < 0:
+        self._clock[NOW] = -before
+        while self._clock[NOW] < 0:
             self.advance(whole)
 
     def advance(self, segments: Segments) -> None:
         """Run one frame; `latest`, `fresh` and `samples` then hold what it published."""
-        count, start, length, coef = segments
-        now = self._now
-        self._now = now + self._frame
+        if self.short:
+            self.fill()
         if self._run is None:
-            self._run = entry(advance, *self._all, now, count, start, length, coef)
-        if self._run(*self._all, now, count, start, length, coef):
-            self._draw()
+            self._run = entry(advance, self.rack, segments)
+        self._run(self.rack, segments)
+
+    @property
+    def short(self) -> bool:
+        """Whether the bank must be filled up before the next frame."""
+        return bool(self._clock[SHORT])
 
     def samples(self, i: int) -> NDArray[np.float64]:
-        """Samples that instrument i published in the last frame: a view, overwritten by the next."""
-        return self._samples[i, : self.fresh[i]]
+        """Samples that instrument i published in the last frame: a view, good until the bank is filled up."""
+        kept = self._fronts["kept"][i]
+        return self._samples[i, kept - self.fresh[i] : kept]
+
+    def since(self, i: int, number: int) -> NDArray[np.float64]:
+        """Samples of instrument i from sample `number` on: a view. The last one of all is always kept."""
+        kept, published = int(self._fronts["kept"][i]), int(self._fronts["published"][i])
+        return self._samples[i, number - published + kept : kept]
+
+    def shown(self, i: int, t_ns: Sequence[int]) -> list[float]:
+        """What `latest[i]` was at instants [ns] since the bank was filled up."""
+        last = np.array(t_ns) // self.periods_ns[i]
+        return self.since(i, int(last[0]))[last - last[0]].tolist()  # type: ignore[no-any-return]
+
+    def published(self, i: int, t_ns: Sequence[int]) -> list[list[float]]:
+        """What `samples(i)` was at instants [ns], one frame after another, since the bank was filled up."""
+        behind = np.array([t_ns[0] - self._frame, *t_ns]) // self.periods_ns[i] + 1
+        kept = self.since(i, int(behind[0])).tolist()
+        ends = (behind - behind[0]).tolist()
+        return [kept[first:last] for first, last in pairwise(ends)]
 
     def first_ns(self, i: int) -> int:
         """When the first of them was published [ns]; the others follow period by period."""
@@ -138,14 +165,15 @@ class Bank:
             row += 1
         s["last"] = row
         s["followed"] = s["previous"] = end.gain * at_rest
-        for p in range(int(s["first"]), row):
-            weigh(self._poles, p, STEP, 1e-9 * self.step_ns)
         return row
 
-    def _draw(self, everything: bool = False) -> None:
-        """Fill the rows of noise and drop-outs up again, keeping what is not used yet."""
+    def fill(self, everything: bool = False) -> None:
+        """Draw random numbers for what is used up, and forget all samples but the last of each instrument."""
+        self._clock[SHORT] = 0
         for i, (end, stream) in enumerate(zip(self._ends, self._streams)):
             s = self._fronts[i]
+            if s["kept"] > 1:
+                self._samples[i, 0], s["kept"] = self._samples[i, s["kept"] - 1], 1
             if end.noise > 0.0:
                 used = self._noise.shape[1] if everything else int(s["drawn"])
                 left = self._noise.shape[1] - used

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.kernel import kernel
+from rig.kernel import inner
 from rig.solve.segments import DEGREE
 
 WIDTH = DEGREE + 2  # e^x and the weights h w_0 .. h w_8
@@ -28,7 +28,7 @@ PEEK = PART + WIDTH  # weights up to the last sample instant inside a segment
 COLUMNS = PEEK + WIDTH
 
 
-@kernel
+@inner
 def weigh(poles: Any, p: int, at: int, h: float) -> None:
     """Write e^x and h w_k(x) for pole p and length h [s] to poles[p, at : at + WIDTH]."""
     x = poles[p, POLE] * h
@@ -58,7 +58,7 @@ def weigh(poles: Any, p: int, at: int, h: float) -> None:
             poles[p, at + k] = h * w
 
 
-@kernel
+@inner
 def settle(poles: Any, p: int, at: int, coef: Any, j: int, column: int, a: float) -> complex:
     """State of pole p after the first share `a` of segment j of `coef`, with the weights found at `at`."""
     z = poles[p, at] * poles[p, STATE]
@@ -73,7 +73,7 @@ def settle(poles: Any, p: int, at: int, coef: Any, j: int, column: int, a: float
     return z  # type: ignore[no-any-return]
 
 
-@kernel
+@inner
 def polynomial(coef: Any, j: int, column: int, a: float) -> float:
     """Value of a signal at the share `a` of segment j."""
     y = coef[j, column, DEGREE]

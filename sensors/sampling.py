@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rig.kernel import kernel
+from rig.kernel import inner, kernel, lent
 from sensors.response import PART, PEEK, RESIDUE, STATE, STEP, polynomial, settle, weigh
 
 # One instrument: what it is, then where it stands. Sample n is published at n period and taken `delay` earlier.
@@ -35,6 +36,7 @@ FRONT = np.dtype(
         ("most", np.int64),  # most samples in one frame
         ("taken", np.int64),  # samples so far
         ("published", np.int64),
+        ("kept", np.int64),  # of these, the last ones, in the row of samples
         ("drawn", np.int64),  # next number in the row of noise
         ("gap", np.int64),  # next drop-out
         ("lost_until", np.int64),  # ns
@@ -50,7 +52,26 @@ FRONT = np.dtype(
 )
 
 
-@kernel
+NOW, SHORT = range(2)  # of Rack.clock
+
+
+class Rack(NamedTuple):
+    """All instruments of a scene as arrays."""
+
+    fronts: NDArray[Any]  # FRONT [n]
+    poles: NDArray[np.complex128]  # [pole, COLUMNS]
+    latest: NDArray[np.float64]  # [n] the last published sample
+    fresh: NDArray[np.int64]  # [n] how many were published in the last frame
+    queue: NDArray[np.float64]  # [n, waiting] taken, not yet published
+    samples: NDArray[np.float64]  # [n, room] published, the last FRONT.kept of them
+    noise: NDArray[np.float64]  # [n, drawn ahead]
+    gaps: NDArray[np.int64]  # [n, drawn ahead, 2] start and end of drop-outs [ns]
+    clock: NDArray[np.int64]  # NOW [ns]; SHORT: 1 where random numbers or room do not last for another frame
+    frame: int  # ns
+    step: float  # s, length of a full segment
+
+
+@inner
 def reading(s: Any, x: float, t: int, noise: Any, gaps: Any, i: int) -> float:
     """The sample that instrument s (row i) makes of the filtered signal x at t [ns]; counts what went wrong."""
     x *= s.gain
@@ -90,29 +111,25 @@ def reading(s: Any, x: float, t: int, noise: Any, gaps: Any, i: int) -> float:
 
 
 @kernel
-def advance(
-    fronts: Any,
-    poles: Any,
-    latest: Any,
-    fresh: Any,
-    queue: Any,
-    samples: Any,
-    noise: Any,
-    gaps: Any,
-    frame: int,
-    step: float,
-    now: int,
-    count: Any,
-    start: Any,
-    length: Any,
-    coef: Any,
-) -> bool:
-    """Run all instruments over the frame (now, now + frame] [ns]. True: random numbers must be drawn before the next.
+def prepare(rack: Any) -> None:
+    """Weigh all poles for a full segment."""
+    r = rack.content
+    for p in range(r.poles.shape[0]):
+        weigh(r.poles, p, STEP, r.step)
 
-    fronts FRONT[n]; poles complex[rows, COLUMNS]; queue[n, waiting]: taken, not yet published; samples[n, most]:
-    published in this frame, fresh[n] of them; noise[n, chunk]; gaps[n, chunk, 2]: start and end of drop-outs [ns];
-    step [s]: length of a full segment.
-    """
+
+@kernel
+def advance(rack: Any, segments: Any) -> None:
+    """`sample` by itself: one frame of all instruments."""
+    sample(lent(rack.content), segments)
+
+
+@inner
+def sample(r: Any, segments: Any) -> None:
+    """Run all instruments of a Rack over the frame (now, now + frame] [ns] that `segments` describe."""
+    now, frame, step = r.clock[NOW], r.frame, r.step
+    count, start, length, coef = segments.count, segments.start, segments.length, segments.coef
+    fronts, poles, queue, noise, gaps = r.fronts, r.poles, r.queue, r.noise, r.gaps
     end_ns = now + frame
     snap = 1e-12 * (1e-9 * frame)  # a sample this close to the end of a segment is taken at its end
     same = 4e-15 * (1e-9 * frame)  # lengths this close differ by the rounding of start and length only
@@ -167,13 +184,13 @@ def advance(
                 tau = 1e-9 * (due - now)
             if s.averages:
                 poles[s.first, STATE] -= base / poles[s.first, RESIDUE]
-        n = 0
+        before = s.published
         while s.published * s.period <= end_ns:
-            latest[i] = queue[i, s.published % queue.shape[1]]
-            samples[i, n] = latest[i]
+            r.latest[i] = queue[i, s.published % queue.shape[1]]
+            r.samples[i, s.kept] = r.latest[i]
             s.published += 1
-            n += 1
-        fresh[i] = n
+            s.kept += 1
+        r.fresh[i] = s.published - before
         for p in range(s.first, s.last):
             z = poles[p, STATE]
             if abs(z.real) + abs(z.imag) < 1e-250:  # a decayed state must not become denormal: it would cost 100 times
@@ -182,4 +199,7 @@ def advance(
             short = True
         if s.dropouts and gaps[i, gaps.shape[1] - 1, 0] <= end_ns + frame:
             short = True
-    return short
+        if s.kept + s.most > r.samples.shape[1]:
+            short = True
+    r.clock[NOW] = end_ns
+    r.clock[SHORT] = short

@@ -126,6 +126,18 @@ class Exchange:
                     changed.append(line)
         return changed
 
+    def until(self) -> int | None:
+        """The first tick after this one at which `take_over` has something to do if nobody commands; None: never."""
+        found = None
+        for line in self._order:
+            tick = line.queue[0][0] if line.queue else None
+            if line.values and line.status != SAFE:
+                missing = max(line.last + line.period, self._stand.tick + 1)
+                tick = missing if tick is None else min(tick, missing)
+            if tick is not None:
+                found = tick if found is None else min(found, tick)
+        return found
+
     def _take(self, line: Line, tick: int, answered: int, given: Sequence[float]) -> None:
         counts, status = line.counts, AS_SENT
         if not isfinite(sum(given)):
@@ -266,6 +278,10 @@ class Playback(Exchange):
 
     def receive(self, sender: str, answered: int, values: Sequence[float]) -> None:
         """Nobody is listened to."""
+
+    def until(self) -> int | None:
+        """The tick of the next recorded command; None if there is none."""
+        return min((recorded[0][0] for recorded in self._recorded.values() if recorded), default=None)
 
     def take_over(self) -> list[Line]:
         """Put into force what took effect at this tick."""

@@ -87,6 +87,13 @@ class Operation:
             self.over = "done"
         return not self.over
 
+    def until(self) -> int:
+        """The first tick after this one at which `begin` may have something to do, unless a limit is passed before."""
+        tick = self.stand.tick
+        due = [self._end, None if self.aborted else self.protocol.until(tick)]
+        due.append(self._outside[0]["tick"] if self._outside else None)
+        return max(min((one for one in due if one is not None), default=tick + 1), tick + 1)
+
     def take_over(self) -> list[Line]:
         """Put the commands of this tick into force; the lines that changed."""
         return self.exchange.take_over()

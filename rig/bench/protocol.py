@@ -119,6 +119,10 @@ class Protocol:
             return NOTHING
         return self._go_on(tick, latest)
 
+    def until(self, tick: int) -> int | None:
+        """The first tick after `tick` at which something may be due; None if nothing comes any more."""
+        return tick + 1 if self._condition is not None else None if self.done else self._until
+
     def _go_on(self, tick: int, latest: NDArray[Any]) -> list[Action]:
         actions = self._finished(tick)
         for step in self._steps:

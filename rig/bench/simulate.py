@@ -1,25 +1,26 @@
-"""A run in this process: the same stand, exchange and controller objects, no bus, as fast as it goes."""
+"""A run in this process: the same stand, exchange and controller objects, no bus, as fast as it goes.
+
+Frames run in one piece up to the next at which somebody acts: the protocol, a limit, a command. The answers of a
+controller that is not connected are nobody's; it gives them afterwards, from the samples of then.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from itertools import repeat
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from controllers.base import Controller, Values
-from controllers.base import Samples as Heard
+from controllers.base import Controller
 from controllers.loop import Loop
 from rig.bench.exchange import Exchange, Playback
 from rig.bench.operation import Operation
 from rig.bench.stand import Stand
 from rig.bench.truth import Truth
 from rig.errors import NumericsError, UsageError
-from rig.record.run import Commands, Run, Samples
+from rig.record.run import Commands, Run
 from rig.scenes.scene import Scene
-
-_FRAMES = 1 << 12
 
 Report = Callable[[Operation], None]
 
@@ -56,72 +57,80 @@ def simulate(
     if isinstance(operation.exchange, Playback):
         assert commands is not None
         operation.exchange.play(commands)
-    columns = {name: i for i, name in enumerate(stand.bank.names)}
-    asked = sorted(loops.items()) if commands is None else []
-    wired = [(name, loop, [columns[r] for r in loop.controller.reads]) for name, loop in asked]
-    bank = stand.bank
-    kept = Measurements(stand)
-    latest, every = stand.bank.latest, max(100_000_000 // scene.frame_ns, 1)
-    begin, receive, take_over = operation.begin, operation.exchange.receive, operation.take_over
+    working = [Working(name, loop, operation) for name, loop in sorted(loops.items()) if commands is None]
+    every = max(100_000_000 // scene.frame_ns, 1)
     fault = ""
     try:
-        while begin():
-            tick = stand.tick
-            t_ns = tick * stand.frame_ns
-            for name, loop, reads in wired:
-                if t_ns % loop.controller.period_ns == 0:
-                    if loop.hears:
-                        heard: Values | Heard = tuple([bank.samples(i).tolist() for i in reads])
-                    else:
-                        heard = tuple([float(latest[i]) for i in reads])
-                    receive(name, tick, loop.answer(t_ns, heard))
-            take_over()
-            stand.frame()
-            kept.add()
-            if report is not None and tick % every == 0:
+        while operation.begin():
+            until = operation.until()
+            if report is not None:
+                until = min(until, stand.tick + every - stand.tick % every)
+            _carry_on(operation, working, until)
+            if report is not None and stand.tick % every == 0:
                 report(operation)
     except NumericsError as error:
         fault = str(error)
         operation.journal.note("diverged", fault)
-    return _run(scene, stand, operation, truth, kept, loops, fault)
+        for one in working:
+            one.catch_up(stand.tick + 1)
+    return _run(scene, stand, operation, truth, loops, fault)
 
 
-class Measurements:
-    """Every published sample of every sensor."""
+def _carry_on(operation: Operation, working: list[Working], until: int) -> None:
+    """Carry the stand on to tick `until`, or as far as no limit is passed; only controllers act on the way."""
+    stand, exchange = operation.stand, operation.exchange
+    heard, others = ([one for one in working if one.line.connected is on] for on in (True, False))
+    while True:
+        for one in working:
+            one.answer()
+        operation.take_over()
+        tick, end = stand.tick, until
+        for one in heard:
+            end = min(end, one.due)
+        if end - tick > 1 and (waits := exchange.until()) is not None:
+            end = min(end, waits)
+        stand.frames(end - tick)
+        for one in others:
+            one.catch_up(stand.tick)
+        if stand.tick >= until or stand.limited:
+            return
 
-    def __init__(self, stand: Stand) -> None:
-        bank = self._bank = stand.bank
-        self._frame_ns = stand.frame_ns
-        self._fast = [i for i, period in enumerate(bank.periods_ns) if period < stand.frame_ns]
-        self._quick: dict[int, list[NDArray[np.float64]]] = {i: [] for i in self._fast}
-        self._full: list[NDArray[np.float64]] = []
-        self._block = np.empty((_FRAMES, len(bank.names)))
-        self._rows = 0
-        self.add()
 
-    def add(self) -> None:
-        """Keep the samples of the last frame."""
-        if self._rows == _FRAMES:
-            self._full.append(self._block)
-            self._block, self._rows = np.empty_like(self._block), 0
-        self._block[self._rows] = self._bank.latest
-        self._rows += 1
-        for i in self._fast:
-            self._quick[i].append(self._bank.samples(i).copy())
+class Working:
+    """A controller that works in this process. `due`: tick of its next answer."""
 
-    def samples(self) -> dict[str, Samples]:
-        """What each sensor published: times [ns], values."""
-        latest = np.concatenate([*self._full, self._block[: self._rows]])
-        out = {}
-        for i, (name, period) in enumerate(zip(self._bank.names, self._bank.periods_ns)):
-            if i in self._quick:
-                values = np.concatenate(self._quick[i])
-            else:  # published at the first frame that begins at or after each multiple of the period
-                count = (len(latest) - 1) * self._frame_ns // period + 1
-                frames = -(-np.arange(count, dtype=np.int64) * period // self._frame_ns)
-                values = latest[frames[frames < len(latest)], i]
-            out[name] = Samples(np.arange(len(values), dtype=np.int64) * period, values)
-        return out
+    def __init__(self, name: str, loop: Loop, operation: Operation) -> None:
+        self.line = operation.exchange.lines[name]
+        self.due = 0
+        self._name, self._loop = name, loop
+        self._stand, self._receive = operation.stand, operation.exchange.receive
+        self._bank = operation.stand.bank
+        self._columns = [self._bank.names.index(sensor) for sensor in loop.controller.reads]
+        self._latest = self._bank.latest.item
+
+    def answer(self) -> None:
+        """Send a command if one is due at this tick."""
+        tick = self._stand.tick
+        if tick != self.due:
+            return
+        if self._loop.hears:
+            heard: Any = tuple([self._bank.samples(i).tolist() for i in self._columns])
+        else:
+            heard = tuple(map(self._latest, self._columns))
+        self._receive(self._name, tick, self._loop.answer(tick * self._stand.frame_ns, heard))
+        self.due = tick + self.line.period
+
+    def catch_up(self, tick: int) -> None:
+        """Give the answers due before `tick`, which nobody has waited for."""
+        if self.due >= tick:
+            return
+        frame = self._stand.frame_ns
+        times = range(self.due * frame, tick * frame, self.line.period * frame)
+        recall = self._bank.published if self._loop.hears else self._bank.shown
+        heard = [recall(i, times) for i in self._columns]
+        for t_ns, values in zip(times, zip(*heard) if heard else repeat(())):
+            self._loop.answer(t_ns, values)
+        self.due += len(times) * self.line.period
 
 
 def _run(
@@ -129,10 +138,10 @@ def _run(
     stand: Stand,
     operation: Operation,
     truth: Truth,
-    kept: Measurements,
     loops: Mapping[str, Loop],
     fault: str,
 ) -> Run:
+    assert stand.measurements is not None
     outputs, modes = truth.outputs(stand.motion)
     units = dict(stand.units)
     units |= {f"meas/{name}": unit for name, unit in zip(stand.bank.names, stand.bank.units)}
@@ -145,7 +154,7 @@ def _run(
         time=np.arange(len(outputs), dtype=np.float64) * (stand.step_ns * 1e-9),
         signals={name: np.ascontiguousarray(outputs[:, i]) for i, name in enumerate(stand.outputs)},
         units=units,
-        measurements=kept.samples(),
+        measurements=stand.measurements.samples(),
         commands={name: line.commands() for name, line in operation.exchange.lines.items()},
         events=sorted(events, key=lambda event: event["t_ns"]),
         energy=statistics.pop("energy"),

@@ -12,13 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
+from rig.bench.measurements import Measurements
 from rig.bench.truth import ROWS, Truth
 from rig.errors import SceneError, UsageError
 from rig.scenes.scene import Scene
 from rig.solve.assembly import Input
-from rig.solve.motion import Motion, chosen
+from rig.solve.motion import Frames, Motion, chosen
 from rig.solve.verdict import verdict
 from sensors.bank import Bank
+from sensors.frames import frames
 
 Array = NDArray[np.float64]
 
@@ -26,7 +28,7 @@ Array = NDArray[np.float64]
 class Stand:
     """A scene's plant with its sensors at tick `tick` (frames). Raises rig.errors.NumericsError when it must stop.
 
-    `truthful`: keep the plant's own quantities at every step (`truth`).
+    `truthful`: keep the plant's own quantities at every step (`truth`) and every sample (`measurements`).
     """
 
     def __init__(self, scene: Scene, truthful: bool = False) -> None:
@@ -49,6 +51,7 @@ class Stand:
         faults = [f"{one.what} ({one.number:.4g}): {one.remedy}" for one in self.findings if one.level == "error"]
         if faults and clock.unstable == "refuse":
             raise SceneError(scene.name, [*faults, 'clock.unstable = "run" runs it all the same, up to clock.limit'])
+        self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed)
         self.motion = Motion(
             system,
             self.step_ns,
@@ -61,11 +64,13 @@ class Stand:
             limit=clock.limit,
             longest=ROWS if truthful else self.steps,
             bounds={self.outputs.index(name): limit for name, limit in scene.limits.items()},
+            frames=Frames(frames, self.steps, self.bank.rack),
         )
         self._index = {name: i for i, name in enumerate(system.names)}
-        self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed)
+        self._look = True
         self.bank.start(self.motion.outputs_now()[: len(needs)].copy())
         self.truth = Truth(self.motion, self.steps, self.step_ns) if truthful else None
+        self.measurements = Measurements(self.bank) if truthful else None
 
     @property
     def t_ns(self) -> int:
@@ -74,12 +79,26 @@ class Stand:
 
     def frame(self) -> None:
         """Carry the plant through one frame; the sensors publish what they sampled in it."""
-        if self.truth is not None:
-            self.truth.frame(self.motion)
-        else:
-            self.motion.advance(self.steps)
-        self.tick += 1
-        self.bank.advance(self.motion.segments)
+        self.frames(1)
+
+    def frames(self, most: int) -> None:
+        """Carry plant and sensors up to `most` frames on, one at least, in one piece.
+
+        It ends after a frame with an event, or when a limit is passed or the bank is short; what the bank has kept of
+        the samples is that of these frames.
+        """
+        if self._look and self.bank.short:
+            if self.measurements is not None:
+                self.measurements.take()
+            self.bank.fill()
+        self._look = True
+        try:
+            if self.truth is not None:
+                self._look = self.truth.advance(self.motion, most)
+            else:
+                self._look = self.motion.advance(self.steps)
+        finally:
+            self.tick = self.motion.tick // self.steps
 
     def apply(self, name: str, value: float) -> None:
         """Put an actuator to `value` at this tick; a ramp that was under way ends."""
@@ -139,10 +158,14 @@ class Stand:
         for i, step in enumerate(jump):
             self.motion.write(first + i, float(self.motion.x[first + i] + step))
 
+    @property
+    def limited(self) -> bool:
+        """Whether an output is beyond the limit that the scene sets for it, at this tick."""
+        return self._look and self.motion.beyond >= 0
+
     def beyond(self) -> str:
-        """The first output beyond the limit that the scene sets for it, at this tick; "" if none is."""
-        column = self.motion.beyond
-        return self.outputs[column] if column >= 0 else ""
+        """The first such output; "" if none is."""
+        return self.outputs[self.motion.beyond] if self.limited else ""
 
     def output_values(self) -> Array:
         """Plant truth [outputs] at this tick (a view, overwritten by the next call)."""

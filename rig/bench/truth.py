@@ -22,17 +22,19 @@ class Truth:
         self._keys = [np.array([motion.key])]
         self.events: list[dict[str, Any]] = []
 
-    def frame(self, motion: Motion) -> None:
-        """Carry `motion` through a frame and keep it."""
+    def advance(self, motion: Motion, frames: int) -> bool:
+        """Carry `motion` up to so many frames on, as far as it goes in one piece, and keep it; as `Motion.advance`."""
         if motion.kept + self._steps > ROWS:
             self.work_out(motion)
-        motion.advance(self._steps, keep=True)
-        if motion.event_count:
+        room = (ROWS - motion.kept) // self._steps
+        look = motion.advance(min(frames, room) * self._steps, keep=True)
+        if look and motion.event_count:
             for event in motion.events():
                 t_ns = round((event.tick + event.place) * self._step_ns)
                 data = {"tick": event.tick, "place": event.place, "before": motion.system.describe(event.before)}
                 told = {"t_ns": t_ns, "tick": event.tick, "source": "plant", "kind": "contact"}
                 self.events.append({**told, "text": event.what, "data": data})
+        return look
 
     def work_out(self, motion: Motion) -> None:
         """Turn what was kept into outputs, with the matrices of now."""

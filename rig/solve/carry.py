@@ -17,7 +17,7 @@ from rig.solve.system import System
 from rig.solve.wide import quiet
 
 Array = NDArray[np.float64]
-TICK, KEY, PENDING, EVENTS, OPENED, TRIALS, REPEAT, BEYOND, PAST, COUNTERS = range(10)  # of State.ic
+TICK, KEY, PENDING, EVENTS, OPENED, TRIALS, REPEAT, BEYOND, PAST, REACHED, COUNTERS = range(11)  # of State.ic
 PLACE, TRY = range(2)  # of State.fc
 TALLIED = 256
 _FLUSH = 1e-150
@@ -97,16 +97,14 @@ class State(NamedTuple):
 def advance(shape, tables, loan, begin, origin, ticks, wide, tolerance, substeps, booking, emitting, limit):
     """Carry the state from row `origin` of the log up to row `ticks`; returns a status.
 
-    To be called again, no longer with `begin`, when that asks for a mode set. ic[BEYOND]: number of the first output
-    beyond its bound, or -1; ic[PAST]: events of all calls so far.
+    To be called again, no longer with `begin`, when that asks for a mode set. ic[REACHED]: row up to which blocks are
+    done; ic[BEYOND]: number of the first output beyond its bound, or -1; ic[PAST]: events of all calls so far.
     `tolerance` is None for a system that is linear in every mode set, `substeps` is None for other methods than rk4:
     what is not asked for is not compiled. `wide` is None for a rig of few states (rig.solve.wide).
     """
     w, state, log, seg = loan.content
     if begin:
-        state.ic[TICK], state.ic[EVENTS] = origin, 0
-        state.ic[PENDING] = max(state.ic[PENDING], SETTLE)
-        seg.count[0] = 0
+        start(state, seg, origin)
     return carry(
         shape,
         lent(tables.content),
@@ -123,6 +121,15 @@ def advance(shape, tables, loan, begin, origin, ticks, wide, tolerance, substeps
         emitting,
         limit,
     )
+
+
+@inlined
+def start(state, seg, origin):
+    """Begin a block at row `origin` of the log: modes are settled first, no event and no segment was yet."""
+    state.ic[REACHED] = state.ic[TICK] = origin
+    state.ic[EVENTS] = 0
+    state.ic[PENDING] = max(state.ic[PENDING], SETTLE)
+    seg.count[0] = 0
 
 
 @inlined
@@ -168,7 +175,7 @@ def propagate(shape, wide, t, slot, ic, fc, x, w, origin, ticks, log, energy, bo
 
 @inner
 def carry(shape, t, w, state, log, seg, origin, ticks, wide, tolerance, substeps, booking, emitting, limit):
-    """`advance` on borrowed arrays."""
+    """One block, begun, on borrowed arrays; the rest as in `advance`."""
     ic, fc, x, energy = state.ic, state.fc, state.x, state.energy
     while True:
         if ic[PENDING] != READY:
@@ -244,6 +251,7 @@ def carry(shape, t, w, state, log, seg, origin, ticks, wide, tolerance, substeps
         if not (abs(x[i]) <= limit):
             return LOST
     ic[BEYOND] = beyond(t, t.slot_of[ic[KEY]], x, w, state.watched, state.bound)
+    ic[REACHED] = ticks
     return DONE
 
 

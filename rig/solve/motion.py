@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,7 @@ from rig.solve.carry import (
     PAST,
     PENDING,
     PLACE,
+    REACHED,
     TALLIED,
     TICK,
     TRIALS,
@@ -34,7 +36,7 @@ from rig.solve.carry import (
     workspace,
 )
 from rig.solve.emit import empty_segments
-from rig.solve.settle import CHATTER, DONE, JAM, LOST, NEED, OVERFULL, SETTLE, START
+from rig.solve.settle import CHATTER, DONE, JAM, LOOK, LOST, NEED, OVERFULL, SETTLE, START
 from rig.solve.slots import UNROLLED, Slots
 from rig.solve.system import STICK, System
 
@@ -46,6 +48,17 @@ SEGMENTS = 1024
 def chosen(method: str, system: System) -> str:
     """The method that "auto" stands for: exact where the motion is linear in every mode set, else dopri5."""
     return method if method != "auto" else "exact" if system.linear else "dopri5"
+
+
+class Frames(NamedTuple):
+    """How a motion is carried together with something else: a kernel that takes more than `advance` and may end early.
+
+    It goes on frame by frame of `steps` ticks; `more` is what it takes beside that.
+    """
+
+    kernel: Any
+    steps: int
+    more: Any
 
 
 @dataclass(frozen=True)
@@ -66,7 +79,8 @@ class Motion:
     `tolerance`: of dopri5, for event times and local errors relative to each state's size. `substeps`: rk4 steps in a
     sample step. `cap`: events allowed in one call (ten ticks of a longer one). `limit`: largest |state| allowed.
     `booking`: keep the energy ledger. `longest`: ticks of the longest call to make room for. `bounds`: of the size of
-    outputs, by number; `beyond` then names the first output that has left its bound at the end of a call.
+    outputs, by number; `beyond` then names the first output that has left its bound at the end of a call. `frames`: in
+    what the motion is carried, if not alone.
 
     Raises ValueError for a method that cannot serve the system; while running Diverged, Jammed, Chatter (rig.errors)
     with time, mode and state. The state is kept then.
@@ -86,6 +100,7 @@ class Motion:
         booking: bool = True,
         longest: int = 1,
         bounds: Mapping[int, float] | None = None,
+        frames: Frames | None = None,
     ) -> None:
         if method not in METHODS:
             raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
@@ -95,6 +110,9 @@ class Motion:
         self.tick = 0
         self.segments = empty_segments(read, SEGMENTS)
         self._outputs, self._read, self._cap = outputs or [], read, cap
+        self._kernel = advance if frames is None else frames.kernel
+        self._more = () if frames is None else frames[1:]
+        self._block = None if frames is None else frames.steps
         self._first = self.kept = 0
         self._jumps = 0.0
         self._set(system)
@@ -111,7 +129,7 @@ class Motion:
         self.state.ic[PENDING] = START
         at_start = system.key([0] * len(system.patches), [0] * len(system.normals), [0] * len(system.limiters))
         self._stored = ledger.stored(system, self.state.x, at_start)
-        self._room(longest, longest)
+        self._room(longest, self._block or longest)
         self._run(0, 0)
 
     def _set(self, system: System) -> None:
@@ -132,11 +150,12 @@ class Motion:
             self.booking,
             self._read > 0,
             self.limit,
+            *self._more,
         )
         self._now = (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((1, len(self._outputs))))
 
     def _room(self, rows: int, ticks: int) -> None:
-        """Rows for states, and as many events as a call of `ticks` may have."""
+        """Rows for states, and as many events as a block of `ticks` may have."""
         none = np.zeros(0)
         self.log = Log(np.zeros((rows, self.system.n)), np.zeros(rows, dtype=np.int64), none.astype(np.int64), none)
         self._events(ticks)
@@ -223,21 +242,21 @@ class Motion:
         self._lend()
         self._run(0, 0)
 
-    def advance(self, ticks: int, keep: bool = False) -> None:
+    def advance(self, ticks: int, keep: bool = False) -> bool:
         """Carry the state `ticks` ticks on; `states` and `slots_of_states` then hold what came at their ends.
 
-        `keep`: behind what the calls before have kept; set `kept` to 0 to begin anew.
+        `keep`: behind what the calls before have kept; set `kept` to 0 to begin anew. True: carried in `frames` it has
+        ended, perhaps early, after a frame at which somebody must look; `events` are those of this frame.
         """
         first = self.kept if keep else 0
         last = first + ticks
+        block = self._block or ticks
         if last > len(self.log.out):
-            self._room(last, ticks)
-        elif ticks != self._ticks:
-            self._events(ticks)
+            self._room(last, block)
+        elif block != self._ticks:
+            self._events(block)
         self._first = first
-        self._run(first, last)
-        self.tick += ticks
-        self.kept = last
+        return self._run(first, last)
 
     @property
     def states(self) -> Array:
@@ -254,19 +273,23 @@ class Motion:
         """Number of the first output beyond its bound at the end of the last call; -1 if none."""
         return int(self.state.ic[BEYOND])
 
-    def _run(self, first: int, last: int) -> None:
+    def _run(self, first: int, last: int) -> bool:
+        shape, how = self._shape, self._how
         if self._carry is None:
-            self._carry = entry(advance, self._shape, self.slots.handle, self._lent, True, first, last, *self._how)
-        status = self._carry(self._shape, self.slots.handle, self._lent, True, first, last, *self._how)
+            self._carry = entry(self._kernel, shape, self.slots.handle, self._lent, True, first, last, *how)
+        status = self._carry(shape, self.slots.handle, self._lent, True, first, last, *how)
         while status == NEED:
             self.slots.add(self.key)
-            status = self._carry(self._shape, self.slots.handle, self._lent, False, first, last, *self._how)
-        if status != DONE:
+            status = self._carry(shape, self.slots.handle, self._lent, False, first, last, *how)
+        self.kept = last if status == DONE else int(self.state.ic[REACHED])
+        self.tick += self.kept - first
+        if status not in (DONE, LOOK):
             self._stop(status)
+        return status == LOOK  # type: ignore[no-any-return]
 
     def _where(self) -> tuple[float, str, dict[str, float]]:
         ic, fc = self.state.ic, self.state.fc
-        time = (self.tick + int(ic[TICK]) - self._first + float(fc[PLACE])) * self.step_ns * 1e-9
+        time = (self.tick + int(ic[TICK]) - self.kept + float(fc[PLACE])) * self.step_ns * 1e-9
         return time, self.system.describe(self.key), dict(zip(self.system.names, self.state.x.tolist()))
 
     def _stop(self, status: int) -> None:

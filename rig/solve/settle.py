@@ -25,7 +25,7 @@ from rig.solve.system import (
     STICK,
 )
 
-DONE, NEED, CHATTER, JAM, LOST, OVERFULL = range(6)  # what a kernel returns
+DONE, NEED, CHATTER, JAM, LOST, OVERFULL, LOOK = range(7)  # what a kernel returns; LOOK: done, maybe early
 READY, SETTLE, LAND, START, THROWN = range(5)  # what a run has to do first
 
 _SLACK = 1e-9  # a contact that slips and sticks in the same instant may hold this much more

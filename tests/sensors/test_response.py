@@ -8,9 +8,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
+from rig.kernel import kernel
 from rig.solve.segments import DEGREE
-from sensors import filters
-from sensors.response import COLUMNS, PART, PEEK, POLE, STATE, STEP, settle, weigh
+from sensors import filters, response
+from sensors.response import COLUMNS, PART, PEEK, POLE, STATE, STEP
+
+
+@kernel
+def weigh(poles, p, at, h):
+    response.weigh(poles, p, at, h)
+
+
+@kernel
+def settle(poles, p, at, coef, j, column, a):
+    return response.settle(poles, p, at, coef, j, column, a)
 
 
 def table(pole):

@@ -45,7 +45,7 @@ def pendulum(changes: dict[str, Any]) -> Any:
     return plant.assemble(plant.Parameters.model_validate(raw), {}).system()
 
 
-def interleaved(contenders: dict[str, Callable[[], None]], rounds: int = ROUNDS) -> dict[str, float]:
+def interleaved(contenders: dict[str, Callable[[], object]], rounds: int = ROUNDS) -> dict[str, float]:
     """Best time of each [s], one call of each in turn."""
     best = dict.fromkeys(contenders, np.inf)
     for _ in range(rounds):
