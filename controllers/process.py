@@ -28,7 +28,7 @@ from rig import bus
 from rig.bus import encode, messages, setup
 from rig.bus.port import Session
 from rig.errors import BusError, RigError, UsageError
-from rig.process import as_process, stopping
+from rig.process import as_process, come_first, stopping
 
 UNHEARD = (math.nan,)
 PATIENCE = 0.1  # s without a step, after which this process looks whether the plant still lives
@@ -154,6 +154,7 @@ def run(
 
     Returns when the plant ends or on a signal to stop; raises RigError when it cannot begin or the controller fails.
     """
+    come_first()
     file = Path(what) if what.endswith(".py") else None
     name = file.stem if file is not None else what
     with bus.join(run, role="controller", name=name, wait=wait) as session:

@@ -41,7 +41,7 @@ from rig.bench.timing import Timing
 from rig.bus.port import Session
 from rig.bus.setup import Setup
 from rig.errors import Interrupted, NumericsError, RigError
-from rig.process import as_process, told_to_stop
+from rig.process import as_process, come_first, told_to_stop
 from rig.quantities import si
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
@@ -249,7 +249,8 @@ def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) 
     warm(scene)  # Ctrl-C may break this off, but nothing after it
     asked: list[str] = []
     with told_to_stop(asked.append):
-        if job.realtime and (why := pace.take_priority()):  # the threads of the bus inherit it
+        come_first()  # the threads of the bus inherit it
+        if job.realtime and (why := pace.take_priority()):
             say(why)
         with bus.host(job.run, scene.name, job.endpoint) as session:
             plant = Plant(session, job, lambda: f"stopped by {asked[0]}" if asked else "")

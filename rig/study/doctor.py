@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from rig import kernel, scenes
 from rig.bench import pace
 from rig.bench.stand import Stand
+from rig.process import come_first
 from rig.scenes.scene import Scene
 from rig.study import warmup
 from rig.study.round_trip import round_trips
@@ -182,6 +183,7 @@ def judge(scene: Scene, costs: NDArray[np.int64] | None, late: NDArray[np.int64]
 
 def _waits(seconds: float) -> tuple[pace.Waiting, NDArray[np.int64], NDArray[np.int64]]:
     """The choice between sleep and hybrid, and the lateness of both [ns], measured in turns."""
+    come_first()
     waiting = pace.choose(FRAME_NS)
     spin = waiting.spin_ns or int(min(1.5 * waiting.sleep_p95, FRAME_NS / 5))
     sleep, hybrid = pace.WallClock(), pace.WallClock(spin)
