@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import ctypes
+import gc
 import os
 import platform
 import signal
@@ -19,6 +20,7 @@ from rig.errors import Interrupted
 
 _SETATTR = {"x86_64": 314, "aarch64": 274}  # sched_setattr of <asm/unistd.h>
 _TURN_NS = 100_000
+_GARBAGE = 100_000  # new objects
 
 
 def come_first() -> bool:
@@ -79,7 +81,9 @@ def as_process(main: Callable[[], int | None]) -> NoReturn:
 
     The interpreter is not taken apart. That costs 0.3 s of processor time once rerun or numba are loaded: 14 s for a
     viewer that stands back on a machine whose cores are busy (measured), and nobody needs what it holds any more.
+    Garbage is looked for rarely: what is imported stays, and to look through it takes a tenth of the start.
     """
+    gc.set_threshold(_GARBAGE)
     asked: list[int] = []
 
     def interrupt(number: int, _: object) -> None:
