@@ -154,7 +154,7 @@ def map_(
 
     loaded = load(scene, changes(p))
     if eigenvalues:
-        _regions(loaded, x, y, out, as_json)
+        _regions(loaded, x, y, out, workers, as_json)
         return
     wanted = tuple(run.strip() for run in runs.split(",") if run.strip())
     todo = job(loaded, x, y, output, wanted, seconds(longest, "--longest"))
@@ -175,20 +175,16 @@ def map_(
     tell.line(f"\n{store.folder}/map.png, map.csv")
 
 
-def _regions(scene: Scene, x: str, y: str | None, out: Path, as_json: bool) -> None:
+def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None, as_json: bool) -> None:
     from rig.study.axis import axes
-    from rig.study.regions import draw, regions
+    from rig.study.map import survey
+    from rig.study.regions import draw
 
     if y is None:
         raise UsageError("--eigenvalues: needs --y as well; over one parameter: rig modes SCENE --sweep KEY=A:B:N")
     across, along = axes(scene, {"--x": x, "--y": y})
     with _bar("rows") as progress:
-        found = regions(scene, across, along, progress)
-    folder = out / f"{scene.name}-eigenvalues-{found.digest}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UsageError(f"{folder}: cannot be written: {error.strerror}") from None
+        found, folder = survey(scene, across, along, out, workers, progress)
     found.write_csv(folder / "regions.csv")
     draw(found, folder / "regions.png")
     if as_json:

@@ -8,9 +8,8 @@ Source: Liu and Ouyang, Meccanica 55 (2020), figures 8 and 12.
 from __future__ import annotations
 
 import csv
-import hashlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -47,12 +46,6 @@ class Regions:
     frequency: Array
     exists: NDArray[np.bool_]
     edges: tuple[tuple[tuple[float, bool], ...], ...]
-
-    @property
-    def digest(self) -> str:
-        """Of everything that the numbers depend on (12 hex digits)."""
-        told = repr((self.scene.digest, self.x, self.y))
-        return hashlib.sha256(told.encode()).hexdigest()[:12]
 
     def text(self) -> str:
         """For a reader: a line for each y."""
@@ -106,35 +99,48 @@ class Regions:
 
 def regions(scene: Scene, x: Axis, y: Axis, progress: Callable[[int, int], object] | None = None) -> Regions:
     """The least stable motion of `scene` over two axes; `progress(rows done, rows)`."""
+    rows = {}
+    for j, value in enumerate(y.values):
+        rows[j] = along(y.at(scene, value), x)
+        if progress is not None:
+            progress(j + 1, len(y.values))
+    return put_together(scene, x, y, rows)
+
+
+def put_together(scene: Scene, x: Axis, y: Axis, rows: Mapping[int, Mapping[str, NDArray[Any]]]) -> Regions:
+    """The rows of `along`, by number."""
+    growth, frequency, exists = (
+        np.array([rows[j][name] for j in sorted(rows)]) for name in ("growth", "frequency", "exists")
+    )
+    edges = tuple(tuple((float(at), bool(up)) for at, up in rows[j]["edges"]) for j in sorted(rows))
+    return Regions(scene, x, y, growth, frequency, exists, edges)
+
+
+def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
+    """One row: growth, frequency, exists [x], and edges [edge, (value, becomes unstable)]."""
     from scipy.optimize import brentq
 
-    shape = len(y.values), len(x.values)
-    growth, frequency, exists = np.zeros(shape), np.zeros(shape), np.zeros(shape, dtype=bool)
+    @cache
+    def at(value: float) -> tuple[complex, bool]:
+        found = sliding(scene, {x.key: value})
+        return complex(found.eigenvalues()[0]), found.exists
+
+    def grows(value: float) -> float:
+        rate, _ = at(value)
+        return rate.real - NEUTRAL * abs(rate)
+
     edges = []
-    for j, along_y in enumerate(y.values):
-        row_scene = y.at(scene, along_y)
-
-        @cache
-        def at(value: float, fixed: Scene = row_scene) -> tuple[complex, bool]:
-            found = sliding(fixed, {x.key: value})
-            return complex(found.eigenvalues()[0]), found.exists
-
-        def grows(value: float, at: Callable[[float], tuple[complex, bool]] = at) -> float:
-            rate, _ = at(value)
-            return rate.real - NEUTRAL * abs(rate)
-
-        for i, value in enumerate(x.values):
-            rate, exists[j, i] = at(value)
-            growth[j, i], frequency[j, i] = rate.real, abs(rate.imag) / (2.0 * math.pi)
-        row = []
-        unstable = [grows(value) > 0.0 for value in x.values]
-        for i in np.flatnonzero(np.diff(unstable)).tolist():
-            edge = float(brentq(grows, *sorted(x.values[i : i + 2]), xtol=_CLOSE * abs(x.values[i + 1])))
-            row.append((edge, unstable[i + 1] == (x.values[i + 1] > x.values[i])))
-        edges.append(tuple(row))
-        if progress is not None:
-            progress(j + 1, shape[0])
-    return Regions(scene, x, y, growth, frequency, exists, tuple(edges))
+    unstable = [grows(value) > 0.0 for value in x.values]
+    for i in np.flatnonzero(np.diff(unstable)).tolist():
+        edge = float(brentq(grows, *sorted(x.values[i : i + 2]), xtol=_CLOSE * abs(x.values[i + 1])))
+        edges.append((edge, unstable[i + 1] == (x.values[i + 1] > x.values[i])))
+    rates = np.array([at(value)[0] for value in x.values])
+    return {
+        "growth": rates.real,
+        "frequency": np.abs(rates.imag) / (2.0 * math.pi),
+        "exists": np.array([at(value)[1] for value in x.values]),
+        "edges": np.array(edges, dtype=np.float64).reshape(-1, 2),
+    }
 
 
 def sliding(scene: Scene, values: dict[str, float]) -> Steady:

@@ -8,6 +8,7 @@ import pytest
 
 import rig
 from rig.study.axis import axes
+from rig.study.map import survey
 from rig.study.regions import draw, regions
 
 LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_disc.json").read_text())
@@ -60,3 +61,21 @@ def test_regions_agree_with_the_closed_form_of_a_falling_law(tmp_path):
     assert lines[0] == "load.force,body.damping,growth,frequency,exists"
     assert len(lines) == 16
     assert np.array(got.to_json()["growth"]).shape == (3, 5)
+
+
+def test_workers_find_the_same_and_a_folder_keeps_it(tmp_path):
+    scene = rig.load("belt_b")
+    given = axes(scene, {"--x": "load.force=1:5 N:5", "--y": "body.damping=1:3 N*s/m:6"})
+    alone = regions(scene, *given)
+    told = []
+    together, folder = survey(
+        scene, *given, root=tmp_path, workers=2, progress=lambda done, total: told.append((done, total))
+    )
+    assert np.array_equal(together.growth, alone.growth)
+    assert together.edges == alone.edges
+    assert told[-1] == (6, 6)
+    again = []
+    same, where = survey(scene, *given, root=tmp_path, progress=lambda done, total: again.append((done, total)))
+    assert where == folder
+    assert again == [(6, 6)]
+    assert np.array_equal(same.frequency, alone.frequency)

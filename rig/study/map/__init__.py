@@ -15,14 +15,16 @@ from __future__ import annotations
 from pathlib import Path
 
 from rig.scenes.scene import Scene
-from rig.study.axis import axes
+from rig.study.axis import Axis, axes
 from rig.study.map.chart import Map, gathered
 from rig.study.map.crew import Progress, cores, make
 from rig.study.map.dither import Boundary, put_together
 from rig.study.map.job import PERIODS, RUNS, Job, Settings, checked
 from rig.study.map.store import Store
+from rig.study.regions import Regions
+from rig.study.regions import put_together as put_rows_together
 
-__all__ = ["PERIODS", "RUNS", "Boundary", "Job", "Map", "Settings", "Store", "chart", "job"]
+__all__ = ["PERIODS", "RUNS", "Boundary", "Job", "Map", "Settings", "Store", "chart", "job", "survey"]
 ROOT = Path("maps")
 _SECTION = 24  # local maxima kept of each point of a bifurcation diagram
 
@@ -57,3 +59,14 @@ def chart(job: Job, root: Path = ROOT, workers: int | None = None, progress: Pro
     with store.open(job):
         found = make(job, store, workers or cores(), progress or (lambda done, total: None))
     return (put_together if job.dithered else gathered)(job, found, store.folder)
+
+
+def survey(
+    scene: Scene, x: Axis, y: Axis, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None
+) -> tuple[Regions, Path]:
+    """What eigenvalues say of `scene` over two axes, and the folder of it; workers and errors as `chart` has them."""
+    todo = Job(scene, x, y, Settings("", eigenvalues=True))
+    store = Store.of(todo, root)
+    with store.open(todo):
+        rows = make(todo, store, workers or cores(), progress or (lambda done, total: None))
+    return put_rows_together(scene, x, y, rows), store.folder

@@ -47,7 +47,8 @@ def make(job: Job, store: Store, workers: int, progress: Progress) -> dict[int, 
             done += len(batch)
             progress(done, total)
     else:
-        _compile(job)
+        if not job.settings.eigenvalues:
+            _compile(job)
         store.plan(batches)
         _together(store, min(workers, len(batches)), lambda new: progress(done + new, total))
     return store.load()

@@ -26,7 +26,16 @@ PERIODS = 480.0
 DITHER = ("dither.frequency", "dither.amplitude")
 _PART = 25  # points of a row whose runs are not carried
 _ROOT = Path(__file__).resolve().parents[2]
-_SOURCES = ("plants/*", "effects/*", "solve/*", "study/map/*", "study/axis", "study/averaged", "study/cycle")
+_SOURCES = (
+    "plants/*",
+    "effects/*",
+    "solve/*",
+    "study/map/*",
+    "study/axis",
+    "study/averaged",
+    "study/cycle",
+    "study/regions",
+)
 
 
 @dataclass(frozen=True)
@@ -37,6 +46,7 @@ class Settings:
     runs      some of `RUNS`                                          speed of the surface
     refine    halvings of the gap in which a vibration ends  longest  simulated time for one point [s]; None: `PERIODS`
     section   local maxima of the output to keep
+    eigenvalues   no runs, nothing to judge: a row is what eigenvalues say of it
     """
 
     output: str
@@ -45,6 +55,7 @@ class Settings:
     refine: int = 5
     longest: float | None = None
     section: int = 0
+    eigenvalues: bool = False
 
 
 class Unit(NamedTuple):
@@ -67,7 +78,8 @@ class Job:
     @property
     def dithered(self) -> bool:
         """Whether the map is that of the boundary of dither."""
-        return self.y is not None and (self.x.key, self.y.key) == DITHER
+        on = (self.x.key, self.y.key) if self.y is not None else ()
+        return on == DITHER and not self.settings.eigenvalues
 
     @cached_property
     def units(self) -> tuple[Unit, ...]:
@@ -76,7 +88,7 @@ class Job:
         if self.dithered:
             return tuple(Unit(0, i, i + 1) for i in range(count))
         carried = {"up", "down"} & {*self.settings.runs}
-        part = count if carried else _PART
+        part = count if carried or self.settings.eigenvalues else _PART
         rows = range(len(self.y.values) if self.y else 1)
         return tuple(Unit(row, i, min(i + part, count)) for row in rows for i in range(0, count, part))
 
@@ -115,7 +127,11 @@ def compute(job: Job, units: Sequence[int], said: Callable[[int], object] | None
     found: dict[int, Arrays] = {}
     for number in units:
         unit = job.units[number]
-        if job.dithered:
+        if job.settings.eigenvalues:
+            from rig.study.regions import along
+
+            found[number] = along(job.at(unit.row), job.x)
+        elif job.dithered:
             from rig.study.map.dither import boundary
 
             found[number] = boundary(job, unit.first)
