@@ -7,6 +7,7 @@ strain_gauge        force         N     strain    second-order amplifier; zero d
 accelerometer       acceleration  m/s^2 m/s^2     resonance and high-pass; warming
 normal_force        force         N     N         second-order; charge drift
 disc_speed          speed         rad/s rad/s     first-order pickup (m/s on a belt's roller)
+microphone          velocity      m/s   Pa        diaphragm and vent; way through the air, echoes, background
 voltmeter           voltage       V     V         second-order
 
 Signal model:  y = Q{ sat[ (1+g) H(s) x e^{-s tau} + offset + drift + noise ] }, then drop-outs.
@@ -27,6 +28,7 @@ from sensors.disc_speed import DiscSpeed
 from sensors.displacement_laser import DisplacementLaser
 from sensors.instrument import Instrument
 from sensors.laser_vibrometer import LaserVibrometer
+from sensors.microphone import Microphone
 from sensors.normal_force import NormalForce
 from sensors.strain_gauge import StrainGauge
 from sensors.voltmeter import Voltmeter
@@ -38,5 +40,6 @@ KINDS: dict[str, type[Instrument]] = {
     "accelerometer": Accelerometer,
     "normal_force": NormalForce,
     "disc_speed": DiscSpeed,
+    "microphone": Microphone,
     "voltmeter": Voltmeter,
 }

@@ -51,6 +51,10 @@ class Bank:
         self._samples, self._noise = np.zeros((n, room)), np.zeros((n, room))
         longest = max((max(end.period_ns, frame_ns) * end.dropout_rate * 1e-9 for end in self._ends), default=0.0)
         self._gaps = np.zeros((n, _CHUNK + math.ceil(16 * longest), 2), dtype=np.int64)
+        lags = [[round(1e9 * later / end.period_ns) for _, later in end.echoes] for end in self._ends]
+        self._past = np.zeros((n, 1 + max((lag for own in lags for lag in own), default=0)))
+        shares = [share for end in self._ends for share, _ in end.echoes]
+        self._echoes = np.column_stack([np.concatenate([*lags, []]), np.array(shares)])
         self._fronts = np.zeros(n, dtype=FRONT)
         self._poles = np.zeros((sum(max(len(e.poles), e.averages) for e in self._ends), COLUMNS), dtype=complex)
         self._most = most
@@ -65,6 +69,8 @@ class Bank:
                 self._samples,
                 self._noise,
                 self._gaps,
+                self._past,
+                self._echoes,
                 self._clock,
                 frame_ns,
                 1e-9 * self.step_ns,
@@ -164,7 +170,10 @@ class Bank:
             at_rest -= (pair * residue * y / pole).real
             row += 1
         s["last"] = row
-        s["followed"] = s["previous"] = end.gain * at_rest
+        before_it = sum(len(other.echoes) for other in self._ends[:i])
+        s["echo"], s["silence"] = before_it, before_it + len(end.echoes)
+        self._past[i] = end.gain * at_rest
+        s["followed"] = s["previous"] = end.gain * at_rest * (1.0 + sum(share for share, _ in end.echoes))
         return row
 
     def fill(self, everything: bool = False) -> None:

@@ -11,6 +11,7 @@ class FrontEnd:
     """y = Q{ sat[ gain H(s) x e^{-s delay} + offset + drift + noise ] }, sampled each `period_ns`, then drop-outs.
 
     H(s) = direct + sum_i residues_i / (s - poles_i), where a pole with positive imaginary part stands for its pair.
+    `echoes` are (share, seconds later): the same again, to the nearest sample, of H x alone.
     With `averages`, H is instead the mean over the sample period that ends at the sample instant.
     Drift in t [s]:  slope t + warmth (e^{-fade t} - e^{-rise t}).  The defaults are a perfect instrument.
     """
@@ -21,6 +22,7 @@ class FrontEnd:
     residues: tuple[complex, ...] = ()
     direct: float = 1.0
     averages: bool = False
+    echoes: tuple[tuple[float, float], ...] = ()
     gain: float = 1.0  # output unit per input unit
     offset: float = 0.0
     slope: float = 0.0  # per second

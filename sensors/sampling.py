@@ -18,6 +18,8 @@ FRONT = np.dtype(
         ("delay", np.int64),  # ns
         ("first", np.int64),  # its poles are rows first .. last - 1 of the table
         ("last", np.int64),
+        ("echo", np.int64),  # its echoes are rows echo .. silence - 1 of theirs
+        ("silence", np.int64),
         ("averages", np.int64),
         ("holds", np.int64),
         ("direct", np.float64),
@@ -66,15 +68,22 @@ class Rack(NamedTuple):
     samples: NDArray[np.float64]  # [n, room] published, the last FRONT.kept of them
     noise: NDArray[np.float64]  # [n, drawn ahead]
     gaps: NDArray[np.int64]  # [n, drawn ahead, 2] start and end of drop-outs [ns]
+    past: NDArray[np.float64]  # [n, longest echo] filtered signal at the last samples, of instruments with echoes
+    echoes: NDArray[np.float64]  # [echo, 2] samples later, share
     clock: NDArray[np.int64]  # NOW [ns]; SHORT: 1 where random numbers or room do not last for another frame
     frame: int  # ns
     step: float  # s, length of a full segment
 
 
 @inner
-def reading(s: Any, x: float, t: int, noise: Any, gaps: Any, i: int) -> float:
+def reading(s: Any, x: float, t: int, r: Any, i: int) -> float:
     """The sample that instrument s (row i) makes of the filtered signal x at t [ns]; counts what went wrong."""
+    noise, gaps, past = r.noise, r.gaps, r.past
     x *= s.gain
+    if s.echo < s.silence:
+        past[i, s.taken % past.shape[1]] = x
+        for e in range(s.echo, s.silence):
+            x += r.echoes[e, 1] * past[i, (s.taken - int(r.echoes[e, 0])) % past.shape[1]]
     change = x - s.followed
     if change > s.slew:
         x = s.followed + s.slew
@@ -129,7 +138,7 @@ def sample(r: Any, segments: Any) -> None:
     """Run all instruments of a Rack over the frame (now, now + frame] [ns] that `segments` describe."""
     now, frame, step = r.clock[NOW], r.frame, r.step
     count, start, length, coef = segments.count, segments.start, segments.length, segments.coef
-    fronts, poles, queue, noise, gaps = r.fronts, r.poles, r.queue, r.noise, r.gaps
+    fronts, poles, queue = r.fronts, r.poles, r.queue
     end_ns = now + frame
     snap = 1e-12 * (1e-9 * frame)  # a sample this close to the end of a segment is taken at its end
     same = 4e-15 * (1e-9 * frame)  # lengths this close differ by the rounding of start and length only
@@ -158,7 +167,7 @@ def sample(r: Any, segments: Any) -> None:
                     x, base = x - base, x
                 if s.direct != 0.0:
                     x += s.direct * polynomial(coef, j, column, part / h)
-                queue[i, s.taken % queue.shape[1]] = reading(s, x, due, noise, gaps, i)
+                queue[i, s.taken % queue.shape[1]] = reading(s, x, due, r, i)
                 s.taken += 1
                 due += s.period
                 tau = 1e-9 * (due - now)
@@ -178,7 +187,7 @@ def sample(r: Any, segments: Any) -> None:
                 base = x + base
                 if s.direct != 0.0:
                     x += s.direct * polynomial(coef, j, column, 1.0)
-                queue[i, s.taken % queue.shape[1]] = reading(s, x, due, noise, gaps, i)
+                queue[i, s.taken % queue.shape[1]] = reading(s, x, due, r, i)
                 s.taken += 1
                 due += s.period
                 tau = 1e-9 * (due - now)
@@ -195,9 +204,9 @@ def sample(r: Any, segments: Any) -> None:
             z = poles[p, STATE]
             if abs(z.real) + abs(z.imag) < 1e-250:  # a decayed state must not become denormal: it would cost 100 times
                 poles[p, STATE] = 0j
-        if s.noise > 0.0 and s.drawn + s.most > noise.shape[1]:
+        if s.noise > 0.0 and s.drawn + s.most > r.noise.shape[1]:
             short = True
-        if s.dropouts and gaps[i, gaps.shape[1] - 1, 0] <= end_ns + frame:
+        if s.dropouts and r.gaps[i, r.gaps.shape[1] - 1, 0] <= end_ns + frame:
             short = True
         if s.kept + s.most > r.samples.shape[1]:
             short = True

@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import partial
 from typing import Annotated
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Gt, Le, Lt
 from pydantic import AfterValidator, BeforeValidator, PlainSerializer
 
-from rig.quantities import Unit, nanoseconds, quantity, si
+from rig.quantities import PositiveMetre, Unit, nanoseconds, quantity, si
 
 SECOND = 1_000_000_000  # ns
 
@@ -57,6 +57,14 @@ StrainSpan = quantity("1", Gt(0.0))
 StrainStep = quantity("1", Ge(0.0))
 StrainDensity = quantity("1/Hz^0.5", Ge(0.0))
 StrainPerKelvin = quantity("1/K")
+
+Pressure = quantity("Pa", Ge(0.0))
+PressureOffset = quantity("Pa")
+PressureSpan = quantity("Pa", Gt(0.0))
+PressureDensity = quantity("Pa/Hz^0.5", Ge(0.0))
+PressurePerSpeed = quantity("Pa*s/m", Gt(0.0))
+Share = quantity("1", Ge(0.0), Lt(1.0))
+Paths = Annotated[tuple[PositiveMetre, ...], Unit("m")]
 
 Voltage = quantity("V", Ge(0.0))
 VoltageSpan = quantity("V", Gt(0.0))

@@ -27,6 +27,7 @@ CLEAN = {
     "accelerometer": {"noise": 0.0, "resolution": 0.0, "span": 1e9, "temperature_sensitivity": 0.0},
     "normal_force": {"noise": 0.0, "resolution": 0.0, "span": 1e9, "drift": 0.0},
     "disc_speed": {"noise": 0.0, "resolution": 0.0, "span": 1e9},
+    "microphone": {"noise": 0.0, "resolution": 0.0, "span": 1e9, "background": 0.0, "highpass": 0.1},
     "voltmeter": {"noise": 0.0, "resolution": 0.0, "span": 1e9},
 }
 

@@ -19,6 +19,16 @@ def bessel(f, corner):
     return signal.freqs_zpk(*zpk, 2.0 * np.pi * np.atleast_1d(f))[1][0]
 
 
+def room(f):
+    """Microphone at 0.5 m with its echoes, which come whole samples of 1 ms late."""
+    later = [round((path - 0.5) / 343.0 * RATE) / RATE for path in (1.4, 2.6, 4.1)]
+    heard = 1.0 + sum(0.25 / path * np.exp(-2j * np.pi * f * s) for path, s in zip((1.4, 2.6, 4.1), later))
+    way = np.exp(-2j * np.pi * f * round(0.5e9 / 343.0) * 1e-9)
+    return 11.0 * way * heard * 1j * f / (0.1 + 1j * f) * second_order(f, 23e3, 0.7)
+
+
+RATE = 1000.0
+
 # kind, numbers of the specimen, analytic H(f), three frequencies within and beyond the band [Hz], duration [s]
 BENCH = {
     "laser_vibrometer": ({}, lambda f: bessel(f, 5000.0), (37.0, 2013.0, 9120.0), 0.1),
@@ -37,10 +47,10 @@ BENCH = {
     ),
     "normal_force": ({}, lambda f: second_order(f, 2000.0, np.sqrt(0.5)), (17.0, 1030.0, 4180.0), 0.1),
     "disc_speed": ({}, lambda f: 1.0 / (1.0 + 1j * f / 50.0), (5.3, 47.0, 133.0), 0.2),
+    "microphone": ({}, room, (17.0, 3407.0, 20e3 + 70.0), 0.3),
     "voltmeter": ({}, lambda f: second_order(f, 100e3, np.sqrt(0.5)), (49.0, 3407.0, 20e3 + 70.0), 0.1),
 }
 CASES = [(kind, f) for kind, (_, _, frequencies, _) in BENCH.items() for f in frequencies]
-RATE = 1000.0
 
 
 def gain_and_phase(play, clean, kind, f, duration=None, **numbers):
@@ -57,6 +67,8 @@ def gain_and_phase(play, clean, kind, f, duration=None, **numbers):
     columns = [np.sin(w * t), np.cos(w * t)]
     if kind == "accelerometer":
         columns.append(np.exp(-2.0 * np.pi * t))
+    if kind == "microphone":
+        columns.append(np.exp(-2.0 * np.pi * 0.1 * t))
     if kind == "disc_speed":
         columns.append(np.exp(-2.0 * np.pi * 50.0 * t))
     (a, b, *_), *_ = np.linalg.lstsq(np.column_stack(columns)[late], y[late])
@@ -100,6 +112,7 @@ DENSITY = {
     "accelerometer": 7e-5,
     "normal_force": 2e-4,
     "disc_speed": 1e-4,
+    "microphone": 7.8e-7,
     "voltmeter": 1e-6,
 }
 
