@@ -1,6 +1,6 @@
 """The operator's desk: what `cmd/plant` and `param/plant` let others do to a running plant.
 
-    cmd/plant     {"do": "begin"}: wait no longer for those who are expected
+    cmd/plant     {"do": "begin"}: wait no longer for those who are expected, or "without" one of them ("role name")
                   {"do": "stop" | "pause" | "resume"}
                   {"do": "knock", "impulse": N s}
                   {"do": "connect" | "disconnect", "controller": name}
@@ -30,6 +30,8 @@ class Desk:
         """Who asked for the end; empty while nobody did."""
         self.begun = False
         """Whether somebody asked to begin without those who are missing."""
+        self.excused: set[str] = set()
+        """Who need not be waited for."""
         self.paused = False
         self._hub, self._operation, self._stand = hub, hub.operation, hub.stand
         self._does = {
@@ -83,8 +85,11 @@ class Desk:
         self._does[what](body)
         return {}
 
-    def _begin(self, _: dict[str, Any]) -> None:
-        self.begun = True
+    def _begin(self, body: dict[str, Any]) -> None:
+        if (who := body.get("without")) is not None:
+            self.excused.add(str(who))
+        else:
+            self.begun = True
 
     def _stop(self, _: dict[str, Any]) -> None:
         self.stopped = "stopped by an operator"

@@ -21,11 +21,13 @@ class Outcome:
     """What the recorder said of it."""
     died: tuple[str, ...] = field(default_factory=tuple)
     """Processes that ended otherwise than they should."""
+    unrecorded: bool = False
+    """Whether the recording that was asked for broke off."""
 
     @property
     def exit_code(self) -> int:
-        """0 as it should be, 1 the plant died, 3 timing invalid, 4 diverged or beyond a limit."""
-        return int(self.summary["exit_code"])
+        """0 as it should be, 1 plant or recorder died, 3 timing invalid, 4 diverged or beyond a limit."""
+        return int(self.summary["exit_code"]) or int(self.unrecorded)
 
     def to_json(self) -> dict[str, Any]:
         """As plain values."""

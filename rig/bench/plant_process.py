@@ -91,10 +91,11 @@ class Plant:
         while missing := [f"{role} {name}" for role, name in self.job.expect if (role, name) not in present]:
             if self._stopping() or self.attendant.orphaned():
                 return
-            if self.desk.begun or time.monotonic() >= deadline:
+            waited = [who for who in missing if who not in self.desk.excused]
+            if not waited or self.desk.begun or time.monotonic() >= deadline:
                 self.attendant.miss(missing)
                 break
-            if (text := f"waiting for {', '.join(missing)}") != told:
+            if (text := f"waiting for {', '.join(waited)}") != told:
                 told = text
                 say(text)
             self.hub.watch.poll(0.02)

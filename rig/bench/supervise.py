@@ -29,7 +29,7 @@ from rig.scenes.scene import Scene
 
 JOIN_S = 30.0
 """Longest wait of a process for the run, and of the plant for the processes."""
-VIEWER = ("viewer", "viewer")
+VIEWER, RECORDER = ("viewer", "viewer"), ("recorder", "recorder")
 LEAVE_S = 3.0
 """Time in which everybody has left after the plant."""
 TOLD = frozenset(
@@ -60,7 +60,7 @@ def run(
     live line.
     """
     expect = [("controller", controller) for controller in scene.controllers]
-    expect += [("recorder", "recorder")] if record else []
+    expect += [RECORDER] if record else []
     expect += [VIEWER] if view or web else []
     job = Job(
         scene.to_json(),
@@ -100,6 +100,7 @@ class Team:
         self.name = ""
         self._asked = 0
         self._over = False
+        self._unrecorded = False
         self._health: dict[str, Any] = {}
 
     @property
@@ -171,10 +172,11 @@ class Team:
             if child.code is None or self._over:
                 continue
             del self.others[who]
+            self._unrecorded |= who == RECORDER
             self.died.append(child.told)
             self._say(f"{child.told}; the plant goes on")
             try:
-                session.ask("cmd/plant", {"do": "begin"}, timeout=1.0)
+                session.ask("cmd/plant", {"do": "begin", "without": " ".join(who)}, timeout=1.0)
             except RigError:
                 pass  # it is on its way out, or busy; it waits for a bounded time only
 
@@ -208,7 +210,7 @@ class Team:
             self._asked += 1
 
     def _outcome(self) -> Outcome:
-        recorder = self.others.get(("recorder", "recorder"))
+        recorder = self.others.get(RECORDER)
         said = recorder.tail[-1] if recorder is not None and recorder.tail else ""
         log = said.partition(": ")[0] if said else ""
         try:
@@ -221,7 +223,7 @@ class Team:
             fault = UsageError(summary["failed"])
             fault.exit_code = summary["exit_code"]
             raise fault
-        return Outcome(summary, log, said, tuple(self.died))
+        return Outcome(summary, log, said, tuple(self.died), self._unrecorded)
 
     def _obituary(self) -> dict[str, Any]:
         """What is known of a plant that died without a word."""

@@ -75,7 +75,7 @@ class Writer:
             yield
         except OSError as fault:
             self._broken = True
-            kept = f"; recorded up to t = {self.last_ns * 1e-9:.3f} s" if self.last_ns else ""
+            kept = f"; recorded up to t = {self.last_ns * 1e-9:.3f} s: rig recover saves that" if self.last_ns else ""
             raise LogError(f"{self.path} cannot be written: {fault.strerror}{kept}") from None
 
     def _channel(self, topic: str) -> int:

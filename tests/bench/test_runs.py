@@ -312,3 +312,14 @@ def test_a_controller_that_cannot_begin_is_not_waited_for(folder):
     assert outcome.summary["ended"] == "done"
     assert outcome.summary["faults"] == ["controller nf was not here when the run began"]
     assert any("nominal: is not stated" in line for line in going.lines)
+
+
+def test_a_recording_that_cannot_be_written_is_no_reason_to_begin_without_the_controller(folder):
+    scene = scenes.load(SCENE)
+    (folder / "file").write_text("in the way")
+    going = Going(scene, numbers=design.numbers(scene), duration=0.5, out=folder / "file" / "run.mcap")
+    outcome = going.wait(60.0)
+    assert outcome.summary["ended"] == "done"
+    assert outcome.summary["faults"] == ["recorder recorder was not here when the run began"]
+    assert any("run.mcap cannot be written" in line for line in going.lines)
+    assert outcome.exit_code == 1 or outcome.summary["verdict"] == "INVALID"
