@@ -33,6 +33,7 @@ class Attendant:
         self._due = self._health_due = 0
         self._marked = (0, 0)
         self._given_up = 0
+        self._passed_ns: list[int] = []
         self._asleep = pace.asleep_ns()
 
     def begin(self, now: int, pacer: pace.Pacer | None) -> None:
@@ -53,6 +54,13 @@ class Attendant:
         self.gone = self.orphaned()
         self.tell_health(now)
         return True
+
+    def _tell_passed(self, late_ns: int) -> None:
+        """One fault for all times without a frame: a machine that is too busy has many of them."""
+        passed = self._passed_ns
+        before = _passed(*passed)
+        passed.append(late_ns)
+        self.faults = [fault for fault in self.faults if fault != before] + [_passed(*passed)]
 
     def orphaned(self) -> bool:
         """Whether the process that this plant belongs to has gone."""
@@ -115,9 +123,8 @@ class Attendant:
         journal = self._operation.journal
         for one in new:
             if one.late_ns > pace.PAUSE:
-                text = f"{one.late_ns / 1e9:.3g} s of the wall clock passed without a frame"
-                journal.note("pause", text, frame=one.frame, late_ns=one.late_ns)
-                self.faults.append(text)
+                journal.note("pause", _passed(one.late_ns), frame=one.frame, late_ns=one.late_ns)
+                self._tell_passed(one.late_ns)
             else:
                 journal.repeated("overrun", "time of the wall clock was given up", frames=one.frames)
         if (asleep := pace.asleep_ns()) > self._asleep + ATTEND_NS:
@@ -125,3 +132,8 @@ class Attendant:
             journal.note("pause", text)
             self.faults.append(text)
         self._asleep = asleep
+
+
+def _passed(*late_ns: int) -> str:
+    times = f", in {len(late_ns)} pieces" if len(late_ns) > 1 else ""
+    return f"{sum(late_ns) / 1e9:.3g} s of the wall clock passed without a frame{times}"

@@ -7,7 +7,10 @@ are kept as they came off the wire. `log_time` is when the recorder had them, `p
 from __future__ import annotations
 
 import contextlib
+import errno
+import fcntl
 import json
+import os
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
@@ -25,6 +28,21 @@ from rig.errors import LogError
 CHUNK = 256 * 1024
 FLUSH_NS = 250_000_000
 PLOT_NS = 20_000_000
+
+
+def _alone(path: str, flags: int) -> int:
+    """Open a file and empty it, unless another process is writing it."""
+    file = os.open(path, flags & ~os.O_TRUNC, 0o666)
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(file)
+        raise OSError(errno.EBUSY, "another run is writing it; name another file") from None
+    except OSError:  # a file system without locks
+        pass
+    if os.fstat(file).st_size:
+        os.ftruncate(file, 0)
+    return file
 
 
 class Writer:
@@ -47,7 +65,7 @@ class Writer:
         self._broken = False
         with self._guarded():
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = path.open("wb")
+            self._file = open(path, "wb", opener=_alone)
         try:
             self._begin(made)
         except LogError:

@@ -196,6 +196,17 @@ def test_a_target_that_cannot_be_written_is_told(tmp_path):
         Writer(tmp_path, SETUP, "saved")
 
 
+def test_two_runs_do_not_write_one_file(tmp_path):
+    path = tmp_path / "run.mcap"
+    first = Writer(path, SETUP, "saved")
+    with pytest.raises(LogError, match="another run is writing it; name another file"):
+        Writer(path, SETUP, "saved")
+    size = path.stat().st_size
+    first.close({}, {})
+    assert path.stat().st_size > size
+    Writer(path, SETUP, "saved").close({}, {})
+
+
 def test_a_full_disk_is_told(run):
     with pytest.raises(LogError, match="/dev/full cannot be written: No space left on device"):
         save(run, Path("/dev/full"))
