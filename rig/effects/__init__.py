@@ -4,6 +4,7 @@ friction   the laws: Coulomb, constant, Stribeck, linear falling, exponential, t
 drive      speed of the belt or disc; its lag and its limits
 load       the normal force; lag and limits of the magnet that holds it
 sector     a part of the disc with a friction of its own
+inhomogeneity  a structure that is stiffer or softer with the turn of the disc
 tuned_mass a tilted absorber on the body; its inertia enters the normal force
 dither     a fast vibration of the belt, of the mass or of the normal force
 separation  a contact spring that lifts off and comes back

@@ -24,9 +24,10 @@ from typing import Literal, Self
 from pydantic import ValidationError, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
-from rig.effects import drive, piezo
+from rig.effects import drive, inhomogeneity, piezo
 from rig.effects.drive import DiscDrive
 from rig.effects.friction import Friction
+from rig.effects.inhomogeneity import Inhomogeneity
 from rig.effects.piezo import Piezo, WithStack
 from rig.plants.belt import RAMPED
 from rig.plants.multibody import Body, Spring, adrift, apart, motion, unknown
@@ -114,6 +115,7 @@ class Parameters(WithStack):
     load: Load
     friction: Friction
     probe: Probe
+    inhomogeneity: Inhomogeneity | None = None
     start: Start = Start()
 
     @model_validator(mode="after")
@@ -174,6 +176,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         for coordinate, value in along.items() if p.load.at == "sliding" else ():
             a.push(coordinate, {"one": -value * pull * force})
 
+    if p.inhomogeneity is not None:  # of what the brake is made of, not of the stack
+        inhomogeneity.add(a, p.inhomogeneity, speed)
     if p.piezo is not None:
         piezo.add(a, p, apart(p.bodies, p.piezo.first, p.piezo.second, p.piezo.direction), moved)
     seen = motion(p.bodies, p.probe.point, p.probe.direction)

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,6 +72,19 @@ class Circuit:
     stores: tuple[tuple[float, Row], ...] = ()
 
 
+class Variation(NamedTuple):
+    """Equal sectors of one turn in which a structure is stiffer or softer: factors of stiffness and damping."""
+
+    name: str
+    row: Row
+    turn: str
+    period: float
+    factors: tuple[tuple[float, float], ...]
+    stiffness: dict[tuple[str, str], float]
+    damping: dict[tuple[str, str], float]
+    rows: dict[str, Row]
+
+
 @dataclass
 class Assembly:
     """A rig under construction. Plants start it, effects add rows, `system()` turns names into matrices.
@@ -101,6 +115,7 @@ class Assembly:
     normals: list[tuple[str, str, Row, Row, Row, bool]] = field(default_factory=list)
     limiters: list[tuple[str, Row, float, float, str, float, float]] = field(default_factory=list)
     sectors: list[tuple[str, str, Row, str, float, tuple[float, ...], tuple[Law, ...]]] = field(default_factory=list)
+    variations: list[Variation] = field(default_factory=list)
     products: dict[str, tuple[Part, ...]] = field(default_factory=dict)
     outputs: dict[str, Output] = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)
@@ -156,6 +171,16 @@ class Assembly:
         State `turn`, which `row` counts fully, is moved by a period where the place leaves [0, period).
         """
         self.sectors.append((name, patch, dict(row), turn, period, edges, laws))
+
+    def vary(self, name: str, row: Row, turn: str, period: float, factors: tuple[tuple[float, float], ...]) -> None:
+        """Stiffer or softer by place: as many equal sectors of [0, period) as there are factors (stiffness, damping).
+
+        They act on what the structure has now: stiffness, damping, and normal forces as far as coordinates make them.
+        `turn`: see `sector`.
+        """
+        rows = {normal: {c: v for c, v in r.items() if c in self.coordinates} for normal, _, r, *_ in self.normals}
+        now = dict(self.stiffness), dict(self.damping), rows
+        self.variations.append(Variation(name, dict(row), turn, period, factors, *now))
 
     def switch(self, name: str, signal: str, circuits: tuple[Circuit, ...]) -> None:
         """A switch of the network: the rounded value of `signal` says which of the circuits is in force."""

@@ -42,7 +42,7 @@ def lend_books(t, slot, T):
         t.friction_t[slot],
         t.surface,
         t.slip,
-        t.damping,
+        t.damping[slot],
         t.force,
         t.force_t,
         t.press[slot],

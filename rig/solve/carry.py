@@ -12,8 +12,8 @@ from rig.solve import dopri5, exact, ledger, rk4
 from rig.solve.emit import emit_linear
 from rig.solve.forces import dot, inputs
 from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
-from rig.solve.settle import CHATTER, DONE, LOST, OVERFULL, READY, SETTLE, settle
-from rig.solve.system import System
+from rig.solve.settle import CHATTER, DONE, LOST, OVERFULL, READY, SETTLE, digit, of_sector, settle
+from rig.solve.system import G_NEXT, System
 from rig.solve.wide import quiet
 
 Array = NDArray[np.float64]
@@ -88,6 +88,7 @@ class State(NamedTuple):
     fc: Array
     x: Array
     energy: Array
+    edges: Array  # [1] energy that came in with the stiffness of new sectors
     tally: NDArray[np.int64]  # ticks spent in each slot; the last counts all beyond
     watched: NDArray[np.int64]  # outputs that have a bound
     bound: Array  # of their sizes
@@ -232,6 +233,8 @@ def carry(shape, t, w, state, log, seg, origin, ticks, wide, tolerance, substeps
         else:
             guard = propagate(shape, wide, t, slot, ic, fc, x, w, origin, ticks, log, energy, booking, emitting, seg)
         if guard >= 0:
+            if t.change.shape[0] and t.kind[slot, guard] >= G_NEXT:
+                state.edges[0] += gained(t, t.owner[slot, guard], before, ic[KEY], x)
             e = ic[EVENTS]
             if e >= log.event.shape[0]:
                 return CHATTER
@@ -253,6 +256,18 @@ def carry(shape, t, w, state, log, seg, origin, ticks, wide, tolerance, substeps
     ic[BEYOND] = beyond(t, t.slot_of[ic[KEY]], x, w, state.watched, state.bound)
     ic[REACHED] = ticks
     return DONE
+
+
+@inner
+def gained(t, sector, before, after, x):
+    """What the stiffness stores more at x when the mode set `after` follows on `before` at an edge of a sector."""
+    base, places = of_sector(t, sector), t.sectors[sector]
+    old, new = t.change[sector, digit(before, base, places)], t.change[sector, digit(after, base, places)]
+    s = 0.0
+    for i in range(old.shape[0]):
+        for j in range(old.shape[0]):
+            s += 0.5 * x[i] * (new[i, j] - old[i, j]) * x[j]
+    return s
 
 
 @inner

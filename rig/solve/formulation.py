@@ -79,6 +79,8 @@ def assemble(system: System, key: int) -> ModeSet:
     v = slice(nq, 2 * nq)
     P, K = len(system.patches), len(system.normals)
     laws = [system.law(p, sector_modes) for p in range(P)]
+    change = system.change(sector_modes)
+    rows = np.array([k.row for k in system.normals]).reshape(K, n) + change.rows
     loaded = [any(k.patch == p and normal_modes[i] == CLOSED for i, k in enumerate(system.normals)) for p in range(P)]
     sigma = np.array(
         [0.0 if m == STICK or not loaded[p] else (1.0 if m == SLIP_PLUS else -1.0) for p, m in enumerate(patch_modes)]
@@ -90,8 +92,8 @@ def assemble(system: System, key: int) -> ModeSet:
     Me = system.mass.copy()
     R, R_t = system.force + system.coupling, np.zeros((nq, inputs))
     R_t[:, P:] = system.force_t
-    R[:, :nq] -= system.stiffness
-    R[:, v] -= system.damping
+    R[:, :nq] -= system.stiffness + change.stiffness
+    R[:, v] -= system.damping + change.damping
     for k, normal in enumerate(system.normals):
         if normal_modes[k] == OPEN:
             continue
@@ -100,7 +102,7 @@ def assemble(system: System, key: int) -> ModeSet:
         if sigma[p] != 0.0 and not nonlinear[p]:
             d += sigma[p] * laws[p].numbers[0] * system.patches[p].direction
         Me -= np.outer(d, normal.inertia)
-        R += np.outer(d, normal.row)
+        R += np.outer(d, rows[k])
         R_t[:, P:] += np.outer(d, normal.row_t)
 
     first = system.one
@@ -153,7 +155,7 @@ def assemble(system: System, key: int) -> ModeSet:
 
     loads, loads_t = np.zeros((K, n)), np.zeros((K, inputs))
     for k, contact in enumerate(system.normals):
-        loads[k] = contact.row + contact.inertia @ a[:, :n]
+        loads[k] = rows[k] + contact.inertia @ a[:, :n]
         loads_t[k] = contact.inertia @ a[:, n:]
         loads_t[k, P:] += contact.row_t
     friction, friction_t = np.zeros((P, n)), np.zeros((P, inputs))
@@ -271,7 +273,7 @@ def _guards(
         else:
             guard(-below if mode == LOW else -above, np.zeros(inputs), G_LIMIT_BACK, x)
     for s, (sector, where) in enumerate(zip(system.sectors, sector_modes)):
-        if sigma[sector.patch] != 0.0:  # a stuck contact stays where it is
+        if sector.patch < 0 or sigma[sector.patch] != 0.0:  # a stuck contact stays where it is
             ends = (*sector.edges, sector.period)
             guard(ends[where + 1] * one - sector.row, np.zeros(inputs), G_NEXT, s)
             guard(sector.row - ends[where] * one, np.zeros(inputs), G_PREVIOUS, s)

@@ -105,8 +105,10 @@ def _flat(at: Steady) -> Steady:
         law = at.system.law(p, sector_modes)
         mu = law.mu(max(float(at.modes.sigma[p] * at.speed[p]), 0.0))
         flat.append(replace(patch, law=replace(laws.coulomb(mu, mu), static=law.static)))
-    system = replace(at.system, patches=tuple(flat), sectors=())
-    return steady(system, system.key(patch_modes, normal_modes, limiter_modes, switches=thrown))
+    kept = tuple(sector for sector in at.system.sectors if sector.changes)
+    where = [place for sector, place in zip(at.system.sectors, sector_modes) if sector.changes]
+    system = replace(at.system, patches=tuple(flat), sectors=kept)
+    return steady(system, system.key(patch_modes, normal_modes, limiter_modes, where, thrown))
 
 
 def _largest(values: NDArray[Any]) -> float:

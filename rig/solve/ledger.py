@@ -1,12 +1,13 @@
 """The energy ledger: where the energy of structure and network comes from and where it goes, each term on its own.
 
-    stored'  = v.M a + q.K v + (x.H x / 2)' = drive - friction - damper + forces + normal - resistor - switch
+    stored'  = v.M a + q.K v + (x.H x / 2)' = drive - friction - damper + forces + normal - resistor - switch + edges
     drive    = sum_p T_p V_p      supplied by the belt or disc; V_p = w_p + t_p.v
     friction = sum_p T_p w_p      turned into heat at the contacts, never negative
     damper   = v.D v
     forces   = v.(F x + F_t T)    supplied by external forces and products
     normal   = sum_k N_k n_k.v    supplied through normal forces
     resistor = sum i^2 R          heat of the network's resistors
+    edges    = q.dK q / 2         comes in with the stiffness of the next sector, at once
     switch                        what the network stores less after a switch was thrown: a current interrupted
 
 Every power is a quadratic form x.Q x of the mode set; its integral over a cell is x.W x with W from the same ladder as
@@ -42,7 +43,7 @@ def powers(system: System, modes: ModeSet) -> Array:
     for p in range(len(system.patches)):
         out[0] += np.outer(modes.friction[p], surface[p])
         out[1] += np.outer(modes.friction[p], system.slip_rows[p])
-    out[2] = velocity.T @ system.damping @ velocity
+    out[2] = velocity.T @ damping(system, modes.key) @ velocity
     out[3] = velocity.T @ system.force
     for k, contact in enumerate(system.normals):
         if normal_modes[k] == 0:
@@ -83,7 +84,7 @@ def factors(system: System, modes: ModeSet) -> Array:
     closed = 1.0 - np.array(system.modes(modes.key)[1], dtype=np.float64).reshape(-1, 1)
     lift = np.array([k.direction for k in system.normals]).reshape(-1, nq) @ velocity
     of_patches = (modes.friction, system.slip_rows, supplied(system))
-    of_bodies = (system.damping @ velocity, system.force)
+    of_bodies = (damping(system, modes.key) @ velocity, system.force)
     return np.concatenate([*of_patches, closed * modes.normal, lift, *of_bodies, loss_rows(system, modes)])
 
 
@@ -96,23 +97,32 @@ def supplied(system: System) -> Array:
     return rows
 
 
+def damping(system: System, key: int) -> Array:
+    """Damping matrix of a mode set."""
+    return system.damping + system.change(system.modes(key)[3]).damping
+
+
 def stored(system: System, x: Array, key: int) -> float:
     """Kinetic and elastic energy of the structure, and that of the network [J]."""
     nq = len(system.coordinates)
     q, v = x[:nq], x[nq : 2 * nq]
-    return float(0.5 * (v @ system.mass @ v + q @ system.stiffness @ q + x @ store(system, key) @ x))
+    stiffness = system.stiffness + system.change(system.modes(key)[3]).stiffness
+    return float(0.5 * (v @ system.mass @ v + q @ stiffness @ q + x @ store(system, key) @ x))
 
 
-def work(A: Array, landing: Array, forms: Array, step: float, E: Array) -> Array:
-    """Integrals of the powers over step / 2^level, [level, term, n, n]."""
+def at_nodes(A: Array, landing: Array, cell: float) -> Array:
+    """Propagators to the nodes of a cell so short that its Taylor series serves, [node, n, n]."""
+    return np.array([(np.eye(len(A)) + taylor(A, node * cell, ORDER)) @ landing for node in NODES])
+
+
+def work(nodes: Array, forms: Array, step: float, E: Array) -> Array:
+    """Integrals of the powers over step / 2^level, [level, term, n, n]; `nodes`: propagators in the finest cell."""
     levels = len(E)
     out = np.zeros((levels, *forms.shape))
-    cell = step / 2.0 ** (levels - 1)
-    for node, weight in zip(NODES, WEIGHTS):
-        Phi = (np.eye(len(A)) + taylor(A, node * cell, ORDER)) @ landing
-        out[-1] += weight * cell * (Phi.T @ forms @ Phi)
+    for Phi, weight in zip(nodes, WEIGHTS):
+        out[-1] += weight * step / 2.0 ** (levels - 1) * (Phi.T @ forms @ Phi)
     for level in range(levels - 2, -1, -1):
-        Phi = np.eye(len(A)) + E[level + 1]
+        Phi = np.eye(len(Phi)) + E[level + 1]
         out[level] = out[level + 1] + Phi.T @ out[level + 1] @ Phi
     return out
 

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from rig.errors import SceneError
 from rig.solve.products import FRICTION, NORMAL, SINE, STATE, VERSINE, Factor, Product
-from rig.solve.system import Limiter, Loss, Normal, Patch, Position, Sector, Switch, System
+from rig.solve.system import Change, Limiter, Loss, Normal, Patch, Position, Sector, Switch, System
 
 if TYPE_CHECKING:
-    from rig.solve.assembly import Assembly, Circuit, Part, Row
+    from rig.solve.assembly import Assembly, Circuit, Part, Row, Variation
 
 
 def matrices(a: Assembly) -> System:
@@ -79,6 +79,14 @@ def matrices(a: Assembly) -> System:
         where = tuple(index[e] for e in owned)
         return Switch(name, index[signal], where, tuple(position(circuit, owned) for circuit in circuits))
 
+    def varied(v: Variation) -> Sector:
+        count = len(v.factors)
+        edges = tuple(v.period * i / count for i in range(count))
+        stiffness, damping = square(v.stiffness), square(v.damping)
+        rows = np.array([row(v.name, v.rows.get(normal[0], {})) for normal in a.normals]).reshape(-1, n)
+        changes = tuple(Change((e - 1.0) * stiffness, (d - 1.0) * damping, (e - 1.0) * rows) for e, d in v.factors)
+        return Sector(v.name, -1, row(v.name, v.row), index[v.turn], v.period, edges, changes=changes)
+
     patch_names = [p[0] for p in a.patches]
     pushed = [both(f"force on {c}", a.force.get(c, {})) for c in a.coordinates]
     system = System(
@@ -119,9 +127,12 @@ def matrices(a: Assembly) -> System:
             Limiter(name, row(f"limiter {name}", r), low, high, index[signal], gain, excess)
             for name, r, low, high, signal, gain, excess in a.limiters
         ),
-        sectors=tuple(
-            Sector(name, patch_names.index(patch), row(f"sector {name}", r), index[turn], period, edges, laws)
-            for name, patch, r, turn, period, edges, laws in a.sectors
+        sectors=(
+            *(
+                Sector(name, patch_names.index(patch), row(f"sector {name}", r), index[turn], period, edges, laws)
+                for name, patch, r, turn, period, edges, laws in a.sectors
+            ),
+            *(varied(variation) for variation in a.variations),
         ),
         switches=tuple(switch(*entry) for entry in a.switches),
         products=products,

@@ -122,6 +122,7 @@ class Motion:
             fc=np.array([0.0, step_ns * 1e-9]),
             x=system.start.copy(),
             energy=np.zeros(ledger.TERMS),
+            edges=np.zeros(1),
             tally=np.zeros(TALLIED, dtype=np.int64),
             watched=np.array(list(bounds or {}), dtype=np.int64),
             bound=np.array(list((bounds or {}).values()), dtype=np.float64),
@@ -131,6 +132,18 @@ class Motion:
         self._stored = ledger.stored(system, self.state.x, at_start)
         self._room(longest, self._block or longest)
         self._run(0, 0)
+        self._prepare()
+
+    @property
+    def _varies(self) -> bool:
+        """Whether the structure is another in other sectors."""
+        return any(sector.changes for sector in self.system.sectors)
+
+    def _prepare(self) -> None:
+        """Build what a turn over such sectors will meet: a paced run could not afford it on the way."""
+        for key in self.system.turn(self.key) if self._varies else ():
+            if self.slots.tables.slot_of[key] < 0:
+                self.slots.add(key)
 
     def _set(self, system: System) -> None:
         if self.method == "exact" and not system.linear:
@@ -340,8 +353,11 @@ class Motion:
         """The ledger so far [J], and `error`: what does not close, relative to the largest term or store."""
         terms = self.state.energy
         stored = ledger.stored(self.system, self.state.x, self.key) - self._stored
+        jumps = self._jumps + float(self.state.edges[0])
         largest = max(float(np.abs(terms).max()), abs(stored), abs(self._stored), 1e-30)
         out = ledger.by_name(self.system, terms)
+        if self._varies:
+            out["edges"] = float(self.state.edges[0])
         out |= {"impulses": self._jumps, "stored": stored}
-        out["error"] = (float(terms @ ledger.SIGNS) + self._jumps - stored) / largest
+        out["error"] = (float(terms @ ledger.SIGNS) + jumps - stored) / largest
         return out

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rig.kernel import bundle
 from rig.solve import expm, laws, products, wide
 from rig.solve.formulation import ModeSet, assemble
-from rig.solve.ledger import RESISTOR, TERMS, factors, loss_rows, powers, store, supplied, work
+from rig.solve.ledger import NODES, RESISTOR, TERMS, at_nodes, damping, factors, loss_rows, powers, store, supplied, work
 from rig.solve.products import Products
 from rig.solve.roots import DEGREE
 from rig.solve.system import STICK, System
@@ -70,7 +70,7 @@ class Tables(NamedTuple):
     slip: Array  # [P, n] slip speed rows
     surface: Array  # [P, n] slip speed and the speed of the body under the friction force: what the drive supplies
     lift: Array  # [K, n] rows of the speed along each normal force
-    damping: Array  # [nq, nq]
+    damping: Array  # [slot, nq, nq]
     force: Array  # [nq, n]
     force_t: Array  # [nq, products]
     static: Array  # [slot, P]
@@ -87,6 +87,7 @@ class Tables(NamedTuple):
     conductance: Array  # [resistor]
     path: Array  # [sector row, n] place
     edges: Array  # [sector row, widest + 1] the last is the period
+    change: Array  # [sector row, widest, nq, nq] what a sector adds to the stiffness; no row where none does
     products: Products | None
     wide: Wide | None  # of rigs with many states
     step: Array  # [1] s
@@ -111,10 +112,15 @@ class Slots:
         n, nq, P, K, S = s.n, len(s.coordinates), len(s.patches), len(s.normals), len(self.rows)
         I = s.inputs
         g = 2 * P + K + 2 * len(s.limiters) + 2 * len(s.sectors)
-        nodes = max((len(sector.laws) + 1 for sector in s.sectors), default=1)
+        nodes = max((len(sector.edges) + 1 for sector in s.sectors), default=1)
         edges = np.zeros((len(s.sectors), nodes))
         for i, sector in enumerate(s.sectors):
-            edges[i, : len(sector.laws) + 1] = (*sector.edges, sector.period)
+            edges[i, : len(sector.edges) + 1] = (*sector.edges, sector.period)
+        varies = any(sector.changes for sector in s.sectors)
+        change = np.zeros((len(s.sectors), nodes - 1, nq, nq) if varies else (0, 1, 1, 1))
+        for i, sector in enumerate(s.sectors):
+            for at, one in enumerate(sector.changes):
+                change[i, at] = one.stiffness
         multiplied = 3 * P + 2 * K + 2 * nq + len(s.losses)
         z = np.zeros
         return Tables(
@@ -155,7 +161,7 @@ class Slots:
             slip=s.slip_rows.copy(),
             surface=supplied(s),
             lift=np.array([k.direction for k in s.normals]).reshape(K, nq) @ np.eye(n)[nq : 2 * nq],
-            damping=s.damping.copy(),
+            damping=z((0, nq, nq)),
             force=s.force.copy(),
             force_t=s.force_t.copy(),
             static=z((0, P)),
@@ -163,7 +169,7 @@ class Slots:
             numbers=z((0, P, laws.width(tuple(law for p in range(P) for law in s.laws(p))))),
             of_patch=np.array([k.patch for k in s.normals], dtype=np.int64),
             limiters=np.array([len(s.limiters)]),
-            sectors=np.array([len(sector.laws) for sector in s.sectors], dtype=np.int64),
+            sectors=np.array([len(sector.edges) for sector in s.sectors], dtype=np.int64),
             turn=np.array([sector.turn for sector in s.sectors], dtype=np.int64),
             commanded=np.array([switch.state for switch in s.switches], dtype=np.int64),
             positions=np.array([len(switch.positions) for switch in s.switches], dtype=np.int64),
@@ -172,6 +178,7 @@ class Slots:
             conductance=np.array([loss.conductance for loss in s.losses]),
             path=np.array([sector.row for sector in s.sectors]).reshape(-1, n),
             edges=edges,
+            change=change,
             products=products.pack(s.products, n, P, K),
             wide=wide.empty(n, g, self.read, self.booked, multiplied) if n > UNROLLED else None,
             step=np.array([self.step]),
@@ -185,15 +192,18 @@ class Slots:
         g = t.G.shape[1]
         guards = _padded(modes.guards, g)
         E = expm.ladder(modes.A, self.step)
-        bounds, slopes = _bounds(modes.A, guards, self.step)
+        if t.wide is None:
+            order, nodes = expm.order(modes.A, self.step), at_nodes(modes.A, modes.landing, self.step / 2.0 ** (len(E) - 1))
+        else:
+            E = E[: wide.depth(modes.A, self.step) + 1]
+            terms = wide.series(modes.A, self.step / 2.0 ** (len(E) - 1))
+            order, nodes = DEGREE, wide.at(NODES, terms) @ modes.landing
         E = (modes.landing - np.eye(system.n)) + modes.landing @ E @ modes.landing
+        bounds, slopes = np.zeros((2, g, system.n))
+        if t.wide is None or len(E) > 1:
+            bounds, slopes = _bounds(modes.A, guards, self.step)
         forms = powers(system, modes)
-        integrals = work(modes.A, modes.landing, forms, self.step, E)
-        broad: dict[str, Array] = {}
-        terms = expm.order(modes.A, self.step)
-        if t.wide is not None:
-            level = wide.depth(modes.A, self.step)
-            E, integrals, terms = E[: level + 1], integrals[: level + 1], DEGREE
+        integrals = work(nodes, forms, self.step, E)
         patch_modes, normal_modes, _, sector_modes, _ = system.modes(key)
         met = tuple(system.law(p, sector_modes) for p in range(len(system.patches)))
         code, numbers = laws.pack(met, t.numbers.shape[2])
@@ -204,15 +214,15 @@ class Slots:
                 load[contact.patch] += modes.normal[k]
                 load_t[contact.patch] += modes.normal_t[k]
         rows, rows_t = signal_rows(system, modes, self.rows)
+        broad: dict[str, Array] = {}
         if t.wide is not None:
-            cell = wide.series(modes.A, self.step / 2.0**level)
             parts = factors(system, modes), integrals[0, : self.booked]
-            broad = wide.tables(cell, E, modes.landing, guards, bounds, rows[: self.read], *parts)
+            broad = wide.tables(terms, E, modes.landing, guards, bounds, rows[: self.read], *parts)
         slot_of = t.slot_of.copy()
         slot_of[key] = len(self.sets)
         new: dict[str, Any] = {
             "depth": len(E) - 1,
-            "order": terms,
+            "order": order,
             "curved": int(bool(modes.nonlinear.any()) or bool(system.products)),
             "stuck": int(STICK in patch_modes),
             "lands": int(not np.array_equal(modes.landing, np.eye(system.n))),
@@ -246,11 +256,13 @@ class Slots:
             "loss": loss_rows(system, modes),
             "press": modes.normal * closed,
             "press_t": modes.normal_t * closed,
+            "damping": damping(system, key),
             "active": forms.any(axis=(1, 2)).astype(np.int64),
             "powers": forms,
             "work": integrals,
         }
-        stacked: dict[str, Any] = {name: _stack(getattr(t, name), new[name]) for name in new}
+        at = len(self.sets)
+        stacked: dict[str, Any] = {name: _put(getattr(t, name), at, new[name]) for name in new}
         if t.products is not None:
             stacked["products"] = t.products._replace(
                 press=stacked["press"],
@@ -259,7 +271,7 @@ class Slots:
                 rub_t=stacked["friction_t"],
             )
         if t.wide is not None:
-            stacked["wide"] = t.wide._replace(**{name: _stack(getattr(t.wide, name), broad[name]) for name in broad})
+            stacked["wide"] = t.wide._replace(**{name: _put(getattr(t.wide, name), at, broad[name]) for name in broad})
         self.tables = t._replace(slot_of=slot_of, **stacked)
         self.handle = bundle(self.tables)
         self.sets.append(modes)
@@ -298,14 +310,23 @@ def _padded(array: NDArray[Any], count: int) -> NDArray[Any]:
     return out
 
 
-def _stack(old: NDArray[Any], new: Any) -> NDArray[Any]:
-    """Append one slot; a deeper ladder widens the level axis of the older ones."""
-    entry = np.asarray(new, dtype=old.dtype)[None]
-    if entry.ndim > 3 and entry.shape[1] != old.shape[1]:
-        levels = max(entry.shape[1], old.shape[1])
-        old = np.concatenate([old, np.zeros((len(old), levels - old.shape[1], *old.shape[2:]))], axis=1)
-        entry = np.concatenate([entry, np.zeros((1, levels - entry.shape[1], *entry.shape[2:]))], axis=1)
-    return np.ascontiguousarray(np.concatenate([old, entry]))
+def _put(old: NDArray[Any], slot: int, new: Any) -> NDArray[Any]:
+    """The array with `new` in place of `slot`; with more room where it is full, or where a ladder is deeper."""
+    entry = np.asarray(new, dtype=old.dtype)
+    levels = entry.ndim > 2
+    if slot >= len(old) or (levels and len(entry) > old.shape[1]):
+        room = list(old.shape)
+        room[0] = max(2 * slot, 4) if slot >= len(old) else len(old)
+        if levels:
+            room[1] = max(room[1], len(entry))
+        more = np.zeros(room, dtype=old.dtype)
+        more[tuple(map(slice, old.shape))] = old
+        old = more
+    if levels:
+        old[slot, : len(entry)] = entry
+    else:
+        old[slot] = entry
+    return old
 
 
 def _bounds(A: Array, guards: Array, step: float) -> tuple[Array, Array]:

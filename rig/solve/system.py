@@ -7,8 +7,9 @@ of a patch under a law over speed, and products of states such as x y, cos(k phi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -85,11 +86,20 @@ class Limiter:
 
 
 @dataclass(frozen=True)
+class Change:
+    """What a sector adds to the rig: stiffness, damping [coordinate, coordinate], rows of normal forces [normal, n]."""
+
+    stiffness: Array
+    damping: Array
+    rows: Array
+
+
+@dataclass(frozen=True)
 class Sector:
-    """Material of different friction along the path of a patch: `laws[i]` where edges[i] <= row x < edges[i + 1].
+    """A rig that is another where edges[i] <= row x < edges[i + 1]: patch `patch` has laws[i], or changes[i] is added.
 
     The place row x lives in [0, period): `edges` begin with 0, the last sector ends at `period`. Where it leaves that
-    range, state `turn` is moved by a period, which row must count fully.
+    range, state `turn` is moved by a period, which row must count fully. `patch` is -1 where friction stays the same.
     """
 
     name: str
@@ -98,7 +108,8 @@ class Sector:
     turn: int
     period: float
     edges: tuple[float, ...]
-    laws: tuple[Law, ...]
+    laws: tuple[Law, ...] = ()
+    changes: tuple[Change, ...] = ()
 
     def at(self, x: Array) -> int:
         """The sector at state x."""
@@ -214,7 +225,7 @@ class System:
     def radices(self) -> list[int]:
         """Number of modes of each patch, normal, limiter, sector and switch, in the order of the key."""
         fixed = [3] * len(self.patches) + [2] * len(self.normals) + [3] * len(self.limiters)
-        return fixed + [len(s.laws) for s in self.sectors] + [len(s.positions) for s in self.switches]
+        return fixed + [len(s.edges) for s in self.sectors] + [len(s.positions) for s in self.switches]
 
     @property
     def keys(self) -> int:
@@ -256,6 +267,22 @@ class System:
             if sector.patch == p:
                 return sector.laws[where]
         return self.patches[p].law
+
+    def change(self, sectors: Sequence[int]) -> Change:
+        """What the sectors add, all together."""
+        nq, found = len(self.coordinates), [s.changes[at] for s, at in zip(self.sectors, sectors) if s.changes]
+        none = Change(np.zeros((nq, nq)), np.zeros((nq, nq)), np.zeros((len(self.normals), self.n)))
+        return Change(*(sum((getattr(c, part) for c in found), getattr(none, part)) for part in vars(none)))
+
+    def turn(self, key: int) -> Iterator[int]:
+        """The mode sets that a turn over all sectors is likely to meet: patches as they are, of each one contact open."""
+        patches, _, limiters, _, switches = self.modes(key)
+        for lifted in product(*((CLOSED, OPEN) if k.opens else (CLOSED,) for k in self.normals)):
+            of = [k.patch for k, mode in zip(self.normals, lifted) if mode == OPEN]
+            if len(set(of)) < len(of):
+                continue
+            for places in product(*(range(len(sector.edges)) for sector in self.sectors)):
+                yield self.key(patches, lifted, limiters, places, switches)
 
     def describe(self, key: int) -> str:
         """The mode set in words, e.g. "contact slip+"."""

@@ -8,7 +8,7 @@ state (rig.solve.growth).
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 
 import numpy as np
@@ -27,6 +27,7 @@ from rig.solve.system import (
     STICK,
     Normal,
     Patch,
+    Sector,
     System,
 )
 
@@ -84,7 +85,7 @@ def mode_sets(system: System) -> Iterator[int]:
     patches: list[tuple[int, ...]] = list(product(kinds, repeat=P)) if 3**P <= MOST else [(k,) * P for k in kinds]
     if 3**P > MOST:
         patches += [(SLIP_PLUS,) * p + (STICK,) + (SLIP_PLUS,) * (P - p - 1) for p in range(P)]
-    places = list(product(*(range(len(sector.laws)) for sector in system.sectors)))
+    places = list(product(*(_places(sector) for sector in system.sectors)))
     ends = [{0, 1, len(s.positions) - 1, s.at(system.start)} for s in system.switches]
     for thrown in product(*(sorted(positions) for positions in ends)):
         for modes, where in product(patches, places):
@@ -92,6 +93,11 @@ def mode_sets(system: System) -> Iterator[int]:
         if any(k.opens for k in system.normals):
             lifted = [OPEN if k.opens else CLOSED for k in system.normals]
             yield system.key([SLIP_PLUS] * P, lifted, free, switches=thrown)
+
+
+def _places(sector: Sector) -> Sequence[int]:
+    """The sectors to look at: all of a friction; of a structure the first and the one in the middle of the turn."""
+    return (0, len(sector.edges) // 2) if sector.changes else range(len(sector.edges))
 
 
 def _matrices(system: System) -> Iterator[Finding]:

@@ -116,6 +116,11 @@ def tables(
     }
 
 
+def at(places: Array, terms: Array) -> Array:
+    """exp(A u) at places u of a cell, [place, n, n]."""
+    return _combine(places[:, None] ** np.arange(TERMS + 1), terms)
+
+
 def _combine(weights: Array, terms: Array) -> Array:
     """sum_j weights[k, j] terms[j], [k, n, n]."""
     out = np.zeros((len(weights), terms[0].size))
@@ -264,7 +269,7 @@ def book(t, slot, w, reach, length, energy):
     speed along it; the damping forces; the forces; of each resistor what
     its heat is the square of. See rig.solve.ledger.
     """
-    n, nq, z = w.y.shape[0], t.damping.shape[0], t.wide.product
+    n, nq, z = w.y.shape[0], t.force.shape[0], t.wide.product
     patches, normals = t.slip.shape[0], t.of_patch.shape[0]
     count = t.wide.factor.shape[2]
     for q in range(w.nodes.shape[0]):

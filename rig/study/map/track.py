@@ -126,7 +126,7 @@ class Track:
         found = [at]
         if at.system.sectors:
             patches, normals, limiters, _, thrown = at.system.modes(at.modes.key)
-            paths = product(*(range(len(sector.laws)) for sector in at.system.sectors))
+            paths = product(*(range(len(sector.edges)) for sector in at.system.sectors))
             found = [steady(at.system, at.system.key(patches, normals, limiters, path, thrown)) for path in paths]
         rates = [one.eigenvalues()[0] for one in found if one.exists]
         return complex(max(rates, key=lambda rate: float(rate.real))) if rates else complex(math.nan, math.nan)
