@@ -8,7 +8,7 @@ inhomogeneity  a structure that is stiffer or softer with the turn of the disc
 tuned_mass a tilted absorber on the body; its inertia enters the normal force
 dither     a fast vibration of the belt, of the mass or of the normal force
 separation  a contact spring that lifts off and comes back
-disc_modes  the free vibration of a flexible disc
+disc_modes  the free vibration of a flexible disc; of the brake, in place of its rigid one
 moving_contact  what a contact changes that moves over a flexible disc: geometry, slope
 piezo, stack  a linear piezo stack in the load path
 shunt, shunt_limits  the electrical network on it: resonant, with negative capacitance, switched

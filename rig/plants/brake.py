@@ -10,7 +10,8 @@ proportional to it, and its stiffness, kn (p / p0)^exponent.
 
 Coordinates count from the pressed state. `load.at` says which: "sliding", every contact bears N0 while the disc turns,
 so that sliding is q = 0 and friction's static moment is borne elsewhere; or "rest", they do so before friction acts,
-which then loads one end of a pad more than the other. C acts between pad and disc when a contact is open too.
+which then loads one end of a pad more than the other. C acts between pad and disc when a contact is open too. With
+`disc_modes` the disc bends (rig.plants.brake_disc); its contacts then slide each in a direction of its own.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3c, figures 15 to 17 (the model's kind;
 the paper has no numbers: springs, masses and the pressure law are ours, calibrated to its 0.64 and 2140 Hz).
 """
@@ -25,12 +26,14 @@ from pydantic import ValidationError, model_validator
 from pydantic_core import InitErrorDetails, PydanticCustomError
 
 from rig.effects import drive, inhomogeneity, piezo
+from rig.effects.disc_modes import Disc
 from rig.effects.drive import DiscDrive
 from rig.effects.friction import Friction
 from rig.effects.inhomogeneity import Inhomogeneity
 from rig.effects.piezo import Piezo, WithStack
 from rig.plants.belt import RAMPED
-from rig.plants.multibody import Body, Spring, adrift, apart, motion, unknown
+from rig.plants.brake_disc import Bending
+from rig.plants.multibody import Body, Spring, adrift, apart, held, motion, unknown
 from rig.quantities import (
     Hertz,
     MetrePerSecond,
@@ -116,6 +119,7 @@ class Parameters(WithStack):
     friction: Friction
     probe: Probe
     inhomogeneity: Inhomogeneity | None = None
+    disc_modes: Disc | None = None
     start: Start = Start()
 
     @model_validator(mode="after")
@@ -141,13 +145,19 @@ class Parameters(WithStack):
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
     a = Assembly(title="brake")
-    for name, body in p.bodies.items():
-        for axis, inertia in (("x", body.mass), ("z", body.mass), ("phi", body.inertia)):
-            a.coordinate(f"{name}.{axis}", inertia)
+    bodies = dict(p.bodies)
+    if p.disc_modes is not None:
+        disc = next(iter(p.contacts.values())).disc.partition(".")[0]
+        bodies[disc] = Bending(**dict(p.bodies[disc]), disc=p.disc_modes, radius=p.linings.radius)
     elastic = p.structure.scale**2
     viscous = p.structure.scale * p.structure.loss_factor / (2.0 * math.pi * p.structure.frequency)
+    for name, body in bodies.items():
+        for coordinate, (inertia, stiffness) in body.coordinates(name).items():
+            a.coordinate(coordinate, inertia, viscous * stiffness, elastic * stiffness)
     for spring in p.springs.values():
-        row = apart(p.bodies, spring.first, spring.second, spring.direction)
+        if not held(bodies, spring):
+            continue
+        row = apart(bodies, spring.first, spring.second, spring.direction)
         _lay(a.stiffness, row, elastic * spring.stiffness)
         _lay(a.damping, row, viscous * spring.stiffness)
 
@@ -158,13 +168,13 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     law = p.friction.friction()
     pull = law.mu(abs(p.linings.radius * p.drive.speed)) * (-1.0 if p.drive.speed < 0.0 else 1.0)
     for (name, contact), pad in zip(p.contacts.items(), pads):
-        along = apart(p.bodies, contact.pad, contact.disc, "x")
+        along = apart(bodies, contact.pad, contact.disc, "x")
         patch = next((known for known, row in patches.items() if row == along), "")
         if not patch:
             patch = pad if pad not in patches else name
             patches[patch] = along
             a.patch(patch, along, {state: p.linings.radius * value for state, value in speed.items()}, law)
-        approach = apart(p.bodies, contact.pad, contact.disc, "z")
+        approach = apart(bodies, contact.pad, contact.disc, "z")
         approach = {coordinate: -_side(p, contact) * value for coordinate, value in approach.items()}
         stiffness = p.linings.stiffness * share**p.linings.exponent / pads.count(pad)
         force = p.linings.force * share / pads.count(pad)
@@ -179,8 +189,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     if p.inhomogeneity is not None:  # of what the brake is made of, not of the stack
         inhomogeneity.add(a, p.inhomogeneity, speed)
     if p.piezo is not None:
-        piezo.add(a, p, apart(p.bodies, p.piezo.first, p.piezo.second, p.piezo.direction), moved)
-    seen = motion(p.bodies, p.probe.point, p.probe.direction)
+        piezo.add(a, p, apart(bodies, p.piezo.first, p.piezo.second, p.piezo.direction), moved)
+    seen = motion(bodies, p.probe.point, p.probe.direction)
     a.start |= {f"{p.probe.point.partition('.')[0]}.{p.probe.direction}'": p.start.velocity}
     a.outputs |= {
         "displacement": Output(seen, "m"),

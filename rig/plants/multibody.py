@@ -41,6 +41,22 @@ class Body(Section):
     inertia: KilogramSquareMetre
     points: dict[str, Point] = Field(default_factory=dict)
 
+    def coordinates(self, name: str) -> dict[str, tuple[float, float]]:
+        """Its coordinates as body `name`, each with inertia and with a stiffness of its own."""
+        parts = (("x", self.mass), ("z", self.mass), ("phi", self.inertia))
+        return {f"{name}.{axis}": (inertia, 0.0) for axis, inertia in parts}
+
+    def row(self, name: str, a: float, b: float, direction: str) -> Row:
+        """The motion of its point (a, b) along a direction, over its coordinates."""
+        if direction == "phi":
+            return {f"{name}.phi": 1.0}
+        arm = b if direction == "x" else -a
+        return {f"{name}.{direction}": 1.0} | ({f"{name}.phi": arm} if arm else {})
+
+    def holds(self, point: str, direction: str) -> bool:
+        """Whether a spring to that point along that direction has something to hold."""
+        return True
+
 
 class Straight(Section):
     """A spring along x or z from point to point, "body.point"; the name of a body alone is its centre of mass."""
@@ -69,11 +85,8 @@ def motion(bodies: Bodies, place: str, direction: str) -> Row:
     if place == GROUND:
         return {}
     body, _, point = place.partition(".")
-    if direction == "phi":
-        return {f"{body}.phi": 1.0}
     a, b = bodies[body].points[point] if point else (0.0, 0.0)
-    arm = b if direction == "x" else -a
-    return {f"{body}.{direction}": 1.0} | ({f"{body}.phi": arm} if arm else {})
+    return bodies[body].row(body, a, b, direction)
 
 
 def apart(bodies: Bodies, first: str, second: str, direction: str) -> Row:
@@ -82,6 +95,12 @@ def apart(bodies: Bodies, first: str, second: str, direction: str) -> Row:
     for name, value in motion(bodies, second, direction).items():
         row[name] = row.get(name, 0.0) - value
     return row
+
+
+def held(bodies: Bodies, spring: Any) -> bool:
+    """Whether both ends of a spring have something to hold."""
+    ends = [place.partition(".") for place in (spring.first, spring.second) if place != GROUND]
+    return all(bodies[body].holds(point, spring.direction) for body, _, point in ends)
 
 
 def unknown(bodies: Bodies, place: str) -> str:

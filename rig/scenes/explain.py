@@ -88,6 +88,7 @@ ABOUT = {
     "command": "the value commanded, held from tick to tick",
     "ramp": "the slope of a value that runs linearly",
     "lag": "a first-order actuator",
+    "disc_modes": "the disc bends, in place of moving along its axis and tilting as a rigid body",
     "inhomogeneity": "stiffness that swings with the turn of the disc",
     "dither": "a fast vibration of belt, mass or load",
     "separation": "a contact spring that lifts off and comes back; without it the spring pulls as well",

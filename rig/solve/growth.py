@@ -55,7 +55,11 @@ def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: fl
     seen = np.abs(rows) > size
     both_sides = bool(np.any(rows[seen].real > 0.0) and np.any(rows[seen].real < 0.0))
     if seen.any():
-        first = int(np.flatnonzero(seen)[0])
+        which = np.flatnonzero(seen)
+        first = int(which[0])
+        if at.exists and value.imag > 0.0:  # an oscillation grows to all sides alike: what has least room for it
+            room = at.modes.guards @ at.x + at.modes.guards_t @ at.T
+            first = int(which[(room[which] / np.abs(rows[which])).argmin()])
         guard = system.happens(int(at.modes.kinds[first]), int(at.modes.owners[first]))
         if value.imag > 0.0 or both_sides:
             remedy = "more damping, or less friction"

@@ -17,7 +17,19 @@ from numpy.typing import NDArray
 from rig.kernel import bundle
 from rig.solve import expm, laws, products, wide
 from rig.solve.formulation import ModeSet, assemble
-from rig.solve.ledger import NODES, RESISTOR, TERMS, at_nodes, damping, factors, loss_rows, powers, store, supplied, work
+from rig.solve.ledger import (
+    NODES,
+    RESISTOR,
+    TERMS,
+    at_nodes,
+    damping,
+    factors,
+    loss_rows,
+    powers,
+    store,
+    supplied,
+    work,
+)
 from rig.solve.products import Products
 from rig.solve.roots import DEGREE
 from rig.solve.system import STICK, System
@@ -193,7 +205,10 @@ class Slots:
         guards = _padded(modes.guards, g)
         E = expm.ladder(modes.A, self.step)
         if t.wide is None:
-            order, nodes = expm.order(modes.A, self.step), at_nodes(modes.A, modes.landing, self.step / 2.0 ** (len(E) - 1))
+            order, nodes = (
+                expm.order(modes.A, self.step),
+                at_nodes(modes.A, modes.landing, self.step / 2.0 ** (len(E) - 1)),
+            )
         else:
             E = E[: wide.depth(modes.A, self.step) + 1]
             terms = wide.series(modes.A, self.step / 2.0 ** (len(E) - 1))

@@ -275,7 +275,7 @@ class System:
         return Change(*(sum((getattr(c, part) for c in found), getattr(none, part)) for part in vars(none)))
 
     def turn(self, key: int) -> Iterator[int]:
-        """The mode sets that a turn over all sectors is likely to meet: patches as they are, of each one contact open."""
+        """The mode sets that a turn over all sectors is likely to meet: of each patch, as it is, one contact open."""
         patches, _, limiters, _, switches = self.modes(key)
         for lifted in product(*((CLOSED, OPEN) if k.opens else (CLOSED,) for k in self.normals)):
             of = [k.patch for k, mode in zip(self.normals, lifted) if mode == OPEN]

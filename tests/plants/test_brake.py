@@ -214,3 +214,16 @@ def test_pads_that_creep_stick():
     stuck = np.array([[m == STICK for m in run.system.modes(s.key)[0]] for s in run.slots.sets])[run.slots_of_states]
     assert np.abs(slip[stuck]).max() < 1e-14
     assert abs(run.energy()["error"]) < 1e-6
+
+
+def test_the_verdict_tells_growth_and_what_bounds_it():
+    """A squealing brake is refused by nobody: lift-off bounds it. The growth is that of the eigenvalues."""
+    found = [
+        one
+        for one in rig.modes(rig.load("brake_3400")).findings
+        if "flutter in inner_pad slip+, outer_pad slip+," in one.what
+    ]
+    assert [one.level for one in found] == ["info"]
+    assert found[0].number == pytest.approx(BRAKE["BRAKE-P"]["short"][0], abs=1e-3)
+    assert found[0].what.endswith("it is limited where inner_left opens")
+    assert "friction" in found[0].remedy

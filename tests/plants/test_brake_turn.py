@@ -24,7 +24,9 @@ def in_sector(brake, i):
 
 @pytest.mark.parametrize("i", [0, 3, 6])
 def test_a_sector_is_the_brake_at_another_scale(i):
-    scale = rig.load("brake_3400").parameters.structure.scale * (1.0 + DEPTH * math.cos(2.0 * math.pi * (i + 0.5) / COUNT))
+    scale = rig.load("brake_3400").parameters.structure.scale * (
+        1.0 + DEPTH * math.cos(2.0 * math.pi * (i + 0.5) / COUNT)
+    )
     uniform = system({"structure.scale": scale, "drive.speed": ROUND["drive.speed"]})
     expected = steady(uniform, sliding_key(uniform)).eigenvalues()
     assert in_sector(system(ROUND), i).eigenvalues() == pytest.approx(expected, rel=1e-9)
@@ -41,7 +43,7 @@ def test_the_squeal_swings_by_seventeen_hertz():
 
 
 def test_a_turn_of_squeal_closes_its_books_and_builds_nothing_on_the_way():
-    brake = system(ROUND | {"start.velocity": 0.2})
+    brake = system(ROUND | {"start.velocity": 2.0})
     turn = 60.0 / RPM
     ticks = round(1.02 * turn / 20e-6)
     run = Motion(brake, 20_000, "exact", longest=ticks, cap=1000)

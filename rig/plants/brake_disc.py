@@ -1,0 +1,51 @@
+"""A brake disc that bends: free vibration modes of an annular plate in place of a rigid body's axial motion and tilt.
+
+    u_z = w(theta) = sum R(r) (C cos l theta + S sin l theta),   u_x = x - b dw / (r dtheta),   theta = a / r
+
+for the point a along the circle on which the pads rub, b off the middle plane: what z - a phi and x + b phi are of a
+rigid disc. The springs that hold that one's middle along z and phi stand for its bending and have no place here. At
+the speeds of a braking disc (l Omega of a few rad/s) what turning does to a pair of modes is far below its damping
+and left out.
+Source: rig.effects.disc_modes; slope as in Liu and Ouyang, Meccanica 55 (2020), section 3; derived.
+"""
+
+from __future__ import annotations
+
+import math
+
+from rig.effects.disc_modes import Disc, Mode, free_modes
+from rig.plants.multibody import Body
+from rig.solve.assembly import Row
+
+
+class Bending(Body):
+    """The disc: its mass along x, its points; bends as `disc` does at `radius`."""
+
+    disc: Disc
+    radius: float
+
+    def coordinates(self, name: str) -> dict[str, tuple[float, float]]:
+        """See `Body.coordinates`."""
+        modes = [(part, mode) for mode in free_modes(self.disc) for part in _names(name, mode)]
+        return {f"{name}.x": (self.mass, 0.0)} | {part: (1.0, mode.omega**2) for part, mode in modes}
+
+    def row(self, name: str, a: float, b: float, direction: str) -> Row:
+        """See `Body.row`."""
+        row: Row = {f"{name}.x": 1.0} if direction == "x" else {}
+        for mode in free_modes(self.disc):
+            l, deflection = mode.diameters, mode.at(self.radius)
+            turn = l * a / self.radius
+            shapes = (math.cos(turn), math.sin(turn))
+            slopes = (-l * math.sin(turn) / self.radius, l * math.cos(turn) / self.radius)
+            for part, shape, slope in zip(_names(name, mode), shapes, slopes):
+                row[part] = deflection * (shape if direction == "z" else -b * slope if direction == "x" else -slope)
+        return row
+
+    def holds(self, point: str, direction: str) -> bool:
+        """See `Body.holds`."""
+        return bool(point) or direction == "x"
+
+
+def _names(name: str, mode: Mode) -> tuple[str, ...]:
+    which = f"{mode.diameters}.{mode.circles}" if mode.circles else f"{mode.diameters}"
+    return (f"{name}.C{which}", f"{name}.S{which}") if mode.pair else (f"{name}.C{which}",)

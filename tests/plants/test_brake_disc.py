@@ -1,0 +1,55 @@
+"""A brake disc that bends, in place of the rigid one: rows of its modes, the limit of a stiff plate, the squeal."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import rig
+from rig.plants.brake_disc import Bending
+
+PLATE = {
+    "disc_modes.inner_radius": 0.07,
+    "disc_modes.outer_radius": 0.14,
+    "disc_modes.thickness": 0.012,
+    "disc_modes.density": 7200.0,
+    "disc_modes.modulus": 1.2e11,
+    "disc_modes.poisson": 0.25,
+}
+
+
+def motions(changes):
+    return rig.modes(rig.load("brake", changes)).sliding.modes
+
+
+def test_points_move_as_the_plate_bends():
+    """Along the rim u_x falls with the slope of u_z, as for a rigid disc u_x = b phi, u_z = -a phi."""
+    scene = rig.load("brake", PLATE)
+    disc = Bending(**dict(scene.parameters.bodies["disc"]), disc=scene.parameters.disc_modes, radius=0.12)
+    a, b, d = 0.018, -0.011, 1e-6
+    up, down = (disc.row("disc", a + s * d, b, "z") for s in (1.0, -1.0))
+    along = disc.row("disc", a, b, "x")
+    assert along.pop("disc.x") == 1.0
+    assert set(along) == set(up) == set(disc.coordinates("disc")) - {"disc.x"}
+    for name, value in along.items():
+        assert value == pytest.approx(-b * (up[name] - down[name]) / (2.0 * d), rel=1e-6, abs=1e-9)
+
+
+def test_a_plate_too_stiff_to_bend_is_a_rigid_disc_held_fast():
+    stiff = motions(PLATE | {"disc_modes.thickness": 2.0})
+    fast = motions({"springs.disc_z.stiffness": 1e13, "springs.disc_phi.stiffness": 1e10})
+    got, expected = (sorted((m.frequency, m.growth) for m in found if m.frequency < 12e3) for found in (stiff, fast))
+    assert np.array(got) == pytest.approx(np.array(expected), rel=1e-4)
+
+
+def test_squeal_shifts_with_the_modes_of_the_disc():
+    """From 0.640 at 2140 Hz to 0.934 at 2687 Hz: another pair of motions couples first."""
+
+    def growth(mu):
+        return motions(PLATE | {"friction.mu": mu})[0].growth
+
+    assert motions({"friction.mu": 0.7})[0].growth > 0.0
+    assert growth(0.7) < 0.0
+    found = brentq(growth, 0.8, 1.1, xtol=1e-6)
+    flutter = motions(PLATE | {"friction.mu": found})[0]
+    assert found > 0.9
+    assert 2.6e3 < flutter.frequency < 2.8e3
