@@ -13,6 +13,7 @@ import pytest
 from scipy.optimize import brentq, minimize_scalar
 
 import rig
+from rig.bench.stand import Stand
 from rig.effects import shunt_limits
 from rig.effects.stack import Stack
 from rig.scenes.scene import plant_module
@@ -135,3 +136,21 @@ def test_the_shunt_silences_the_squeal_and_it_comes_back(row):
     for begin, rows in ((0.8, row["v_after_connect"]), (1.1, row["v_after_disconnect"])):
         for after, expected in rows:
             assert envelope(run, begin + after) == pytest.approx(expected, rel=0.05), (begin, after)
+
+
+def test_the_energy_of_the_brake_closes_through_switching():
+    """Each resistor, each interrupted current; the rig starts hard enough to lift off."""
+    scene = rig.load("brake_shunt", {"start.velocity": 3.0})
+    on = Stand(scene)
+    connected = 0.0
+    for _ in range(4):
+        connected = 1.0 - connected
+        on.apply("shunt.connected", connected)
+        for _ in range(8):
+            on.frame()
+        current, energy = on.output("shunt_current"), on.motion.energy()
+        assert (abs(current) > 1e-6) == (connected == 1.0)
+        assert abs(energy["error"]) < 1e-9
+    assert energy["resistor"] > 0.0
+    assert energy["switch"] > 0.0
+    assert on.motion.counts()["events"] > 20
