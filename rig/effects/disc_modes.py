@@ -86,7 +86,7 @@ class Mode:
 
     def at(self, radius: float) -> float:
         """R at a radius [m], in kg^-0.5; positive at the rim."""
-        return float(_shape(self, np.array([radius]))[0])
+        return _at(self, radius)
 
 
 @cache
@@ -175,6 +175,11 @@ def _mode(disc: Disc, l: int, circles: int, k: float) -> Mode:
     around = math.pi if l else 2.0 * math.pi
     mass = disc.areal * around * 0.5 * (b - a) * float(_WEIGHTS @ (_shape(raw, r) ** 2 * r))
     return scaled(math.copysign(1.0 / math.sqrt(mass), raw.at(b)))
+
+
+@cache
+def _at(mode: Mode, radius: float) -> float:
+    return float(_shape(mode, np.array([radius]))[0])
 
 
 def _shape(mode: Mode, r: Array) -> Array:

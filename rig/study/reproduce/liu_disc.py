@@ -85,7 +85,7 @@ def instability(figure: Figure) -> Iterator[Comparison]:
         ("b", 200.0): (3.3954, 911.7739, 1246.1686),
     }  # fmt: skip
     for row, case in zip(_panels(figure), CASES):
-        edges = _drawn(row, at(case, 100.0, 2.0))
+        edges = _drawn(row, at(case, 100.0, 2.0), _SPEEDS[::4] if case == "c" else _SPEEDS)
         if case == "c":
             yield Comparison("case c: edges", "", sum(map(len, edges.values())), 0.0, "reference")
         for N0 in LOADS:
@@ -104,15 +104,15 @@ def _panels(figure: Figure) -> Any:
     return rows
 
 
-def _drawn(row: Any, scene: Scene) -> dict[float, list[float]]:
+def _drawn(row: Any, scene: Scene, speeds: np.ndarray = _SPEEDS) -> dict[float, list[float]]:
     """The edges [rad/s] of the regions of a scene at each preload; its unstable stretches of speed are drawn."""
     from rig.study.axis import Axis
     from rig.study.regions import regions
 
-    found = regions(scene, Axis.of("drive.speed", _SPEEDS, scene), Axis.of("load.force", LOADS, scene))
+    found = regions(scene, Axis.of("drive.speed", speeds, scene), Axis.of("load.force", LOADS, scene))
     edges = {N0: [value for value, _ in told] for N0, told in zip(LOADS, found.edges)}
     for N0, growth in zip(LOADS, found.growth[:, 0]):
-        for number, (low, high) in enumerate(pairwise((_SPEEDS[0], *edges[N0], _SPEEDS[-1]))):
+        for number, (low, high) in enumerate(pairwise((speeds[0], *edges[N0], _SPEEDS[-1]))):
             unstable = (growth > 0.0) == (number % 2 == 0)
             for axis in row:
                 axis.hlines(N0, low, high, color=RED if unstable else BLUE, lw=7 if unstable else 1.2)

