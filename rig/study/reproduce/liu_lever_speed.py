@@ -171,7 +171,7 @@ def effective(figure: Figure) -> Iterator[Comparison]:
                 what = f"mu_k {mu:g}, mu_s {mu + fall:g}: ended, of three"
                 yield Comparison(what, "", float(ended), float(told[mu, fall]), "reference")
     axis.plot([0.12, 0.52], [0.12, 0.52], color=GREY, lw=0.8, ls="--")
-    axis.text(0.50, 0.475, "mu_s = mu_k", ha="center", rotation=0, color="#555555")
+    axis.text(0.505, 0.455, "mu_s = mu_k", ha="center", rotation=0, color="#555555")
     axis.set(xlabel="kinetic coefficient of the sector", ylabel="static coefficient of the sector",
              title="starts, of three, from which stick-slip ends")  # fmt: skip
 
