@@ -94,6 +94,11 @@ ABOUT = {
     "separation": "a contact spring that lifts off and comes back; without it the spring pulls as well",
     "geometry": "the contact moves round with the slider; without it, it stays where it was",
     "slope": "the normal force pushes along the inclined surface",
+    "piezo": "a stack in the load path that turns extension into charge; open without a shunt",
+    "shunt": "an electrical network on the stack's electrodes",
+    "switch": "connected or open, and which coil of a bank",
+    "leak": "resistors that bleed stack or capacitor; what they change is the offset of the charges",
+    "amplifier": "a commanded voltage on the stack's electrodes",
     "tuned_mass": "a tilted absorber; its inertia enters the normal force",
 }
 

@@ -165,7 +165,8 @@ def propagate(shape, wide, t, slot, ic, fc, x, w, origin, ticks, log, energy, bo
         if done == block:
             return -1
     ic[OPENED] += 1
-    guard = exact.opened(wide, t, slot, ic, fc, x, w, energy, booking, emitting, seg, (ic[TICK] - origin) * t.step[0])
+    begin = (ic[TICK] - origin) * t.step[0]
+    guard = exact.opened(shape, wide, t, slot, ic, fc, x, w, energy, booking, emitting, seg, begin)
     if guard < 0:
         for i in range(len(shape)):
             log.out[ic[TICK], i] = x[i]

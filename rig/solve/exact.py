@@ -49,22 +49,31 @@ def quiet(shape, E, G, B, count, x, g, ticks, out):
     return ticks
 
 
+@inlined
+def product(shape, row, x):
+    """Row . x, n a constant of the compiled code."""
+    s = 0.0
+    for j in range(len(shape)):
+        s += row[j] * x[j]
+    return s
+
+
 @inner
-def series(A, x, length, terms, derivatives):
+def series(shape, A, x, length, terms, derivatives):
     """derivatives[k] = A^k x length^k / k!, k = 0 .. terms."""
-    n = x.shape[0]
+    n = len(shape)
     for i in range(n):
         derivatives[0, i] = x[i]
     for k in range(1, terms + 1):
         f = length / k
         for i in range(n):
-            derivatives[k, i] = f * dot(A[i], derivatives[k - 1])
+            derivatives[k, i] = f * product(shape, A[i], derivatives[k - 1])
 
 
 @inner
-def along(derivatives, terms, u, x):
+def along(shape, derivatives, terms, u, x):
     """X = sum_k derivatives[k] u^k."""
-    for i in range(x.shape[0]):
+    for i in range(len(shape)):
         s = derivatives[terms, i]
         for k in range(terms - 1, -1, -1):
             s = s * u + derivatives[k, i]
@@ -72,32 +81,38 @@ def along(derivatives, terms, u, x):
 
 
 @inlined
-def certified(t, slot, x, y, shrink):
+def certified(shape, t, slot, x, y, shrink):
     """Whether no guard can fall between x and y, the ends of a cell `shrink` = 4^-level of a step."""
     for k in range(t.guards[slot]):
-        before, after = dot(t.G[slot, k], x), dot(t.G[slot, k], y)
+        before, after = product(shape, t.G[slot, k], x), product(shape, t.G[slot, k], y)
         bound, slope_bound = 0.0, 0.0
-        for j in range(x.shape[0]):
+        for j in range(len(shape)):
             bound += t.B[slot, k, j] * abs(x[j])
             slope_bound += t.BA[slot, k, j] * abs(x[j])
         if before > bound * shrink and after > bound * shrink:
             continue
-        rising = dot(t.GA[slot, k], x) > slope_bound * shrink and dot(t.GA[slot, k], y) > slope_bound * shrink
+        rising = (
+            product(shape, t.GA[slot, k], x) > slope_bound * shrink
+            and product(shape, t.GA[slot, k], y) > slope_bound * shrink
+        )
         if rising and before >= -rounding(t.G[slot, k], x):
             continue
-        falling = dot(t.GA[slot, k], x) < -slope_bound * shrink and dot(t.GA[slot, k], y) < -slope_bound * shrink
+        falling = (
+            product(shape, t.GA[slot, k], x) < -slope_bound * shrink
+            and product(shape, t.GA[slot, k], y) < -slope_bound * shrink
+        )
         if not (falling and after > 0.0):
             return False
     return True
 
 
 @inlined
-def earliest(t, slot, size, derivatives, terms, poly, work):
+def earliest(shape, t, slot, size, derivatives, terms, poly, work):
     """First fall of any guard along a Taylor cell: (u in [0, 1] or NONE, guard)."""
     first, guard = NONE, -1
     for k in range(t.guards[slot]):
         for d in range(terms + 1):
-            poly[d] = dot(t.G[slot, k], derivatives[d])
+            poly[d] = product(shape, t.G[slot, k], derivatives[d])
         u = first_fall(poly, terms, rounding(t.G[slot, k], size), work)
         if u < first:
             first, guard = u, k
@@ -105,7 +120,7 @@ def earliest(t, slot, size, derivatives, terms, poly, work):
 
 
 @inlined
-def opened(wide, t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
+def opened(shape, wide, t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
     """Carry x through (the rest of) one tick, up to its end or the first event.
 
     fc[0] = u, where in the tick; advanced. Returns the guard that fell, or -1 at the end of the tick. `w`: Workspace.
@@ -126,9 +141,9 @@ def opened(wide, t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
                 level -= 1
             found = False
             while wide is None or depth > 0:  # a wide rig's tick has just been found to have no proof
-                for i in range(x.shape[0]):
-                    w.y[i] = x[i] + dot(t.E[slot, level, i], x)
-                if certified(t, slot, x, w.y, 1.0 / 4.0**level):
+                for i in range(len(shape)):
+                    w.y[i] = x[i] + product(shape, t.E[slot, level, i], x)
+                if certified(shape, t, slot, x, w.y, 1.0 / 4.0**level):
                     found = True
                     break
                 if level == depth:
@@ -143,7 +158,7 @@ def opened(wide, t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
                         emit_linear(t, slot, x, origin + u * h, width * h, seg, w.derivatives)
                 if booking:
                     book(t.work[slot, level], t.active[slot], x, energy)
-                for i in range(x.shape[0]):
+                for i in range(len(shape)):
                     x[i] = w.y[i]
                 u += width
                 continue
@@ -152,8 +167,8 @@ def opened(wide, t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
             fall, guard = fall_of(t, slot, x, w.size, length * cells, w.poly, w.roots)
             expand(t, slot, x, length * cells, w.derivatives)
         else:
-            series(t.A[slot], x, length * h, terms, w.derivatives)
-            fall, guard = earliest(t, slot, w.size, w.derivatives, terms, w.poly, w.roots)
+            series(shape, t.A[slot], x, length * h, terms, w.derivatives)
+            fall, guard = earliest(shape, t, slot, w.size, w.derivatives, terms, w.poly, w.roots)
         reach = 1.0 if guard < 0 else fall
         if reach > 0.0:
             if emit:
@@ -165,8 +180,8 @@ def opened(wide, t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
                 if wide is not None:
                     book_part(t, slot, w, reach, length * h, energy)
                 else:
-                    book_series(t, slot, w, terms, reach, length * h, energy)
-            along(w.derivatives, terms, reach, x)
+                    book_series(shape, t, slot, w, terms, reach, length * h, energy)
+            along(shape, w.derivatives, terms, reach, x)
         u = u + reach * length if guard >= 0 else (int(position) + 1) / cells
         if guard >= 0:
             fc[0] = u
@@ -177,10 +192,10 @@ def opened(wide, t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
 
 
 @inner
-def book_series(t, slot, w, terms, reach, length, energy):
+def book_series(shape, t, slot, w, terms, reach, length, energy):
     """Energy along a Taylor cell up to `reach`, by Gauss-Legendre at eight nodes."""
     for q in range(w.nodes.shape[0]):
-        along(w.derivatives, terms, w.nodes[q] * reach, w.y)
+        along(shape, w.derivatives, terms, w.nodes[q] * reach, w.y)
         scale = w.weights[q] * reach * length
         for term in range(energy.shape[0]):
             if t.active[slot, term]:

@@ -12,12 +12,13 @@ from pathlib import Path
 from typing import Any
 
 from rig.record.provenance import provenance
-from rig.study.bench import disc, kernels, loop, maps, whole
+from rig.study.bench import disc, kernels, loop, maps, twins, whole
 
 FLOORS = {
     "kernel_rtf": 1e4,
     "whole_rtf": 100.0,
     "twin": 1.15,
+    "twin_exact": 1.5,
     "scipy": 200.0,
     "start": 2.0,
     "step_to_command_ms": 0.5,
@@ -74,16 +75,20 @@ def main() -> int:
     say(f"  kernel at 1e-6 (Stribeck): {best:.0f} x  {judged('kernel', best, 'kernel_rtf')}")
 
     say("\nC twins, gcc -O3 -march=native, interleaved, best of rounds")
-    found["twins"] = twins = kernels.twins()
-    if "skipped" in twins:
-        say(f"  {twins['skipped']}")
+    found["twins"] = ratios = twins.twins()
+    if "skipped" in ratios:
+        say(f"  {ratios['skipped']}")
     else:
-        for name, unit in (("quiet", "tick"), ("rk4", "step")):
-            t = twins[name]
-            verdict = judged(f"C twin {name}", t["ratio"], "twin", at_most=True)
+        for name, unit, floor in (("quiet", "tick", "twin"), ("rk4", "step", "twin"), ("exact", "tick", "twin_exact")):
+            t = ratios[name]
+            verdict = judged(f"C twin {name}", t["ratio"], floor, at_most=True)
             ours, theirs = t[f"ns_per_{unit}"], t[f"ns_per_{unit}_c"]
             say(f"  {name:6} {ours:6.1f} ns/{unit}, C {theirs:6.1f}: ratio {t['ratio']:.2f} {verdict}; "
                 f"largest difference of results {t['largest_difference']:.1e}")  # fmt: skip
+        stiff = ratios["exact"]
+        verdict = judged("stiff shunt", stiff["rtf"], "kernel_rtf")
+        say(f"  exact on the stiff shunt of belt_shunt, 3400 Hz at 1 ms: {stiff['rtf']:.0f} x real time {verdict}, "
+            f"error of event times {stiff['error']:.1e} of a period")  # fmt: skip
     found["scipy"] = versus = kernels.scipy_ratio()
     verdict = judged("scipy", versus["ratio"], "scipy")
     say(f"  exact over scipy solve_ivp (DOP853, rtol 1e-9, events): {versus['ratio']:.0f} x faster {verdict}; "
