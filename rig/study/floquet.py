@@ -120,7 +120,7 @@ def _carried(orbit: Orbit, x: Array, period: float) -> tuple[Array, list[str]]:
     met: list[str] = []
     for step_ns, ticks in ((orbit.scene.step_ns, whole), (rest, 1)):
         if step_ns and ticks:
-            motion = orbit.moving(x, step_ns, min(ticks, BLOCK))
+            motion = orbit.moving(x, step_ns, min(ticks, BLOCK), read=False)
             for done in range(0, ticks, BLOCK):
                 motion.advance(min(BLOCK, ticks - done))
                 met += [event.what for event in motion.events()]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rig.scenes.scene import Scene
 from rig.solve import ledger
 from rig.solve.assembly import Assembly
-from rig.solve.motion import Event, Motion
+from rig.solve.motion import SEGMENTS, Event, Motion
 from rig.solve.system import CLOSED, STICK
 from rig.study.dense import Dense
 
@@ -41,15 +41,15 @@ class Orbit:
         self._rows += [{name: 1.0} for name in self.system.names]
         self.motion = self.moving(start, scene.step_ns, BLOCK)
 
-    def moving(self, start: Array, step_ns: int, longest: int) -> Motion:
-        """The plant from another state on, with another step."""
+    def moving(self, start: Array, step_ns: int, longest: int, read: bool = True) -> Motion:
+        """The plant from another state on, with another step; `read`: outputs between samples are wanted."""
         clock = self.scene.clock
         return Motion(
             replace(self.system, start=start),
             step_ns,
             self.method,
             outputs=self._rows,
-            read=len(self._rows),
+            read=len(self._rows) if read else 0,
             tolerance=self.tolerance,
             substeps=max(1, math.ceil(step_ns / int(clock.rk4_step))),
             cap=clock.events_per_frame,
@@ -57,8 +57,15 @@ class Orbit:
             longest=longest,
         )
 
+    @property
+    def longest(self) -> int:
+        """Ticks in one call: `BLOCK`, or as many as there is room for where a network is far faster than a tick."""
+        cells: int = 2 ** int(self.motion.slots.tables.depth.max())  # of an opened tick, and as many again for events
+        return max(1, min(BLOCK, SEGMENTS // (2 * cells)))
+
     def block(self, ticks: int = BLOCK) -> list[Event]:
-        """Carry the plant on; the events met."""
+        """Carry the plant on by `ticks` at most; the events met."""
+        ticks = min(ticks, self.longest)
         self.motion.advance(ticks)
         return self.motion.events()
 
@@ -71,7 +78,7 @@ class Orbit:
         states = [self.motion.x[None].copy()]
         done = 0
         while done < whole:
-            ticks = min(BLOCK, whole - done)
+            ticks = min(self.longest, whole - done)
             met = self.block(ticks)
             dense.add(done * step_ns * 1e-9, self.motion)
             events += [((e.tick - self.motion.tick + ticks + done + e.place) * step_ns * 1e-9, e) for e in met]
