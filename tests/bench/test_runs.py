@@ -117,20 +117,30 @@ def same_bits(log, run):
 @pytest.mark.timeout(400)
 @pytest.mark.parametrize("load", [0, 3])
 def test_lockstep_gives_the_bits_of_a_run_in_one_process(folder, load):
-    scene = scenes.load(SCENE)
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(load)]
     try:
-        outcome = Going(scene, pace=None, duration=2.0, out=folder / "run.mcap").wait(350.0)
+        in_lockstep(folder, scenes.load(SCENE), 2.0)
     finally:
         for process in busy:
             process.kill()
             process.wait()
+
+
+@pytest.mark.timeout(400)
+@pytest.mark.parametrize(("name", "duration"), [("brake_active", 0.12), ("brake_shunt_listener", 0.2)])
+def test_so_do_a_loop_at_20_khz_and_one_that_hears_every_sample(folder, name, duration):
+    in_lockstep(folder, scenes.load(name), duration)
+
+
+def in_lockstep(folder, scene, duration):
+    """Run with the scene's controllers in processes of their own, then in this one: the same bits."""
+    warm(scene)
+    outcome = Going(scene, pace=None, duration=duration, out=folder / "run.mcap").wait(350.0)
     assert outcome.exit_code == 0, outcome.text()
     assert outcome.summary["lost"] == {}
-    built = {
-        name: controllers.build(section, design.numbers(scene)[name]) for name, section in scene.controllers.items()
-    }
-    same_bits(rig.open(folder / "run.mcap"), simulate(scene, built, 2 * 10**9))
+    numbers = design.numbers(scene)
+    built = {name: controllers.build(section, numbers[name]) for name, section in scene.controllers.items()}
+    same_bits(rig.open(folder / "run.mcap"), simulate(scene, built, round(duration * 1e9)))
 
 
 @pytest.fixture
