@@ -121,8 +121,6 @@ def envelope(run, start):
     return np.abs(run.signals["velocity"])[inside].max()
 
 
-@pytest.mark.slow
-@pytest.mark.timeout(900)
 @pytest.mark.parametrize("row", ORACLE["time"], ids=lambda row: f"{row['delta']:g}")
 def test_the_shunt_silences_the_squeal_and_it_comes_back(row):
     """Open until 0.8 s, connected until 1.1 s: the envelope of the reference within 5 %, energy to 1e-9."""

@@ -26,6 +26,8 @@ RESONANCE = 2.0 * math.pi * ORACLE["f_res"]
 STACK = {"piezo.capacitance": CPS, "piezo.coupling": E_N_PER_V}
 FREE = {"friction.mu_static": 0.0, "friction.mu_kinetic": 0.0, "start.velocity": 0.0, "start.displacement": 1e-3}
 LONE = {"resistance": 0.0, "inductance": 0.0, "delta": 0.0}
+SWITCHED = {"shunt.connected": "held"}
+COMPILED_WITH = ("R", "RC", "saturated RC", "leak", "bleed")  # a switch more: as many states as other tests have
 
 
 def shunt(**values):
@@ -131,7 +133,7 @@ KINDS = {
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_passive_rig_loses_what_its_resistors_take(move, kind):
     """No friction: the energy falls by the heat of damper and resistors, and by nothing else."""
-    run = move("belt_shunt", FREE | KINDS[kind], 0.2, 0.4)
+    run = move("belt_shunt", FREE | KINDS[kind], 0.2, 0.4, moved=SWITCHED if kind in COMPILED_WITH else None)
     system, x = run.motion.system, run.motion.states
     energy = run.motion.energy()
     assert abs(energy["error"]) < 1e-9
@@ -218,38 +220,44 @@ def test_switching_keeps_the_charges_and_books_the_interrupted_current(delta):
     assert abs(on.motion.energy()["error"]) < 1e-9
 
 
-def test_a_bled_stack_is_connected_again_with_another_offset():
+def now(run, name):
+    """An output of a motion at this instant."""
+    return float(run.motion.outputs_now()[run.names.index(name)])
+
+
+def test_a_bled_stack_is_connected_again_with_another_offset(move):
     """Stack and capacitor lose their charges at different rates: what is connected again differs from before."""
-    values = shunt(delta=-0.5, resistance=300.0, inductance=20.0, leak=1e6, bleed=5e5)
-    on = stand(**values)
-    run_for(on, 500)
-    assert on.motion.system.names[4] == "shunt.offset"
-    on.apply("shunt.connected", 0.0)
-    on.motion.advance(0)
-    capacitor, offset = on.output("capacitor_voltage"), on.motion.x[4]
-    run_for(on, 30)
-    assert on.output("capacitor_voltage") == pytest.approx(capacitor * math.exp(-0.5 * 0.03 / (5e5 * CPS)), rel=1e-9)
-    assert abs(on.motion.x[4] - offset) > 0.1 * abs(capacitor)
-    before = read(on, "stack_voltage", "capacitor_voltage")
-    on.apply("shunt.connected", 1.0)
-    on.motion.advance(0)
-    assert read(on, "stack_voltage", "capacitor_voltage") == before
-    run_for(on, 300)
-    assert abs(on.motion.energy()["error"]) < 1e-9
+    values = (
+        STACK | {"piezo.coupling": 1e-3} | shunt(delta=-0.5, resistance=300.0, inductance=20.0, leak=1e6, bleed=5e5)
+    )
+    run = move("belt_shunt", values, 1.0, 0.5, moved=SWITCHED)
+    motion = run.motion
+    offset = motion.system.names.index("shunt.offset")
+    run.write("shunt.position", 0.0)
+    motion.advance(0)
+    capacitor, before = now(run, "capacitor_voltage"), motion.x[offset]
+    motion.advance(30)
+    assert now(run, "capacitor_voltage") == pytest.approx(capacitor * math.exp(-0.5 * 0.03 / (5e5 * CPS)), rel=1e-9)
+    assert abs(motion.x[offset] - before) > 0.1 * abs(capacitor)
+    voltages = [now(run, name) for name in ("stack_voltage", "capacitor_voltage")]
+    run.write("shunt.position", 1.0)
+    motion.advance(0)
+    assert [now(run, name) for name in ("stack_voltage", "capacitor_voltage")] == voltages
+    motion.advance(300)
+    assert abs(motion.energy()["error"]) < 1e-9
 
 
-def test_a_shorted_stack_loses_its_charge_at_once_and_that_is_booked():
-    on = stand(**shunt(**LONE))
-    run_for(on, 100)
-    assert on.output("stack_voltage") == 0.0
-    on.apply("shunt.connected", 0.0)
-    run_for(on, 100)
-    voltage = on.output("stack_voltage")
+def test_a_shorted_stack_loses_its_charge_at_once_and_that_is_booked(move):
+    run = move("belt_shunt", STACK | {"piezo.coupling": 1e-3} | shunt(**LONE), 1.0, 0.1, moved=SWITCHED)
+    assert now(run, "stack_voltage") == 0.0
+    run.write("shunt.position", 0.0)
+    run.motion.advance(100)
+    voltage = now(run, "stack_voltage")
     assert voltage != 0.0
-    on.apply("shunt.connected", 1.0)
-    run_for(on, 100)
-    assert on.motion.energy()["switch"] == pytest.approx(0.5 * CPS * voltage**2, rel=1e-9)
-    assert abs(on.motion.energy()["error"]) < 1e-9
+    run.write("shunt.position", 1.0)
+    run.motion.advance(100)
+    assert run.motion.energy()["switch"] == pytest.approx(0.5 * CPS * voltage**2, rel=1e-9)
+    assert abs(run.motion.energy()["error"]) < 1e-9
 
 
 def test_a_switch_that_only_opens_makes_no_new_matrices():
