@@ -21,6 +21,7 @@ class Truth:
         self._done = [motion.outputs_now()[None].copy()]
         self._keys = [np.array([motion.key])]
         self.events: list[dict[str, Any]] = []
+        self._modes: dict[int, str] = {}
 
     def advance(self, motion: Motion, frames: int) -> bool:
         """Carry `motion` up to so many frames on, as far as it goes in one piece, and keep it; as `Motion.advance`."""
@@ -30,8 +31,10 @@ class Truth:
         look = motion.advance(min(frames, room) * self._steps, keep=True)
         if look and motion.event_count:
             for event in motion.events():
+                if event.before not in self._modes:  # a squeal has thousands of events a second between two mode sets
+                    self._modes[event.before] = motion.system.describe(event.before)
                 t_ns = round((event.tick + event.place) * self._step_ns)
-                data = {"tick": event.tick, "place": event.place, "before": motion.system.describe(event.before)}
+                data = {"tick": event.tick, "place": event.place, "before": self._modes[event.before]}
                 told = {"t_ns": t_ns, "tick": event.tick, "source": "plant", "kind": "contact"}
                 self.events.append({**told, "text": event.what, "data": data})
         return look
@@ -41,6 +44,7 @@ class Truth:
         rows = motion.kept
         slots = motion.log.modes[:rows]
         self._done.append(motion.outputs_at(motion.log.out[:rows], slots))
+        self._modes.clear()
         keys = np.array([modes.key for modes in motion.slots.sets], dtype=np.int64)
         self._keys.append(keys[slots])
         motion.kept = 0

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -153,6 +154,7 @@ class Motion:
                 f"exact needs motion that is linear in every mode set; not so {', '.join(bent)}: use dopri5"
             )
         self.system = system
+        self._told = cache(system.happens)
         self.slots = Slots(system, self.step_ns * 1e-9, self._outputs, self._read)
         self._shape = (0.0,) * system.n if system.n <= UNROLLED else np.zeros(system.n)
         self._carry: Callable[..., int] | None = None
@@ -323,11 +325,9 @@ class Motion:
         """Events of the last call of `advance`."""
         count = self.event_count
         first = self.tick - int(self.state.ic[TICK])
+        met = zip(self.log.event[:count].tolist(), self.log.place[:count].tolist())
         return [
-            Event(first + tick, place, self.system.happens(kind, owner), before)
-            for (tick, kind, owner, before), place in zip(
-                self.log.event[:count].tolist(), self.log.place[:count].tolist()
-            )
+            Event(first + tick, place, self._told(kind, owner), before) for (tick, kind, owner, before), place in met
         ]
 
     def outputs_at(self, states: Array, slots: NDArray[np.int64]) -> Array:

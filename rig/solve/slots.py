@@ -295,10 +295,10 @@ class Slots:
 
 def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) -> tuple[Array, Array]:
     """Extended rows by name as rows over x [signal, n] and T [signal, inputs] of one mode set."""
-    nq, inputs = len(system.coordinates), np.eye(system.inputs)
+    nq, inputs, states = len(system.coordinates), np.eye(system.inputs), np.eye(system.n)
     known: dict[str, tuple[Array, Array]] = {}
     for i, name in enumerate(system.names):
-        known[name] = (np.eye(system.n)[i], np.zeros(system.inputs))
+        known[name] = (states[i], np.zeros(system.inputs))
     for j, product in enumerate(system.products):
         known[product.name] = (np.zeros(system.n), inputs[len(system.patches) + j])
     for i, name in enumerate(system.names[2 * nq :], 2 * nq):

@@ -25,6 +25,8 @@ SLIP_PLUS, SLIP_MINUS, STICK = range(3)
 CLOSED, OPEN = range(2)
 LINEAR, LOW, HIGH = range(3)
 
+_FEW = 3  # positions of a switch that all are prepared for
+
 # kinds of guards: what happens when the guard falls through zero
 G_SLIP, G_RELEASE_PLUS, G_RELEASE_MINUS, G_OPEN, G_CLOSE = range(5)
 G_LIMIT_LOW, G_LIMIT_HIGH, G_LIMIT_BACK, G_NEXT, G_PREVIOUS = range(5, 10)
@@ -275,14 +277,21 @@ class System:
         return Change(*(sum((getattr(c, part) for c in found), getattr(none, part)) for part in vars(none)))
 
     def turn(self, key: int) -> Iterator[int]:
-        """The mode sets that a turn over all sectors is likely to meet: of each patch, as it is, one contact open."""
-        patches, _, limiters, _, switches = self.modes(key)
+        """The mode sets that a turn over all sectors is likely to meet: of each patch, as it is, one contact open.
+
+        Of switches of a few positions the others too, all contacts closed.
+        """
+        patches, _, limiters, _, now = self.modes(key)
+        ways = []
         for lifted in product(*((CLOSED, OPEN) if k.opens else (CLOSED,) for k in self.normals)):
             of = [k.patch for k, mode in zip(self.normals, lifted) if mode == OPEN]
-            if len(set(of)) < len(of):
-                continue
-            for places in product(*(range(len(sector.edges)) for sector in self.sectors)):
-                yield self.key(patches, lifted, limiters, places, switches)
+            if len(set(of)) == len(of):
+                ways.append((lifted, now))
+        few = [range(len(s.positions)) if len(s.positions) <= _FEW else (at,) for s, at in zip(self.switches, now)]
+        ways += [((CLOSED,) * len(self.normals), list(other)) for other in product(*few) if list(other) != now]
+        for places in product(*(range(len(sector.edges)) for sector in self.sectors)):
+            for lifted, thrown in ways:
+                yield self.key(patches, lifted, limiters, places, thrown)
 
     def describe(self, key: int) -> str:
         """The mode set in words, e.g. "contact slip+"."""

@@ -30,6 +30,7 @@ QUICK = 4  # degree of a certificate
 TURN = 2.2  # rad, of the fastest eigenvalue in a cell: degree ORDER leaves 6e-13 of its amplitude
 SIZE = 6.0  # |A| of the balanced matrix times a cell: TERMS terms then leave 1e-14
 TERMS = 36
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)  # powers turn by twice as much: 1e-9 of those of the fastest motion
 _CHECKS = np.linspace(0.0, 1.0, 33)
 _MARGIN = 1.25
 
@@ -42,6 +43,8 @@ class Wide(NamedTuple):
     state: Array  # [slot, n, ORDER n] over a cell
     guard: Array  # [slot, n, guard (ORDER + 1)] over a cell
     factor: Array  # [slot, n, factors]: what is multiplied in the powers, see `book`
+    nodes: Array  # in [0, 1], and their weights: of Gauss and Legendre, for the powers along a part of a cell
+    weights: Array
     product: Array  # scratch [widest of these]
     size: Array  # scratch [n]
 
@@ -66,6 +69,8 @@ def empty(n: int, guards: int, signals: int, terms: int, factors: int) -> Wide:
         state=z((0, n, state)),
         guard=z((0, n, guards * (ORDER + 1))),
         factor=z((0, n, factors)),
+        nodes=0.5 * (NODES + 1.0),
+        weights=0.5 * WEIGHTS,
         product=z(max(tick, state, guards * (ORDER + 1), factors)),
         size=z(n),
     )
@@ -263,7 +268,7 @@ def earliest(t, slot, x, size, share, poly, work):
 
 @inner
 def book(t, slot, w, reach, length, energy):
-    """Energy along a part of a cell, whose derivatives are in w, up to `reach`, by Gauss and Legendre's eight nodes.
+    """Energy along a part of a cell, whose derivatives are in w, up to `reach`, by Gauss and Legendre's nodes.
 
     Factors of the powers: of each patch its force, slip and what the drive supplies; of each normal its force and the
     speed along it; the damping forces; the forces; of each resistor what
@@ -272,15 +277,15 @@ def book(t, slot, w, reach, length, energy):
     n, nq, z = w.y.shape[0], t.force.shape[0], t.wide.product
     patches, normals = t.slip.shape[0], t.of_patch.shape[0]
     count = t.wide.factor.shape[2]
-    for q in range(w.nodes.shape[0]):
-        u = w.nodes[q] * reach
+    for q in range(t.wide.nodes.shape[0]):
+        u = t.wide.nodes[q] * reach
         for i in range(n):
             s = w.derivatives[ORDER, i]
             for k in range(ORDER - 1, -1, -1):
                 s = s * u + w.derivatives[k, i]
             w.y[i] = s
         product(t.wide.factor[slot], w.y, 0, count, z)
-        scale = w.weights[q] * reach * length
+        scale = t.wide.weights[q] * reach * length
         at = 3 * patches + 2 * normals
         for p in range(patches):
             energy[0] += scale * z[p] * z[2 * patches + p]
