@@ -163,7 +163,9 @@ def test_a_strain_is_laid_over_the_force_that_it_means_and_a_stranger_gets_a_plo
 
 
 @pytest.mark.parametrize("live", [True, False])
-@pytest.mark.parametrize("name", ["pendulum", "belt", "pin", "north", "tread", "tread_rough", "two_dof", None])
+@pytest.mark.parametrize(
+    "name", ["pendulum", "belt", "pin", "north", "tread", "tread_rough", "two_dof", "brake_shunt_sound", None]
+)
 def test_every_rig_has_a_window(name, live):
     scene = rig.load(name).to_json() if name else "{}"
     told = outputs(rig.load(name)) if name else {"velocity": "m/s"}

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 ROOMS = (
-    "kroeger", "kroeger_tread", "kroeger_brake", "kroeger_braking", "kroeger_loops", "kroeger_shunt",
+    "kroeger", "kroeger_tread", "kroeger_brake", "kroeger_braking", "kroeger_loops", "kroeger_shunt", "kroeger_sound",
     "liu_two_dof", "liu_disc", "liu_lever", "liu_lever_speed",
 )  # fmt: skip
 PAPERS = {
@@ -62,7 +62,7 @@ class Comparison:
     @property
     def agrees(self) -> bool:
         """Whether ours is near enough."""
-        return abs(self.ours - self.expected) <= self.absolute + self.relative * abs(self.expected)
+        return bool(abs(self.ours - self.expected) <= self.absolute + self.relative * abs(self.expected))
 
     @property
     def bound(self) -> str:

@@ -100,7 +100,7 @@ def classified(figure: Figure) -> Iterator[Comparison]:
     for which, frequency in (("lowest", min), ("highest", max)):
         hertz = frequency(one.frequency for one in loud)
         yield Comparison(f"{which} frequency of squeal, predicted", "Hz", hertz, 2140.0, "paper", relative=0.015)
-    differ = sum((loud > _LOUD) != (found[number].growth > 0.0) for number, loud in heard.items())
+    differ = sum(bool(loud > _LOUD) != bool(found[number].growth > 0.0) for number, loud in heard.items())
     yield Comparison(f"of {len(heard)} simulated: differ from the eigenvalues", "", differ, 0.0, "theory")
     for bar, (mu, hertz) in _CRITICAL.items():
         yield Comparison(f"{bar} bar: critical friction", "", critical[bar].value, mu, "reference", absolute=1e-6)

@@ -33,10 +33,10 @@ def draw(sound: Sound, run: Run, path: Path) -> None:
         low, high = np.minimum.reduceat(sound.v, edges), np.maximum.reduceat(sound.v, edges)
         signal.fill_between(t, low, high, color=_LINE, lw=0.5)
         signal.set_ylabel(f"{sound.channel} [{sound.unit}]")
-        for number, span in enumerate(story.controlled(run)):
-            for axes in (signal, level):
-                axes.axvspan(span.begin, span.end, color=_WORK, alpha=0.12, lw=0)
-            if number == 0 or span.text not in {one.text for one in story.controlled(run)[:number]}:
+        for span in story.controlled(run):
+            if span.begin > 0.0 or span.end < story.end_of(run):  # who works throughout changes nothing to be heard
+                for axes in (signal, level):
+                    axes.axvspan(span.begin, span.end, color=_WORK, alpha=0.12, lw=0)
                 signal.annotate(span.text, (span.begin, 1.01), xycoords=("data", "axes fraction"), color=_WORK)
         shown = sound.frequencies <= max(6e3, 1.5 * max((one.highest for one in sound.squeals), default=0.0))
         top = float(sound.spectrum.max())
