@@ -17,6 +17,8 @@ from rig.solve.linear import sliding_key, steady
 from rig.solve.motion import Motion
 from rig.study.cycle import stuck
 from rig.study.map import chart, job
+from rig.study.map.judge import STICK_SLIP
+from rig.study.map.track import Track
 from rig.study.stages import stages
 
 LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_lever.json").read_text())
@@ -85,9 +87,28 @@ def lost(scene, low, high, count, folder):
 @pytest.mark.parametrize("key", LAWS)
 @pytest.mark.parametrize("expected", LIU["critical_speeds_V2_continuation_rpm"], ids=by_load)
 def test_carried_up_in_speed_stick_slip_ends_at_the_speed_of_the_reference(expected, key, tmp_path):
+    """The reference leaps up by 0.02 rpm, which throws the rig off its cycle up to two leaps before that ends."""
     scene = rig.load("lever", {"load.force": expected["N0"], **LAWS[key]})
-    found = lost(scene, round(expected[key] - 0.55, 2), round(expected[key] + 0.35, 2), 10, tmp_path)
-    assert found == pytest.approx(expected[key], abs=0.03)
+    found = lost(scene, round(expected[key] - 0.75, 2), round(expected[key] + 0.35, 2), 12, tmp_path)
+    assert -0.02 < found - expected[key] < 0.04
+
+
+@slow
+def test_a_little_above_the_limit_of_the_reference_the_cycle_lives_for_minutes():
+    """10 N, 0.02 rpm above: carried there, the swing of the pin is the same to six digits after four minutes."""
+    limit = next(one for one in LIU["critical_speeds_V2_continuation_rpm"] if one["N0"] == 10)["V2_prop1"]
+    asked = job(
+        rig.load("lever", {"load.force": 10.0}), f"drive.speed={limit - 0.1} rpm:{limit + 0.02} rpm:7", runs=("up",)
+    )
+    track = Track(asked.at(0), asked.x, asked.settings)
+    low = (limit - 0.3) * RPM
+    track.put(low, track.far(track.sliding(low)))
+    assert track.settle().state == STICK_SLIP
+    swings = []
+    for value in (*np.linspace(low, asked.x.values[-1], 20)[1:], *[asked.x.values[-1]] * 12):
+        track.move(value)
+        swings.append(track.settle().window.travel)
+    assert swings[-1] == pytest.approx(swings[-12], rel=1e-6)
 
 
 def test_stick_slip_dies_when_the_sector_passes():

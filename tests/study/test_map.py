@@ -14,7 +14,7 @@ from rig.study.axis import Axis
 from rig.study.map import crew
 from rig.study.map.chart import REGIONS
 from rig.study.map.job import RUNS, Job, Settings, compute
-from rig.study.map.judge import NAMES, SLIDING, STICK_SLIP, STUCK, Judge, Window, extremes, sticking
+from rig.study.map.judge import NAMES, SLIDING, STICK_SLIP, STUCK, VIBRATION, Judge, Window, extremes, sticking
 from rig.study.map.store import Store
 
 KROGER = json.loads((Path(__file__).parents[1] / "reference" / "kroger.json").read_text())
@@ -97,6 +97,15 @@ def test_a_parameter_that_cannot_be_ramped_is_an_axis_too(tmp_path):
     assert found.state[RUNS.index("up"), 0, 0] == SLIDING
     cycle = rig.limit_cycle(rig.load("belt"))
     assert found.amplitude[RUNS.index("up"), 0, -1] == pytest.approx(cycle.amplitude["displacement"], rel=1e-5)
+
+
+def test_a_pin_leaves_sliding_beyond_its_limit_of_friction(tmp_path):
+    """Tilted pin: damping is used up at 0.727389; at 0.96 the vibration grows with 63 1/s until it sticks."""
+    found = rig.map("pin", "friction.mu=0.6:0.96:3", folder=tmp_path, runs=("near",), workers=1)
+    near = found.state[RUNS.index("near"), 0].tolist()
+    assert near[0] == SLIDING
+    assert near[2] in (STICK_SLIP, VIBRATION)
+    assert found.onsets[0] == pytest.approx([0.727389], abs=6e-7)
 
 
 def test_a_drive_that_stands_still_is_stuck(tmp_path):
