@@ -109,7 +109,7 @@ class Brake(Picture):
     """Disc, pads, calliper and carriers under the stroboscope."""
 
     surface = "surface_speed"
-    eye = (0.5, -3.4, 1.3)
+    eye = (0.4, -2.3, 0.9)
     target = (0.0, 0.0, 0.0)
 
     def __init__(self, system: System, probe: Mapping[str, float]) -> None:
@@ -185,7 +185,7 @@ class Brake(Picture):
         said = f"motion x {self.scale.motion:g}, {self.motion.omega / (2.0 * math.pi):.0f} Hz shown at {_SLOW:g} Hz"
         size = 1e6 * np.hypot(s["displacement"], s["velocity"] / self.motion.omega)
         texts = [f"{contact.NAMES[mode]}   pad {one:.2f} um   {said}" for mode, one in zip(modes, size)]
-        return [*found, word(t_ns, (0.0, -0.3, 0.85), texts, [contact.rgb(contact.COLOURS[m]) for m in modes])]
+        return [*found, word(t_ns, (0.0, 0.0, 0.95), texts, [contact.rgb(contact.COLOURS[m]) for m in modes])]
 
     def _forces(self, t_ns: Integers, s: Mapping[str, Reals], placed: Mapping[str, tuple[Reals, Reals, Reals]],
                 count: int) -> list[Columns]:  # fmt: skip

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +42,8 @@ HEALTH = {
 _LEVELS = {"fault": "ERROR", "diverged": "ERROR", "limit": "ERROR", "refused": "WARN", "left": "WARN", "pause": "WARN",
            "overrun": "WARN", "missing": "WARN", "safe": "WARN", "contact": "DEBUG"}  # fmt: skip
 _FAINT = 150
+_BAND: Final = "MinMax"
+"""What a curve shows of samples closer than a pixel: rerun's own choice, their mean, would hide a squeal."""
 _SWITCH = {"connected": (58, 140, 96), "disconnected": (70, 74, 82)}
 
 
@@ -84,13 +86,15 @@ class Drawing:
 
         for name in self.outputs:
             colour = contact.rgb(COLOURS.get(name, "#9fb0c4"))
-            rec.log(f"plant/{name}", rr.SeriesLines(names=_plain(name), colors=[colour], widths=1.6), static=True)
+            line = rr.SeriesLines(names=_plain(name), colors=[colour], widths=1.6, aggregation_policy=_BAND)
+            rec.log(f"plant/{name}", line, static=True)
         for name in self.sensors:
             channel = self.channels.get(name)
             red, green, blue = contact.rgb(COLOURS.get(channel.reads if channel else "", "#9fb0c4"))
             pale = (min(red + 60, 255), min(green + 60, 255), min(blue + 60, 255), _FAINT)
             said = f"{_plain(name)} (measured)"
-            rec.log(f"sensor/{name}", rr.SeriesLines(names=said, colors=[pale], widths=1.0), static=True)
+            line = rr.SeriesLines(names=said, colors=[pale], widths=1.0, aggregation_policy=_BAND)
+            rec.log(f"sensor/{name}", line, static=True)
         for name, said in HEALTH.items():
             rec.log(f"health/{name}", rr.SeriesLines(names=said, widths=1.6), static=True)
         rec.log("health/dropped", rr.SeriesLines(names="dropped by this viewer", widths=1.6), static=True)
