@@ -141,8 +141,8 @@ class Motion:
         return any(sector.changes for sector in self.system.sectors)
 
     def _prepare(self) -> None:
-        """Build what a turn over such sectors will meet: a paced run could not afford it on the way."""
-        for key in self.system.turn(self.key) if self._varies else ():
+        """Build what a turn over such sectors or a switch will meet: a paced run could not afford it on the way."""
+        for key in self.system.turn(self.key) if self._varies else self.system.thrown(self.key):
             if self.slots.tables.slot_of[key] < 0:
                 self.slots.add(key)
 

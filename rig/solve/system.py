@@ -276,6 +276,12 @@ class System:
         none = Change(np.zeros((nq, nq)), np.zeros((nq, nq)), np.zeros((len(self.normals), self.n)))
         return Change(*(sum((getattr(c, part) for c in found), getattr(none, part)) for part in vars(none)))
 
+    def thrown(self, key: int) -> Iterator[int]:
+        """The mode set `key` in every position of its switches."""
+        patches, normals, limiters, sectors, _ = self.modes(key)
+        for positions in product(*(range(len(switch.positions)) for switch in self.switches)):
+            yield self.key(patches, normals, limiters, sectors, positions)
+
     def turn(self, key: int) -> Iterator[int]:
         """The mode sets that a turn over all sectors is likely to meet: of each patch, as it is, one contact open.
 
