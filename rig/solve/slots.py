@@ -231,7 +231,7 @@ class Slots:
         rows, rows_t = signal_rows(system, modes, self.rows)
         broad: dict[str, Array] = {}
         if t.wide is not None:
-            parts = factors(system, modes), integrals[0, : self.booked]
+            parts = factors(system, modes), integrals[0, : self.booked], expm.balance(modes.A)
             broad = wide.tables(terms, E, modes.landing, guards, bounds, rows[: self.read], *parts)
         slot_of = t.slot_of.copy()
         slot_of[key] = len(self.sets)

@@ -1,12 +1,14 @@
 """Exact propagation of rigs with many states: what a tick needs of the state is one product with one table.
 
-    columns of a slot   E | certificates of the guards | coefficients of the signals | quadratic forms of the ledger
+    columns of a slot   E | certificates of the guards | coefficients of the signals | squares of the ledger
 
 Over a cell (a tick, or a half, quarter ... of it, where the fastest eigenvalue turns by two radians at most) the state
 is a polynomial of degree ORDER, x(u) = sum_k u^k P_k x, economised (rig.solve.economy), and so is all that is linear in
 it. A guard is certified over a tick by the Bernstein coefficients of a polynomial of low degree: they bound it, less
 `margin`.|x|, which bounds what that degree leaves out. The fall of a guard that is not is found on its polynomial of
-full degree. Products run along columns: the order of every sum is fixed, and the compiler can still use wide registers.
+full degree. The energy of a term over a tick, x.W x, is a sum of as many squares as W has eigenvalues that are not
+rounding: 70 in place of 190 columns for a brake. Products run along columns: the order of every sum is fixed, and the
+compiler can still use wide registers.
 """
 
 from __future__ import annotations
@@ -33,12 +35,16 @@ TERMS = 36
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)  # powers turn by twice as much: 1e-9 of those of the fastest motion
 _CHECKS = np.linspace(0.0, 1.0, 33)
 _MARGIN = 1.25
+_NONE = 1e-15  # of the largest eigenvalue of a form: rounding
 
 
 class Wide(NamedTuple):
     """Tables of wide rigs, stacked by slot; columns first, so that a product runs along them."""
 
-    tick: Array  # [slot, n, n + guard (QUICK + 1) + signal (DEGREE + 1) + terms n]; over a tick, signals over a cell
+    tick: Array  # [slot, n, n + guard (QUICK + 1) + signal (DEGREE + 1) + squares]; over a tick, signals over a cell
+    squares: NDArray[np.int64]  # [slot] number of squares
+    sign: Array  # [slot, square]
+    term: NDArray[np.int64]  # [slot, square] of the ledger
     margin: Array  # [slot, n, guard]
     state: Array  # [slot, n, ORDER n] over a cell
     guard: Array  # [slot, n, guard (ORDER + 1)] over a cell
@@ -65,6 +71,9 @@ def empty(n: int, guards: int, signals: int, terms: int, factors: int) -> Wide:
     z = np.zeros
     return Wide(
         tick=z((0, n, tick)),
+        squares=z(0, dtype=np.int64),
+        sign=z((0, terms * n)),
+        term=z((0, terms * n), dtype=np.int64),
         margin=z((0, n, guards)),
         state=z((0, n, state)),
         guard=z((0, n, guards * (ORDER + 1))),
@@ -90,11 +99,20 @@ def series(A: Array, length: float) -> Array:
 
 
 def tables(
-    terms: Array, E: Array, landing: Array, guards: Array, bounds: Array, signals: Array, factors: Array, work: Array
+    terms: Array,
+    E: Array,
+    landing: Array,
+    guards: Array,
+    bounds: Array,
+    signals: Array,
+    factors: Array,
+    work: Array,
+    scale: Array,
 ) -> dict[str, Array]:
     """The tables of one slot. `terms`: `series` over a cell; E [level, n, n] as in Slots.
 
-    bounds [guard, n]: of chords; factors [row, n]: see `book`; work [term, n, n]: integrals of the powers over a tick.
+    bounds [guard, n]: of chords; factors [row, n]: see `book`; work [term, n, n]: integrals of the powers over a tick;
+    scale [n]: of the balanced matrix.
     """
     n, levels = len(landing), len(E)
     polynomial = landing @ _combine(economy(ORDER, TERMS)[1:], terms) @ landing  # [ORDER, n, n]
@@ -111,14 +129,33 @@ def tables(
         margin = bounds
         quick = np.repeat(guards[:, None, :], QUICK + 1, axis=1)
         quick[:, 1:] += (guards @ E[0])[:, None, :]
-    parts = (E[0], quick.reshape(-1, n), over_signals.reshape(-1, n), work.reshape(-1, n))
+    squares, sign, term = _squares(work, scale)
+    parts = (E[0], quick.reshape(-1, n), over_signals.reshape(-1, n), squares)
     return {
+        "squares": np.count_nonzero(sign),
+        "sign": sign,
+        "term": term,
         "tick": np.concatenate(parts).T,
         "margin": margin.T,
         "state": polynomial.reshape(-1, n).T,
         "guard": over_guards.reshape(-1, n).T,
         "factor": factors.T,
     }
+
+
+def _squares(work: Array, scale: Array) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Rows r, signs s, terms: x.W x = sum s (r.x)^2 over the rows of a term, [terms n] of them, zeros behind."""
+    terms, n, _ = work.shape
+    rows, sign, term = np.zeros((terms * n, n)), np.zeros(terms * n), np.zeros(terms * n, dtype=np.int64)
+    first = 0
+    for number, form in enumerate(work):
+        values, shapes = np.linalg.eigh(form / np.outer(scale, scale))
+        kept = np.flatnonzero(np.abs(values) > _NONE * np.abs(values).max(initial=0.0))
+        last = first + len(kept)
+        rows[first:last] = (np.sqrt(np.abs(values[kept])) * shapes[:, kept] * scale[:, None]).T
+        sign[first:last], term[first:last] = np.sign(values[kept]), number
+        first = last
+    return rows, sign, term
 
 
 def at(places: Array, terms: Array) -> Array:
@@ -160,7 +197,6 @@ def quiet(t, slot, x, y, bounds, booking, energy, emitting, start, seg):
     n, guards = x.shape[0], t.guards[slot]
     z, size, signals = t.wide.product, t.wide.size, seg.coef.shape[1] * (DEGREE + 1)
     first = n + t.G.shape[1] * (QUICK + 1)
-    terms = (t.wide.tick.shape[2] - first - signals) // n
     for j in range(n):
         size[j] = abs(x[j])
     product(t.wide.margin[slot], size, 0, guards, bounds)
@@ -168,7 +204,7 @@ def quiet(t, slot, x, y, bounds, booking, energy, emitting, start, seg):
     if emitting or booking:
         count += signals
     if booking:
-        count += terms * n
+        count += t.wide.squares[slot]
     product(t.wide.tick[slot], x, 0, count, z)
     for g in range(guards):
         for k in range(QUICK + 1):
@@ -178,13 +214,8 @@ def quiet(t, slot, x, y, bounds, booking, energy, emitting, start, seg):
         y[i] = x[i] + z[i]
     if booking:
         at = first + signals
-        for term in range(terms):
-            if t.active[slot, term]:
-                s = 0.0
-                for i in range(n):
-                    s += x[i] * z[at + i]
-                energy[term] += s
-            at += n
+        for r in range(t.wide.squares[slot]):
+            energy[t.wide.term[slot, r]] += t.wide.sign[slot, r] * z[at + r] * z[at + r]
     if emitting:
         if t.depth[slot] == 0:
             put(z, first, 1.0, start, t.step[0], seg)

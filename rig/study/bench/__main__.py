@@ -20,6 +20,7 @@ FLOORS = {
     "twin": 1.15,
     "twin_exact": 1.5,
     "scipy": 200.0,
+    "squeal": 2.0,
     "start": 2.0,
     "step_to_command_ms": 0.5,
     "disc": 20.0,
@@ -98,6 +99,9 @@ def main() -> int:
     found["whole"] = w = whole.simulate(3 if quick else 7)
     verdict = judged("whole", w["rtf"], "whole_rtf")
     say(f"  {w['seconds']:.0f} s in {w['wall']:.3f} s: {w['rtf']:.0f} x real time {verdict}")
+    found["squeal"] = w = whole.squeal()
+    verdict = judged("squeal", w["rtf"], "squeal")
+    say(f"  brake that squeals, three instruments at 50 kHz: {w['rtf']:.1f} x real time {verdict}")
     found["start"] = s = whole.start(3 if quick else 7)
     say(f"  new process, 10 s simulated: {s['wall']:.2f} s wall (worst {s['worst']:.2f}) "
         f"{judged('start', s['wall'], 'start', at_most=True)}")  # fmt: skip
