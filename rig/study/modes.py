@@ -27,8 +27,8 @@ from rig.solve.verdict import verdict
 from rig.study.averaged import averaged
 
 _REST = 1e-11  # of the sum of its terms: what the search for an equilibrium leaves of an output that is zero
-_LARGE = 0.05  # of the largest amplitude: what is told of a long shape
-_LONG = 4
+_LARGE = 0.05  # of the largest amplitude: what is told of a shape that is long, and how many at most
+_LONG, _MOST = 4, 6
 GENERATOR = ("dither.sin", "dither.cos")
 
 
@@ -249,10 +249,11 @@ def told(shape: Mapping[str, complex]) -> str:
     """A shape for a reader: size and angle of each amplitude; of long ones the large. Velocities follow from them."""
     places = {name: v for name, v in shape.items() if name.removesuffix("'") == name or name[:-1] not in shape}
     most = max(map(abs, places.values()), default=0.0)
-    large = {name: v for name, v in places.items() if len(places) <= _LONG or abs(v) >= _LARGE * most}
+    least = max(_LARGE * most, sorted(map(abs, places.values()))[-min(_MOST, len(places))]) if places else 0.0
+    large = {name: v for name, v in places.items() if len(places) <= _LONG or abs(v) >= least}
     parts = [f"{name} {abs(v):.3g} at {_degrees(v)} deg" for name, v in large.items()]
     left = len(places) - len(large)
-    return ", ".join(parts) + (f"; {left} below {_LARGE:g}" if left else "")
+    return ", ".join(parts) + (f"; {left} below {least:.2g}" if left else "")
 
 
 def _degrees(v: complex) -> int:

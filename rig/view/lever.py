@@ -45,8 +45,8 @@ class Lever(Picture):
     """Disc, cylinder with arm, pin and tail, and the lever with its springs."""
 
     surface = "disc_speed"
-    eye = (1.9, -4.6, 3.0)
-    target = (0.0, -0.4, 0.85)
+    eye = (1.5, -3.7, 2.6)
+    target = (0.0, -0.4, 0.95)
 
     def static(self, rec: rr.RecordingStream) -> None:
         """See `Picture.static`."""
@@ -75,6 +75,9 @@ class Lever(Picture):
         weight = rr.Boxes3D(half_sizes=[(0.13, 0.13, 0.13)], centers=[(-_ARM, _FRONT, -0.3)], colors=[STEEL],
                             fill_mode="solid")  # fmt: skip
         rec.log("rig/cylinder/weight", weight, static=True)
+        cord = rr.LineStrips3D([np.array([(-_ARM, _FRONT, 0.0), (-_ARM, _FRONT, -0.2)])], colors=[MARK], radii=[0.012])
+        rec.log("rig/cylinder/cord", cord, static=True)
+        box("anchor", (0.12, 0.12, 0.05), (_ARM, _FRONT, _HEIGHT - 1.25))
         pin = rr.Boxes3D(half_sizes=[(0.08, 0.5 * -_FRONT, 0.08)], centers=[(0.0, 0.5 * _FRONT, -_PIN)],
                          fill_mode="solid")  # fmt: skip
         rec.log("rig/cylinder/pin", pin, static=True)
