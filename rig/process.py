@@ -27,7 +27,7 @@ def come_first() -> bool:
     """Run at once on waking: ask for short turns, which come earlier. Whether the system knows that request.
 
     Linux 6.12 and later do; it needs no privilege and gains no share of the processor. With six busy processes to a
-    core it made 5 % of the frames late in place of 19 % (measured). Threads that are started afterwards do the same.
+    core 4 to 8 % of frames with 0.15 ms of work were late, in place of 19 %. Threads that are started afterwards do so.
     """
     number = _SETATTR.get(platform.machine()) if sys.platform == "linux" else None
     if number is None:
