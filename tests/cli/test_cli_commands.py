@@ -19,7 +19,7 @@ ROOMS = (runs, scene_commands, study, logs, live, processes, host)
 COMMANDS = sorted(name for room in ROOMS for name in room.COMMANDS)
 PROMISED = (
     "demo list run plant control record view simulate replay verify tune warmup explain modes cycle identify map "
-    "reproduce doctor diff recover"
+    "reproduce doctor diff sound recover"
 )
 
 
