@@ -225,7 +225,9 @@ def _why(at: Steady) -> str:
     for patch, speed, load in zip(at.system.patches, at.speed.tolist(), at.load.tolist()):
         if speed == 0.0:
             return f"the surface at {patch.name} stands still"
-        if load <= 0.0:
+        if load == 0.0:
+            return f"nothing presses {patch.name}"
+        if load < 0.0:
             return f"where all forces balance, {patch.name} would have to pull (normal force {load:.4g} N)"
     return "no such equilibrium is found"
 

@@ -138,6 +138,7 @@ def test_limits_of_friction_are_told(name, names):
     ("name", "changes", "why", "counts"),
     [
         ("belt", {"drive.speed": 0.0}, "the surface at contact stands still", False),
+        ("north", {"load.force": 0.0}, "nothing presses contact", True),
         ("north_divergence", {"friction.mu": 1.2}, "contact would have to pull (normal force -", True),
         ("pin", {"friction.mu": 2.2}, "contact would have to pull (normal force -", False),  # jams: nothing moves so
     ],
