@@ -10,6 +10,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
+TIMED := tests/bench tests/bus tests/controllers/test_process.py tests/record tests/test_process.py tests/view/test_bridge.py
 RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
 
@@ -30,8 +31,9 @@ $(VENV)/.installed: requirements.lock pyproject.toml
 demo: install
 	@$(BIN)/rig demo
 
-test: install
-	@$(RUN) pytest
+test: install # those with processes that keep time have the machine to themselves, the others share it
+	@$(RUN) pytest $(TIMED)
+	@$(RUN) pytest -n 2 --dist loadfile $(addprefix --ignore=,$(TIMED))
 
 test-slow: install
 	@$(RUN) pytest -m slow

@@ -232,6 +232,7 @@ def test_what_is_applied_is_finite_and_within_limits_and_can_be_played_again(fak
     assert all(np.array_equal(a, b) for a, b in zip(again.lines["both"].commands(), commands))
 
 
+@pytest.mark.bench
 def test_a_frame_costs_two_microseconds(stand, best):
     made = exchange(stand)
     stand.apply = lambda name, value: None

@@ -143,6 +143,7 @@ def test_interruptions_are_seen():
     assert not found.seen
 
 
+@pytest.mark.bench
 def test_a_frame_costs_two_microseconds(best):
     timing = Timing(MS)
     append, cpu = timing.rows.append, time.thread_time_ns
