@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import threading
 from pathlib import Path
 
@@ -202,13 +203,20 @@ def test_a_recording_that_is_not_there_is_a_failed_check(rig, tmp_path):
 
 
 @pytest.fixture
-def plant(tmp_path, monkeypatch):
+def runs_of_its_own(monkeypatch):
+    """A directory of live runs of this test's own; short, for socket paths are."""
+    with tempfile.TemporaryDirectory(prefix="rig-") as here:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", here)
+        yield here
+
+
+@pytest.fixture
+def plant(runs_of_its_own):
     """A run with one topic and one parameter, in this process."""
     from rig import bus
     from rig.bus import encode
     from rig.bus.setup import Setup
 
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     tuned = {}
 
     def serve(body):

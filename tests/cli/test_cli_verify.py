@@ -1,6 +1,7 @@
 """A recording that is made, checked, tampered with, and played into a controller once more, all by commands."""
 
 import json
+import tempfile
 
 import numpy as np
 import pytest
@@ -80,8 +81,16 @@ def test_missing_samples_are_counted(rig, log, tmp_path):
     assert "1 samples of vibrometer are missing" in out
 
 
-def test_replay_into_a_controller_gives_the_recorded_answers(rig, log, tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+@pytest.fixture
+def runs(monkeypatch):
+    """A directory of live runs of this test's own; short, for socket paths are."""
+    with tempfile.TemporaryDirectory(prefix="rig-") as here:
+        monkeypatch.setenv("XDG_RUNTIME_DIR", here)
+        yield here
+
+
+@pytest.mark.usefixtures("runs")
+def test_replay_into_a_controller_gives_the_recorded_answers(rig, log):
     code, out, err = rig("replay", log, "--into", "nf", "--pace", "max", "--json")
     assert code == 0, out + err
     told = json.loads(out)
@@ -89,8 +98,8 @@ def test_replay_into_a_controller_gives_the_recorded_answers(rig, log, tmp_path,
     assert told["divergence"] is None
 
 
-def test_replay_says_which_controllers_there_are(rig, log, tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+@pytest.mark.usefixtures("runs")
+def test_replay_says_which_controllers_there_are(rig, log):
     code, _, err = rig("replay", log, "--into", "fn", "--pace", "max")
     assert code == 2
     assert "nf" in err
