@@ -28,8 +28,8 @@ $(VENV)/.installed: requirements.lock pyproject.toml
 	@$(PIP) --no-deps --no-build-isolation -e .
 	@touch $@
 
-demo: install
-	@$(BIN)/rig demo
+demo: install # a busy machine makes the timing invalid (3) and says so; the demonstration is none the worse
+	@$(BIN)/rig demo || [ $$? -eq 3 ]
 
 test: install # those with processes that keep time have the machine to themselves, the others share it
 	@$(RUN) pytest $(TIMED)
