@@ -6,7 +6,7 @@ normal_force     press less when the body runs with the belt
 belt_velocity    let the belt follow the body
 dither           the least amplitude that keeps the cycle away
 dither_sampled   dither as a held signal, to show its error
-narrow_band      damp one mode through the voltage of a stack
+narrow_band      damp the modes of a band through the voltage of a stack
 shunt_schedule   a shunt connected by the clock
 squeal_switch    a shunt connected when the brake squeals
 shunt_tuner      a shunt's inductance after the squeal's frequency

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from controllers.base import ControllerSection, Gain, Numbers, Speed, Values, Voltage
+from controllers.base import ControllerSection, Gain, Numbers, Speed, Values
 from rig.errors import UsageError
-from rig.quantities import Hertz, Second
+from rig.quantities import Hertz, PositiveVolt, Second
 
 Modes = tuple[complex, ...]
 KEYS = ("poles", "driven", "corrected", "fed_back")
@@ -37,9 +37,9 @@ class NarrowBand(ControllerSection):
     frequency: Hertz
     bandwidth: Hertz = 2000.0
     effort: Gain = 6e4
-    disturbance: Voltage = 1.0
+    disturbance: PositiveVolt = 1.0
     noise: Speed = 3e-4
-    limit: Voltage = 50.0
+    limit: PositiveVolt = 50.0
     enable_at: Second = 0.0
     drive: str = "amplifier.voltage"
 

@@ -3,8 +3,7 @@
     z <- p z + 2 (1 - |p|) y       p = exp((-w_b + i w_0) T)
 
 A complex pole at the centre w_0, half as wide as `bandwidth` to either side. For y = a cos(w_0 t + phi) it settles on
-z = a exp(i (w_0 t + phi)): |z| is the amplitude without the ripple of a rectifier, Re z the filtered signal, and
-Re(z exp(i psi)) that signal advanced by psi, which no causal filter could do for any other signal.
+z = a exp(i (w_0 t + phi)): |z| is the amplitude without the ripple of a rectifier, and how fast z turns the frequency.
 """
 
 from __future__ import annotations
@@ -24,10 +23,6 @@ class Resonator:
         self.pole = cmath.exp(complex(-math.pi * bandwidth, 2.0 * math.pi * centre) * period)
         self.gain = 2.0 * (1.0 - abs(self.pole))
 
-    def update(self, z: complex, y: float) -> complex:
-        """The state after one more sample."""
-        return self.pole * z + self.gain * y
-
     def run(self, z: complex, samples: Sequence[float]) -> tuple[complex, float, complex]:
         """After many samples: the state, its mean square, and the sum of z_k conj(z_k-1), which turns by w T."""
         pole, gain = self.pole, self.gain
@@ -38,9 +33,3 @@ class Resonator:
             square += z.real * z.real + z.imag * z.imag
             turned += z * before.conjugate()
         return z, square / len(samples) if samples else 0.0, turned
-
-    def response(self, frequency: float) -> complex:
-        """What Re z makes of a vibration of `frequency` [Hz]: gain and phase, once it has settled."""
-        step = cmath.exp(2j * math.pi * frequency * self.period)
-        near, far = 1.0 / (1.0 - self.pole / step), 1.0 / (1.0 - self.pole.conjugate() / step)
-        return 0.5 * self.gain * (near + far)

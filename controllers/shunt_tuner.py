@@ -14,10 +14,10 @@ import cmath
 import math
 from typing import ClassVar, Literal, NamedTuple
 
-from controllers.base import ControllerSection, Fraction, Numbers, Positive, Samples, Values
+from controllers.base import ControllerSection, Fraction, Numbers, Samples, Values
 from controllers.resonator import Resonator
 from rig.errors import UsageError
-from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveSecond, Second
+from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveNumber, PositiveSecond, Second
 
 
 class ShuntTuner(ControllerSection):
@@ -32,7 +32,7 @@ class ShuntTuner(ControllerSection):
     threshold: PositiveMetrePerSecond = 0.002
     average: PositiveSecond = 0.02
     step: Fraction = 0.002
-    ratio: Positive = 1.0
+    ratio: PositiveNumber = 1.0
     enable_at: Second = 0.0
     drive: str = "shunt.inductance"
 

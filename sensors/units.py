@@ -67,5 +67,4 @@ Share = quantity("1", Ge(0.0), Lt(1.0))
 Paths = Annotated[tuple[PositiveMetre, ...], Unit("m")]
 
 Voltage = quantity("V", Ge(0.0))
-VoltageSpan = quantity("V", Gt(0.0))
 VoltageDensity = quantity("V/Hz^0.5", Ge(0.0))

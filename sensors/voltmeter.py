@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import ClassVar, Literal
 
-from rig.quantities import Hertz, Volt
+from rig.quantities import Hertz, PositiveVolt, Volt
 from sensors import filters
 from sensors.front_end import FrontEnd, deviation
 from sensors.instrument import Instrument
-from sensors.units import Voltage, VoltageDensity, VoltageSpan
+from sensors.units import Voltage, VoltageDensity
 
 
 class Voltmeter(Instrument):
@@ -27,7 +27,7 @@ class Voltmeter(Instrument):
     kind: Literal["voltmeter"] = "voltmeter"
     reads: str = "stack_voltage"
     bandwidth: Hertz = 100e3
-    span: VoltageSpan = 100.0
+    span: PositiveVolt = 100.0
     resolution: Voltage = 3.1e-3
     noise: VoltageDensity = 1e-6
     offset: Volt = 0.0

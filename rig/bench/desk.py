@@ -4,7 +4,8 @@
                   {"do": "stop" | "pause" | "resume"}
                   {"do": "knock", "impulse": N s}
                   {"do": "connect" | "disconnect", "controller": name}
-                  {"do": "admit", "controller": name, "reads": [sensors], "drives": [actuators], "period_ns": ns}
+                  {"do": "admit", "controller": name, "drives": [actuators], "period_ns": ns,
+                   "reads": [sensors], "hears": whether it wants every sample of them}
     param/plant   {"get": [keys]} or {"set": {key: value}}: actuators, and parameters of the rig, by their scene keys
 
 Every answer carries the tick at which it holds.
@@ -113,9 +114,9 @@ class Desk:
         for other in [o for o in lines if o not in self._operation.scene.controllers and o != name]:
             if ("controller", other) not in here and set(lines[other].drives) & set(drives):
                 self._operation.dismiss(other)
-        self._operation.admit(name, drives, int(body["period_ns"]), bool(body.get("hears")))
-        if body.get("hears"):
-            self._hub.hear(body["reads"])
+        if hears := bool(body.get("hears")):
+            self._hub.hear([str(sensor) for sensor in body["reads"]])
+        self._operation.admit(name, drives, int(body["period_ns"]), hears)
 
 
 def _plain(value: Any) -> Any:

@@ -9,7 +9,7 @@ sent after the step, so that no controller waits for it.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from rig.bench.timing import Spread
 from rig.bus import encode, messages
 from rig.bus.port import Publisher, Session
 from rig.bus.setup import Setup
-from rig.errors import BusError
+from rig.errors import BusError, UsageError
 from rig.scenes.scene import heard
 
 BLOCK_NS = 20_000_000
@@ -120,9 +120,11 @@ class Hub:
         samples = {i: bank.samples(i) for i in self._heard}
         self._step.put(encode.step(tick, t_ns, bank.latest, bank.fresh, samples), t_ns)
 
-    def hear(self, sensors: Iterable[str]) -> None:
-        """From here on every step brings all samples of these sensors."""
+    def hear(self, sensors: Collection[str]) -> None:
+        """From here on every step brings all samples of these sensors; raises UsageError for one that is not there."""
         names = self.stand.bank.names
+        if missing := [name for name in sensors if name not in names]:
+            raise UsageError(f"there is no sensor {', '.join(missing)}; there are {', '.join(names)}")
         self._heard = sorted({*self._heard, *(names.index(name) for name in sensors)})
 
     def gather(self) -> None:

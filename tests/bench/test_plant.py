@@ -203,6 +203,11 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene, numbers):
             ("cmd/plant", {"do": "knock"}, "needs 'impulse'"),
             ("cmd/plant", {"do": "connect", "controller": "fn"}, "no controller is called fn"),
             ("cmd/plant", {"do": "admit", "controller": "x", "drives": ["load.force"], "period_ns": 10**6}, "by nf"),
+            (
+                "cmd/plant",
+                {"do": "admit", "controller": "x", "reads": ["y"], "drives": [], "period_ns": 10**6, "hears": True},
+                "no sensor y; there are vibrometer",
+            ),
         ]:
             with pytest.raises(BusError, match=wrong):
                 ask(topic, body, 2.0)

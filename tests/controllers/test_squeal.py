@@ -50,22 +50,13 @@ def test_a_resonator_settles_on_amplitude_and_phase_at_its_centre():
     assert abs(cmath.phase(turned) / (2 * math.pi * PERIOD) - 3400.0) < mirror**2 / (2 * math.pi * PERIOD)
 
 
-@pytest.mark.parametrize("frequency", [3000.0, 3300.0, 3400.0, 3500.0, 4000.0])
-def test_what_a_resonator_lets_through_is_its_response(frequency):
+@pytest.mark.parametrize("frequency", [3300.0, 3500.0])
+def test_half_the_power_passes_at_the_edges_of_the_band(frequency):
     band = Resonator(3400.0, 200.0, PERIOD)
-    t = PERIOD * np.arange(RATE // 5)
-    tone, z, out = np.exp(2j * math.pi * frequency * t), 0j, []
-    for y in tone.real:
-        z = band.update(z, y)
-        out.append(z.real)
-    late = slice(len(t) // 2, None)
-    found = 2.0 * np.mean(np.array(out)[late] * tone[late].conj())
-    assert found == pytest.approx(band.response(frequency), abs=1e-3)
-
-
-def test_half_the_power_passes_at_the_edges_of_the_band():
-    band = Resonator(3400.0, 200.0, PERIOD)
-    assert [abs(band.response(f)) for f in (3300.0, 3500.0)] == pytest.approx([math.sqrt(0.5)] * 2, rel=0.03)
+    tone = np.cos(2 * math.pi * frequency * PERIOD * np.arange(RATE // 5)).tolist()
+    z, _, _ = band.run(0j, tone[: RATE // 10])
+    _, square, _ = band.run(z, tone[RATE // 10 :])
+    assert square == pytest.approx(0.5, rel=0.01)
 
 
 def test_squeal_is_silenced_within_twenty_milliseconds_of_its_onset():
