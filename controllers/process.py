@@ -17,6 +17,7 @@ import math
 import sys
 import traceback
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,8 @@ from rig import bus
 from rig.bus import encode, messages, setup
 from rig.bus.port import Session
 from rig.errors import BusError, RigError, UsageError
-from rig.process import as_process, come_first, stopping
+from rig.process import as_process, stopping
+from rig.scheduling import CONTROLLER, ahead, come_first
 
 UNHEARD = (math.nan,)
 PATIENCE = 0.1  # s without a step, after which this process looks whether the plant still lives
@@ -113,6 +115,10 @@ class Worker:
         wanted = body.get("get") or values
         return {"values": {key: values[key] for key in wanted}, "counters": self.loop.counters()}
 
+    def fell_back(self) -> None:
+        """Say that real-time scheduling has ended for this process."""
+        self.tell("scheduling", f"{self.session.name} left no pause for 0.2 s: real-time scheduling fell back", {})
+
     def tell(self, kind: str, text: str, data: Mapping[str, object]) -> None:
         """Say what happened."""
         event = messages.TYPES["Event"](
@@ -168,7 +174,10 @@ def run(
         gc.freeze()
         gc.disable()
         try:
-            with stopping() as stop:
+            with ExitStack() as stack:
+                stop = stack.enter_context(stopping())
+                if described.paced:
+                    stack.enter_context(ahead(CONTROLLER, worker.fell_back))
                 worker.follow(stop.is_set)
         except RigError:
             raise

@@ -17,7 +17,7 @@ study     what one learns from a rig
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -45,9 +45,10 @@ def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Sc
     return scenes.load(str(scene), overrides or {})
 
 
-def simulate(scene: Scene | str, duration: float | None = None) -> Run:
+def simulate(scene: Scene | str, duration: float | None = None, stop: Callable[[], str] | None = None) -> Run:
     """Run a scene in this process, with its own controllers, for `duration` seconds or as long as its protocol takes.
 
+    `stop` is asked ten times a simulated second whether to end here; "" goes on, anything else is the reason.
     Raises rig.errors.SceneError for controllers that cannot be designed, UsageError for a scene without an end.
     """
     import controllers
@@ -57,7 +58,7 @@ def simulate(scene: Scene | str, duration: float | None = None) -> Run:
     loaded = load(scene) if isinstance(scene, str) else scene
     designed = numbers(loaded)
     built = {name: controllers.build(section, designed[name]) for name, section in loaded.controllers.items()}
-    return run(loaded, built, None if duration is None else round(duration * 1e9))
+    return run(loaded, built, None if duration is None else round(duration * 1e9), stop=stop)
 
 
 def modes(scene: Scene | str) -> Modes:

@@ -40,7 +40,7 @@ class UsageError(RigError):
 
 
 class Interrupted(RigError):
-    """A command that was ended before it had begun."""
+    """A command that was ended before it had done what it was asked for."""
 
     exit_code = 130
 

@@ -1,14 +1,11 @@
-"""How the processes of the laboratory behave beside each other: who comes first, when to stop, to leave at once."""
+"""How the processes of the laboratory behave beside each other: when to stop, and how to leave at once."""
 
 from __future__ import annotations
 
 import atexit
-import ctypes
 import gc
 import os
-import platform
 import signal
-import struct
 import sys
 import threading
 import traceback
@@ -18,31 +15,7 @@ from typing import NoReturn
 
 from rig.errors import Interrupted
 
-_SETATTR = {"x86_64": 314, "aarch64": 274}  # sched_setattr of <asm/unistd.h>
-_TURN_NS = 100_000
 _GARBAGE = 100_000  # new objects
-
-
-def come_first() -> bool:
-    """Run at once on waking: ask for short turns, which come earlier. Whether the system knows that request.
-
-    Linux 6.12 and later do; it needs no privilege and gains no share of the processor. With six busy processes to a
-    core 4 to 8 % of frames with 0.15 ms of work were late, in place of 19 %. Threads that are started afterwards do so.
-    """
-    number = _SETATTR.get(platform.machine()) if sys.platform == "linux" else None
-    if number is None:
-        return False
-    # struct sched_attr: size, policy (other), flags, nice, priority, runtime (here: length of a turn), deadline, period
-    asked = struct.pack("=IIQiIQQQ", 48, 0, 0, os.getpriority(os.PRIO_PROCESS, 0), 0, _TURN_NS, 0, 0)
-    return bool(ctypes.CDLL(None).syscall(number, 0, asked, 0) == 0)
-
-
-def stand_back(nice: int) -> None:
-    """Never compete with the plant: no real-time class inherited from it, and a lower priority."""
-    with suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, 0, nice)
 
 
 @contextmanager

@@ -35,11 +35,13 @@ class Attendant:
         self._given_up = 0
         self._passed_ns: list[int] = []
         self._asleep = pace.asleep_ns()
+        self._begun, self._stolen = 0, 0
 
     def begin(self, now: int, pacer: pace.Pacer | None) -> None:
         """The first frame begins now."""
         self._due = self._health_due = now
         self._marked, self.pacer = (now, 0), pacer
+        self._begun, self._stolen = now, pace.stolen_ns()
 
     def look(self, now: int) -> bool:
         """Do what is due now; whether health was told."""
@@ -94,6 +96,8 @@ class Attendant:
         if self.pacer is not None:
             self._count_given_up(self.pacer)
             timing.fold()
+            whole = (now - self._begun) * (os.cpu_count() or 1)
+            timing.stolen_share = (pace.stolen_ns() - self._stolen) / whole if whole else 0.0
         wall, t_ns = now - self._marked[0], self._stand.t_ns
         rate = (t_ns - self._marked[1]) / wall if wall else 0.0
         self._marked = (now, t_ns)

@@ -18,7 +18,7 @@ from rig.bus import messages
 if TYPE_CHECKING:
     from rig.bench.plant_process import Plant
 
-ANSWERS_S = 1.0
+ANSWERS_S = 5.0
 """Longest wait for the totals of the others."""
 LAST_ANSWER_S = 0.1
 """Longest wait for the answers to the last steps."""
@@ -58,12 +58,14 @@ def conclude(plant: Plant) -> dict[str, Any]:
         "rate": t * 1e9 / wall if wall else 0.0,
         "timing": plant.timing.told() if plant.job.pace else {},
         "waiting": plant.waiting._asdict() if plant.waiting else {},
+        "scheduling": plant.scheduling,
         "round_trip": hub.round_trip.told(),
         "loop": operation.exchange.counters(),
         "lost": lost,
         "faults": plant.attendant.faults,
         "energy": statistics.pop("energy"),
         "plant": statistics,
+        "audit": stand.audit(),
         "sensors": stand.bank.counters(),
         "processor_seconds": sum(os.times()[:2]),
     }

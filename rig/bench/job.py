@@ -28,7 +28,6 @@ class Job:
     """(role, name) of those to wait for before the first frame."""
     wait: float = 20.0
     """Longest wait for them [s]."""
-    realtime: bool = False
     parent: int = 0
     """Process without which this one ends; 0: none."""
     command: tuple[str, ...] = ()

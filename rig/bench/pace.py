@@ -22,6 +22,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -193,15 +194,6 @@ def sharpen_timers() -> bool:
     return bool(ctypes.CDLL(None).prctl(_TIMER_SLACK, ctypes.c_ulong(1), 0, 0, 0) == 0)
 
 
-def take_priority(priority: int = 20) -> str:
-    """Ask for real-time scheduling of this process, before it starts threads; "" or why it is not to be had."""
-    try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
-    except (OSError, AttributeError) as fault:
-        return f"no real-time scheduling here: {getattr(fault, 'strerror', None) or 'this system has none'}"
-    return ""
-
-
 @contextmanager
 def no_garbage() -> Iterator[None]:
     """Collect once, then not again until the end of the run: a collection in between costs milliseconds."""
@@ -215,6 +207,15 @@ def no_garbage() -> Iterator[None]:
         gc.unfreeze()
         if enabled:
             gc.enable()
+
+
+def stolen_ns() -> int:
+    """Processor time that the host of this virtual machine has taken since it started; 0 where nobody tells (Linux)."""
+    try:
+        with Path("/proc/stat").open() as file:
+            return int(file.readline().split()[8]) * 1_000_000_000 // os.sysconf("SC_CLK_TCK")
+    except (OSError, ValueError, IndexError):
+        return 0
 
 
 def asleep_ns() -> int:

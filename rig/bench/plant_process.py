@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 import controllers
-from rig import bus
+from rig import bus, scheduling
 from rig.bench import pace
 from rig.bench.attend import Attendant
 from rig.bench.conclude import conclude
@@ -41,7 +41,7 @@ from rig.bench.timing import Timing
 from rig.bus.port import Session
 from rig.bus.setup import Setup
 from rig.errors import Interrupted, NumericsError, RigError
-from rig.process import as_process, come_first, told_to_stop
+from rig.process import as_process, told_to_stop
 from rig.quantities import si
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
@@ -68,6 +68,8 @@ class Plant:
         self.from_start: set[tuple[str, str]] = set()
         """Who was here at the first frame."""
         self.waiting: pace.Waiting | None = None
+        self.scheduling = ""
+        """Why frames are not scheduled in real time; "" if they are."""
         self.begun_ns = 0
         self._refusals: queue.SimpleQueue[str] = queue.SimpleQueue()
 
@@ -81,6 +83,7 @@ class Plant:
             outputs={name: stand.units[name] for name in stand.outputs},
             sensors={n: (u, p) for n, u, p in zip(stand.bank.names, stand.bank.units, stand.bank.periods_ns)},
             controllers={n: controllers.described(s, numbers.get(n, {})) for n, s in scene.controllers.items()},
+            paced=self.job.pace is not None,
             provenance=provenance(scene.seed, self.job.command or tuple(sys.argv)),
         )
 
@@ -120,11 +123,13 @@ class Plant:
 
     def _go(self, show: Show) -> None:
         job, pacer = self.job, None
-        if job.pace is not None:
-            self.waiting = pace.choose(int(self.timing.wall_ns))
-            clock = pace.WallClock(self.waiting.spin_ns)
-            pacer = pace.Pacer(self.stand.frame_ns, job.pace, self.scene.clock.overrun, clock)
         with ExitStack() as stack:
+            if job.pace is not None:
+                self.stand.motion.foresee()
+                self.scheduling = stack.enter_context(scheduling.ahead(scheduling.PLANT, self._fell_back))
+                self.waiting = pace.choose(int(self.timing.wall_ns))
+                clock = pace.WallClock(self.waiting.spin_ns)
+                pacer = pace.Pacer(self.stand.frame_ns, job.pace, self.scene.clock.overrun, clock)
             stack.enter_context(self.timing.interruptions.watched())
             stack.enter_context(pace.no_garbage())
             stack.callback(sys.setswitchinterval, sys.getswitchinterval())
@@ -199,6 +204,10 @@ class Plant:
                 spans = (answered - begin, done - answered, told - done, clock() - told)
                 rows.rows.append((begin, late, pacer.waited, *spans, processor()))
 
+    def _fell_back(self) -> None:
+        self.scheduling = "fell back: frames left no pause for 0.2 s"
+        self.operation.journal.note("scheduling", f"real-time scheduling {self.scheduling}")
+
     def _tell(self, show: Show) -> None:
         while not self._refusals.empty():
             self.operation.journal.note("refused", self._refusals.get(), by="protocol")
@@ -250,9 +259,7 @@ def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) 
     warm(scene)  # Ctrl-C may break this off, but nothing after it
     asked: list[str] = []
     with told_to_stop(asked.append):
-        come_first()  # the threads of the bus inherit it
-        if job.realtime and (why := pace.take_priority()):
-            say(why)
+        scheduling.come_first()  # the threads of the bus inherit it
         with bus.host(job.run, scene.name, job.endpoint) as session:
             plant = Plant(session, job, lambda: f"stopped by {asked[0]}" if asked else "")
             session.announce()

@@ -22,7 +22,8 @@ from rig.errors import NumericsError, UsageError
 from rig.record.run import Commands, Run
 from rig.scenes.scene import Scene
 
-Report = Callable[[Operation], None]
+Stop = Callable[[], str]
+"""Why to stop, "" to go on."""
 
 
 def simulate(
@@ -30,14 +31,14 @@ def simulate(
     controllers: Mapping[str, Controller],
     duration_ns: int | None = None,
     commands: Mapping[str, Commands] | None = None,
-    report: Report | None = None,
+    stop: Stop | None = None,
     events: Iterable[Mapping[str, Any]] = (),
 ) -> Run:
     """Run `scene` with `controllers` (by name; those of the scene) for `duration_ns`, or as long as its protocol takes.
 
     `commands` and `events`: of a recorded run; what came from controllers and operators takes effect when and as it did
-    then, and no controller is asked. `report` is called ten times a simulated second. A run that the numerics had to
-    stop is returned as far as it came, with `fault`; what happened stands in its events.
+    then, and no controller is asked. `stop` is asked ten times a simulated second whether to end here, and why. A run
+    that the numerics had to stop is returned as far as it came, with `fault`; what happened stands in its events.
     """
     if duration_ns is None and scene.duration_ns is None:
         raise UsageError(f"{scene.name} has no protocol that ends; say how long: --duration 10")
@@ -63,11 +64,11 @@ def simulate(
     try:
         while operation.begin():
             until = operation.until()
-            if report is not None:
+            if stop is not None:
                 until = min(until, stand.tick + every - stand.tick % every)
             _carry_on(operation, working, until)
-            if report is not None and stand.tick % every == 0:
-                report(operation)
+            if stop is not None and (why := stop()):
+                operation.stop(why)
     except NumericsError as error:
         fault = str(error)
         operation.journal.note("diverged", fault)
@@ -145,7 +146,7 @@ def _run(
     outputs, modes = truth.outputs(stand.motion)
     units = dict(stand.units)
     units |= {f"meas/{name}": unit for name, unit in zip(stand.bank.names, stand.bank.units)}
-    events = [event._asdict() for event in operation.journal.events] + truth.events
+    events = [event._asdict() for event in operation.journal.events] + truth.events(stand.motion)
     statistics = stand.statistics()
     return Run(
         scene=scene.to_json(),
@@ -161,6 +162,7 @@ def _run(
         summary={
             "ended": operation.over or "stopped by the numerics",
             "plant": statistics,
+            "audit": stand.audit(),
             "exchange": operation.exchange.counters(),
             "controllers": {name: loop.counters() for name, loop in loops.items()},
             "sensors": stand.bank.counters(),

@@ -6,12 +6,14 @@ one process, over the bus in lockstep, or played back from a recording gives the
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
+from rig.bench.audit import Witness, audit
 from rig.bench.measurements import Measurements
 from rig.bench.truth import ROWS, Truth
 from rig.errors import SceneError, UsageError
@@ -65,9 +67,11 @@ class Stand:
             longest=ROWS if truthful else self.steps,
             bounds={self.outputs.index(name): limit for name, limit in scene.limits.items()},
             frames=Frames(frames, self.steps, self.bank.rack),
+            smoothing=clock.smoothing,
         )
         self._index = {name: i for i, name in enumerate(system.names)}
         self._look = True
+        self._witness = Witness()
         self.bank.start(self.motion.outputs_now()[: len(needs)].copy())
         self.truth = Truth(self.motion, self.steps, self.step_ns) if truthful else None
         self.measurements = Measurements(self.bank) if truthful else None
@@ -99,6 +103,8 @@ class Stand:
                 self._look = self.motion.advance(self.steps)
         finally:
             self.tick = self.motion.tick // self.steps
+        if self.tick >= self._witness.due:
+            self._witness.look(self.motion, self.tick, self.steps)
 
     def apply(self, name: str, value: float) -> None:
         """Put an actuator to `value` at this tick; a ramp that was under way ends."""
@@ -151,9 +157,13 @@ class Stand:
         return found
 
     def knock(self, impulse: float) -> None:
-        """Strike the body along the sliding direction of the first contact with `impulse` [N s]."""
+        """Strike the body along the sliding direction of the first contact with `impulse` [N s].
+
+        A rig without contacts is struck in its first coordinate.
+        """
         system = self.motion.system
-        jump = np.linalg.solve(system.mass, system.patches[0].direction) * impulse
+        along = system.patches[0].direction if system.patches else np.eye(len(system.coordinates))[0]
+        jump = np.linalg.solve(system.mass, along) * impulse
         first = len(system.coordinates)
         for i, step in enumerate(jump):
             self.motion.write(first + i, float(self.motion.x[first + i] + step))
@@ -191,6 +201,10 @@ class Stand:
             "energy": energy,
             "energy_error": energy["error"],
         }
+
+    def audit(self) -> list[dict[str, Any]]:
+        """What its effects changed in this run, those that are missing among them (rig.bench.audit)."""
+        return audit(replace(self.scene, parameters=self._parameters), self._witness, self.motion)
 
 
 def with_value(section: Any, key: str, value: Any) -> Any:

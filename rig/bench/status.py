@@ -77,6 +77,7 @@ def summary(found: Mapping[str, Any], log: str = "", following: Iterable[str] = 
     """The summary of a run; `log`: what became of the recording, `following`: what to try next."""
     parts = [("timing", _timing(found)), ("loop", _loop(found)), ("lost", _lost(found)), ("plant", _plant(found))]
     parts.append(("note", [*found["faults"], *found["fault"].splitlines(), *found.get("died", ())]))
+    parts.append(("audit", [one["text"] for one in found.get("audit", ()) if one["noted"]]))
     parts += [("log", [log]), ("next", [" | ".join(following)])]
     return _table(parts)
 
@@ -99,6 +100,7 @@ def _timing(found: Mapping[str, Any]) -> list[str]:
                      f"(p50, p95, p99, worst), waiting by {_waiting(found)}")  # fmt: skip
         spans = [f"{name} {s['mean']:.0f}/{s['p95']:.0f}/{s['max']:.0f}" for name, s in timing["spans"].items()]
         lines.append(f"frame {', '.join(spans)} us (mean/p95/worst)")
+        lines.append(f"scheduling {found['scheduling'] or 'in real time'}")
         causes = [f"{count} {cause}" for cause, count in timing["overruns"].items()]
         if causes:
             lines.append(f"overruns by cause: {', '.join(causes)}")

@@ -51,7 +51,6 @@ def run(
     record: bool = True,
     out: Path | None = None,
     name: str | None = None,
-    realtime: bool = False,
     say: Callable[[str], object] | None = None,
 ) -> Outcome:
     """Run `scene` as processes; returns when all have ended. `numbers`: of the design of its controllers.
@@ -71,7 +70,6 @@ def run(
         duration=duration,
         expect=tuple(expect),
         wait=JOIN_S,
-        realtime=realtime,
         parent=os.getpid(),
         command=tuple(sys.argv),
     )
@@ -241,6 +239,7 @@ class Team:
             "wall_seconds": 0.0,
             "timing": {},
             "waiting": {},
+            "scheduling": "",
             "round_trip": {"max": 0.0},
             "loop": {},
             "lost": {},

@@ -11,6 +11,9 @@ what kept the frame before the first of them busy, or the wait itself where the 
 The verdict: VALID with at most 1 % of the frames late and nothing lost, DEGRADED with up to 5 % or a counted loss,
 else INVALID; the scene may set other shares. Frames of the wall clock that were given up count as late.
 
+The host of a virtual machine may give its processors to others. How much it took is told (of Linux, to 10 ms), since
+no frame can tell that from a slow scheduler.
+
 A frame costs one tuple. What it means is worked out five times a second, outside the frame.
 """
 
@@ -30,6 +33,7 @@ from numpy.typing import NDArray
 SPANS = ("receive", "plant", "publish", "serve")
 CAUSES = ("wake", "preempted", "gc", "compile", *SPANS)
 _PER_OCTAVE = 16
+_STOLEN = 0.01  # what is below goes without saying
 _BINS = 48 * _PER_OCTAVE  # up to 2**48 ns, 78 hours
 
 Row = tuple[int, int, bool, int, int, int, int, int]
@@ -144,6 +148,8 @@ class Timing:
         self.overruns = dict.fromkeys(CAUSES, 0)
         self.worst_ns, self.worst_frame, self.worst_cause = 0, -1, ""
         self.given_up = 0
+        self.stolen_share = 0.0
+        """Share of the processors' time that the host of this machine has taken since the first frame."""
         self._last: Row | None = None
         self._cause = ""
 
@@ -216,6 +222,8 @@ class Timing:
             because = f", {self.worst_cause}" if self.worst_cause else ""
             reasons.append(f"worst {self.worst_ns / 1e6:.3g} ms at frame {self.worst_frame}{because}")
         missing = {topic: count for topic, count in (lost or {}).items() if count}
+        if self.stolen_share > _STOLEN:
+            reasons.append(f"the host of this machine took {self.stolen_share:.1%} of its processors' time")
         reasons.append("lost " + ", ".join(f"{n} of {t}" for t, n in missing.items()) if missing else "nothing lost")
         reasons.extend(faults)
         if broken or share > degraded:
@@ -233,6 +241,7 @@ class Timing:
             "late": self.late,
             "given_up": self.given_up,
             "late_share": self.late_share,
+            "stolen_share": self.stolen_share,
             "overruns": {cause: count for cause, count in self.overruns.items() if count},
             "worst_us": self.worst_ns / 1e3,
             "worst_frame": self.worst_frame,

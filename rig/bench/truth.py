@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -20,8 +21,8 @@ class Truth:
         self._steps, self._step_ns = steps, step_ns
         self._done = [motion.outputs_now()[None].copy()]
         self._keys = [np.array([motion.key])]
-        self.events: list[dict[str, Any]] = []
-        self._modes: dict[int, str] = {}
+        self._events: list[tuple[int, NDArray[np.int64], NDArray[np.float64]]] = []
+        self._told: list[dict[str, Any]] = []
 
     def advance(self, motion: Motion, frames: int) -> bool:
         """Carry `motion` up to so many frames on, as far as it goes in one piece, and keep it; as `Motion.advance`."""
@@ -30,13 +31,7 @@ class Truth:
         room = (ROWS - motion.kept) // self._steps
         look = motion.advance(min(frames, room) * self._steps, keep=True)
         if look and motion.event_count:
-            for event in motion.events():
-                if event.before not in self._modes:  # a squeal has thousands of events a second between two mode sets
-                    self._modes[event.before] = motion.system.describe(event.before)
-                t_ns = round((event.tick + event.place) * self._step_ns)
-                data = {"tick": event.tick, "place": event.place, "before": self._modes[event.before]}
-                told = {"t_ns": t_ns, "tick": event.tick, "source": "plant", "kind": "contact"}
-                self.events.append({**told, "text": event.what, "data": data})
+            self._events.append(motion.met())
         return look
 
     def work_out(self, motion: Motion) -> None:
@@ -44,7 +39,7 @@ class Truth:
         rows = motion.kept
         slots = motion.log.modes[:rows]
         self._done.append(motion.outputs_at(motion.log.out[:rows], slots))
-        self._modes.clear()
+        self._tell(motion)
         keys = np.array([modes.key for modes in motion.slots.sets], dtype=np.int64)
         self._keys.append(keys[slots])
         motion.kept = 0
@@ -53,3 +48,19 @@ class Truth:
         """All outputs [step, output] and mode sets [step] so far."""
         self.work_out(motion)
         return np.concatenate(self._done), np.concatenate(self._keys)
+
+    def events(self, motion: Motion) -> list[dict[str, Any]]:
+        """All events so far, as a recording keeps them."""
+        self._tell(motion)
+        return self._told
+
+    def _tell(self, motion: Motion) -> None:
+        """Put what has happened into words; a squeal has thousands of events a second between two mode sets."""
+        describe, happens = cache(motion.system.describe), cache(motion.system.happens)
+        for first, events, places in self._events:
+            for (tick, kind, owner, before), place in zip(events.tolist(), places.tolist()):
+                data = {"tick": first + tick, "place": place, "before": describe(before)}
+                t_ns = round((first + tick + place) * self._step_ns)
+                told = {"t_ns": t_ns, "tick": first + tick, "source": "plant", "kind": "contact"}
+                self._told.append({**told, "text": happens(kind, owner), "data": data})
+        self._events.clear()

@@ -26,6 +26,8 @@ class Setup:
     controllers: dict[str, Any] = field(default_factory=dict)
     """Controller -> what its process needs: settings and numbers of the design."""
     provenance: dict[str, str] = field(default_factory=dict)
+    paced: bool = False
+    """Whether frames keep to the wall clock."""
 
     def to_json(self) -> dict[str, Any]:
         """As plain values; `from_json` reads it back."""

@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from rig.cli import host, live, logs, processes, runs, scenes, study
+from rig.cli import cost, host, live, logs, processes, runs, scenes, study, torture
 from rig.errors import RigError
 
 app = typer.Typer(
@@ -22,6 +22,8 @@ for panel, room in {
     "Run a scene": runs,
     "Look at scenes": scenes,
     "What one learns from a rig": study,
+    "What accuracy costs": cost,
+    "What stays stable": torture,
     "Recordings": logs,
     "A run that is going on": live,
     "Processes one by one": processes,

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Json, Pace, pace
+from rig.cli.options import Json, Pace, pace, seconds
+from rig.errors import UsageError
 
 Log = Annotated[Path, typer.Argument(metavar="LOG", help="A recording (MCAP).")]
 
@@ -123,10 +124,47 @@ def sound(
         tell.line(f"{out}: 24 bit, full scale is {full:.4g} {heard.unit}")
 
 
+def amplitude(
+    log: Log,
+    first: Annotated[str | None, typer.Option("--from", metavar="TIME", help="Leave out what was before.")] = None,
+    last: Annotated[str | None, typer.Option("--to", metavar="TIME", help="Leave out what came after.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Amplitude and frequency of what each sensor measured, stage by stage; at which speeds a run still stuck."""
+    from rig.record.reader import open as read
+    from rig.study.amplitude import measured
+    from rig.study.stages import stages
+
+    begin, end = seconds(first, "--from") or 0.0, seconds(last, "--to") or float("inf")
+    run = read(log)
+    if begin >= min(end, float(run.time[-1])):
+        raise UsageError(f"--from {begin:g} s to {min(end, float(run.time[-1])):g} s: nothing is left; "
+                         f"the recording has {run.time[0]:g} to {run.time[-1]:g} s")  # fmt: skip
+    rows = list(measured(run, begin, end))
+    turns = stages(run)
+    if as_json:
+        found = [{**row._asdict(), "found": row.found._asdict()} for row in rows]
+        tell.report({"rows": found, "stages": turns._asdict() if turns else None})
+        return
+    cells = [
+        (row.stage, row.sensor, f"{row.mean:.5g} {row.unit}", f"{row.found.half:.5g} {row.unit}", row.found.cycles,
+         f"{row.found.frequency:.5g} Hz" if row.found.cycles else "-")
+        for row in rows
+    ]  # fmt: skip
+    tell.table(
+        "amplitude index: mean of half of peak to valley",
+        ("stage", "sensor", "mean", "amplitude", "cycles", "frequency"),
+        cells,
+    )
+    if turns:
+        tell.line(turns.text())
+
+
 COMMANDS = {
     "replay": (replay, "rig replay recordings/golden/pendulum.mcap --into nf --pace max"),
     "verify": (verify, "rig verify recordings/golden/pendulum.mcap"),
     "diff": (diff, "rig diff first.mcap second.mcap"),
+    "amplitude": (amplitude, "rig amplitude recordings/runs/lever-20260101-120000.mcap --from '4 s'"),
     "sound": (sound, "rig sound recordings/runs/brake-20260101-120000.mcap --out squeal.wav --figure squeal.png"),
     "recover": (recover, "rig recover recordings/runs/pendulum-20260101-120000.mcap"),
 }

@@ -27,6 +27,18 @@ Pace = Annotated[
 ]
 Lockstep = Annotated[bool, typer.Option("--lockstep", help="Wait for every controller at every step.")]
 
+Budget = Annotated[
+    str | None, typer.Option("--budget", metavar="SHARE", help="Of a frame, that compute may take at p99: 40%.")
+]
+Accuracy = Annotated[
+    float | None,
+    typer.Option(
+        "--accuracy",
+        metavar="ERROR",
+        help="Method and step as cheap as is accurate to this here, from the table of rig cost; 1e-4.",
+    ),
+]
+
 
 def changes(given: list[str] | None) -> dict[str, str]:
     """Dotted key -> value as text, of all `-p`."""
@@ -68,3 +80,24 @@ def pace(given: str) -> float | None:
     if not 0.0 < found < 1e6:
         raise UsageError(f'--pace {given}: expected a factor greater than 0, or "max"')
     return found
+
+
+def share(given: str | None, option: str = "--budget") -> float | None:
+    """A share: "40%" or "0.4"."""
+    if given is None:
+        return None
+    text = given.strip()
+    try:
+        found = float(text.removesuffix("%")) * (0.01 if text.endswith("%") else 1.0)
+    except ValueError:
+        found = 0.0
+    if not 0.0 < found <= 1.0:
+        raise UsageError(f"{option} {given}: expected a share of a frame greater than 0 and at most 100%, as 40%")
+    return found
+
+
+def accuracy(given: float | None, option: str) -> float | None:
+    """A relative error."""
+    if given is not None and not 0.0 < given < 1.0:
+        raise UsageError(f"{option} {given:g}: expected a relative error greater than 0 and below 1, as 1e-4")
+    return given

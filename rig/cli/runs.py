@@ -10,8 +10,24 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Changes, Duration, Json, Lockstep, Out, Pace, SceneName, changes, pace, seconds
-from rig.errors import NumericsError
+from rig.cli.options import (
+    Accuracy,
+    Budget,
+    Changes,
+    Duration,
+    Json,
+    Lockstep,
+    Out,
+    Pace,
+    SceneName,
+    accuracy,
+    changes,
+    pace,
+    seconds,
+    share,
+)
+from rig.errors import Interrupted, NumericsError, UsageError
+from rig.process import told_to_stop
 
 if TYPE_CHECKING:
     from rig.record.run import Run
@@ -47,7 +63,8 @@ def run(
     web: Web = False,
     out: Out = None,
     figure: Figure = None,
-    realtime: Annotated[bool, typer.Option("--realtime", help="Ask the system for real-time priority.")] = False,
+    budget: Budget = None,
+    precision: Accuracy = None,
     as_json: Json = False,
 ) -> None:
     """Run a scene in real time: plant, controllers and recorder as processes."""
@@ -56,7 +73,7 @@ def run(
     from rig.scenes import load
     from rig.study.design import numbers
 
-    loaded = load(scene, overrides)
+    loaded = _set(load(scene, overrides), precision, budget)
     outcome = supervise(
         loaded,
         numbers=numbers(loaded),
@@ -66,7 +83,6 @@ def run(
         view=view,
         web=web,
         out=out,
-        realtime=realtime,
     )
     if figure is not None and outcome.log:
         _draw(outcome.log, figure)
@@ -75,6 +91,17 @@ def run(
     else:
         tell.line(outcome.text())
     raise typer.Exit(outcome.exit_code)
+
+
+def _set(scene: Scene, precision: float | None, budget: str | None) -> Scene:
+    """The scene, integrated as accurately as asked or as the budget allows."""
+    wanted, most = accuracy(precision, "--accuracy"), share(budget)
+    if wanted is None and most is None:
+        return scene
+    from rig.study.cost import chosen
+
+    with tell.bar("settings") as progress:
+        return chosen(scene, wanted, most, tell.note, report=progress)
 
 
 def _draw(log: str, figure: Path) -> None:
@@ -90,20 +117,33 @@ def simulate(
     scene: SceneName,
     p: Changes = None,
     duration: Duration = None,
-    method: Annotated[str | None, typer.Option(metavar="METHOD", help="auto, exact, dopri5 or rk4.")] = None,
+    method: Annotated[str | None, typer.Option(metavar="METHOD", help="One of clock.method; auto by default.")] = None,
     out: Out = None,
     figure: Figure = None,
+    budget: Budget = None,
+    precision: Accuracy = None,
     as_json: Json = False,
 ) -> None:
     """Simulate a scene in this process, controllers and all, as fast as it goes."""
     length, overrides = seconds(duration), changes(p)
     if method is not None:
+        if precision is not None or budget is not None:
+            raise UsageError("--method: --accuracy and --budget choose the method; give one or the other")
         overrides["clock.method"] = method
     import rig
 
-    loaded = rig.load(scene, overrides)
+    loaded = _set(rig.load(scene, overrides), precision, budget)
     begin = time.perf_counter()
-    found = rig.simulate(loaded, length)
+    asked: list[str] = []
+
+    def heard(name: str) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(name)
+        tell.note("ends here; once more leaves at once")
+
+    with told_to_stop(heard):
+        found = rig.simulate(loaded, length, stop=lambda: f"interrupted by {asked[0]}" if asked else "")
     wall = time.perf_counter() - begin
     if out is not None:
         _save(found, loaded, out)
@@ -119,6 +159,8 @@ def simulate(
     if found.fault:
         tell.note(found.fault)
         raise typer.Exit(NumericsError.exit_code)
+    if asked:
+        raise typer.Exit(Interrupted.exit_code)
 
 
 def _save(run: Run, scene: Scene, out: Path) -> None:
@@ -145,6 +187,9 @@ def _told(run: Run, wall: float, out: Path | None, figure: Path | None) -> Itera
             yield name, f"{v.min():.6g} .. {v.max():.6g} {run.units[name]}"
     for name, counts in run.summary["controllers"].items():
         yield name, ", ".join(f"{count} {what}" for what, count in counts.items() if count)
+    for one in run.summary["audit"]:
+        if one["noted"]:
+            yield "audit", one["text"]
     for label, path in (("log", out), ("figure", figure)):
         if path is not None:
             yield label, str(path)

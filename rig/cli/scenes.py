@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from rig.cli import tell
 from rig.cli.options import Changes, Json, SceneName, changes
+from rig.errors import UsageError
+
+if TYPE_CHECKING:
+    from rig.scenes.scene import Scene
+
+Measure = Annotated[bool, typer.Option("--measure", help="Measure each effect: ns of a step, what it changes.")]
+Figure = Annotated[Path | None, typer.Option(metavar="FILE", help="Figure of what was measured (PNG).")]
 
 
 def list_scenes(as_json: Json = False) -> None:
@@ -27,13 +35,28 @@ def explain(
     scene: SceneName,
     p: Changes = None,
     everything: Annotated[bool, typer.Option("--all", help="Show defaults too.")] = False,
+    measure: Annotated[
+        bool, typer.Option("--measure", help="Measure each effect: ns per step, what it changes.")
+    ] = False,
+    figure: Annotated[Path | None, typer.Option(metavar="FILE", help="Figure of what was measured (PNG).")] = None,
     as_json: Json = False,
 ) -> None:
-    """Show what a scene is made of: effects on or absent, states each adds, the origin of every value."""
+    """Show what a scene is made of: effects on or absent, states each adds, the origin of every value.
+
+    Of a recording (FILE.mcap): its audit, which effects changed nothing and which were missing in that run.
+    """
     from rig.scenes import load
     from rig.scenes.explain import explain as take_apart
 
+    if figure is not None and not measure:
+        raise UsageError("--figure: draws what is measured; say --measure as well")
+    if scene.endswith(".mcap"):
+        _audited(scene, as_json)
+        return
     told = take_apart(load(scene, changes(p)))
+    if measure:
+        _measured(told.scene, figure, as_json)
+        return
     values = [v for v in told.values if everything or as_json or v.key in told.scene.origins]
     if as_json:
         tell.report(
@@ -59,6 +82,52 @@ def explain(
     tell.table("values", ("key", "value", "unit", "origin", "note"), shown)
     left = len(told.values) - len(values)
     tell.line(f"\n{left} more values are defaults: rig explain {scene} --all" if left else "")
+
+
+def _audited(log: str, as_json: bool) -> None:
+    import rig
+
+    judged = rig.open(log).summary.get("audit", [])
+    if as_json:
+        tell.report({"log": log, "effects": judged})
+        return
+    rows = [(e["effect"], "on" if e["on"] else f"absent, as in {e['like']}", f"{e['share']:.2g}",
+             e["text"] if e["noted"] else "") for e in judged]  # fmt: skip
+    tell.table(f"{log}: effects, judged on its own states", ("effect", "", "share of the forces", ""), rows)
+    tell.line("" if judged else "nothing to judge: the run ended too soon, or was recorded before there were audits")
+
+
+def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
+    from rig.study import explained
+
+    with tell.bar("effects") as progress:
+        parts = explained.parts(scene, report=progress)
+    methods, signals, topics = explained.methods(scene), [*explained.signals(scene)], [*explained.topics(scene)]
+    if figure is not None:
+        from rig.study.parts_figure import draw
+
+        draw(parts, scene, figure)
+    if as_json:
+        told = {"signals": [vars(one) for one in signals], "topics": [vars(one) for one in topics]}
+        effects = [one.to_json() for one in parts]
+        tell.report({"scene": scene.name, "states": scene.assemble().system().n - 1, "effects": effects,
+                     "methods": methods, **told})  # fmt: skip
+        return
+    rows = []
+    for one in parts:
+        measure, error = one.paired.worst
+        cost = "" if one.paired.fault else f"{one.paired.tick.value:+.0f} of {one.paired.whole:.0f}"
+        changed = one.paired.fault or (f"{measure} by {error:.2g}" if error else "nothing")
+        rows.append((one.name, "on" if one.on else "absent", one.paired.states, cost, changed, one.why))
+    columns = ("effect", "", "states", "ns of a step", "changes", "why")
+    tell.table(f"{scene.name}: effects, by plants with and without each, in turns", columns, rows)
+    tell.line("\nmethods")
+    for name, why in methods.items():
+        tell.line(f"  {name:<10}{why}")
+    for title, computed in (("outputs", signals), ("topics of rig run", topics)):
+        tell.line()
+        rates = [(one.name, f"{one.rate:g}" if one.rate else "", one.asked) for one in computed]
+        tell.table(title, ("", "per s", "asked for by"), rates)
 
 
 def _text(value: Any) -> str:

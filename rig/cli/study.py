@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -160,7 +158,7 @@ def map_(
     todo = job(loaded, x, y, output, wanted, seconds(longest, "--longest"))
     store = Store.of(todo, out)
     try:
-        with _bar("rows" if y else "parts") as progress:
+        with tell.bar("rows" if y else "parts") as progress:
             found = chart(todo, out, workers, progress)
     except KeyboardInterrupt:
         tell.note(f"interrupted: {len(store.load())} of {len(todo.units)} parts are kept in {store.folder}; "
@@ -183,7 +181,7 @@ def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None
     if y is None:
         raise UsageError("--eigenvalues: needs --y as well; over one parameter: rig modes SCENE --sweep KEY=A:B:N")
     across, along = axes(scene, {"--x": x, "--y": y})
-    with _bar("rows") as progress:
+    with tell.bar("rows") as progress:
         found, folder = survey(scene, across, along, out, workers, progress)
     found.write_csv(folder / "regions.csv")
     draw(found, folder / "regions.png")
@@ -216,7 +214,7 @@ def reproduce(
         return
     wanted = again.pick(figure)
     results = []
-    with _bar("figures") as progress:
+    with tell.bar("figures") as progress:
         for number, entry in enumerate(wanted):
             progress(number, len(wanted))
             results.append(again.make(entry, out))
@@ -241,32 +239,6 @@ def reproduce(
             tell.table(f"{result.entry.name}: {result.entry.title}", columns, numbers)
     if not all(result.agrees for result in results):
         raise typer.Exit(1)
-
-
-@contextlib.contextmanager
-def _bar(what: str) -> Iterator[Callable[[int, int], object]]:
-    """A progress bar with an estimate of what is left, on standard error."""
-    from rich.console import Console
-    from rich.progress import (
-        BarColumn,
-        MofNCompleteColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-        TimeRemainingColumn,
-    )
-
-    estimate = TimeRemainingColumn(elapsed_when_finished=True)
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), estimate)
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(what, total=None)
-
-        def show(done: int, total: int) -> None:
-            if bar.tasks[0].total is None:  # the estimate is that of what is done from here on
-                bar.reset(task, completed=done, total=total)
-            bar.update(task, completed=done)
-
-        yield show
 
 
 COMMANDS = {

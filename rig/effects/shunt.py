@@ -192,6 +192,7 @@ def _series(a: Assembly, stack: Stack, given: Series, moved: Mapping[str, str]) 
         limit = float(shunt.saturation or 0.0)
         at, gain = (CURRENT, -1.0 / L) if L else (VOLTAGE, -(1.0 + delta) / (R * Cps))
         a.limit(OP_AMP, capacitor, -limit, limit, at, gain, excess=-Cps / delta)
+        a.outputs["capacitor_voltage"] = Output({f"c:{OP_AMP}": 1.0}, "V")
     if loop:
         a.keep[VOLTAGE] = total(scaled(voltage, Cps), scaled(stack.path, stack.e))
     a.outputs["shunt_current"] = Output(current, "A")

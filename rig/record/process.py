@@ -19,8 +19,9 @@ from rig import bus
 from rig.bus import messages, setup
 from rig.bus.port import Count, Message, Receiver, Session, Watch
 from rig.errors import BusError, LogError
-from rig.process import stand_back, stopping
+from rig.process import stopping
 from rig.record.writer import Writer
+from rig.scheduling import stand_back
 
 _DEPTH = 1 << 17
 _PAUSE_S = 0.005

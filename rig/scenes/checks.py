@@ -64,8 +64,8 @@ def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]
 
 
 def steps(clock: Clock, step_ns: int, raw: Mapping[str, Any]) -> Iterator[Fault]:
-    """The fixed step of rk4 divides the sample step."""
-    if clock.method == "rk4" and step_ns % clock.rk4_step:
+    """The fixed step of rk4 and kick divides the sample step."""
+    if clock.method in ("rk4", "kick") and step_ns % clock.rk4_step:
         parts = max(1, round(step_ns / clock.rk4_step))
         while step_ns % parts:
             parts += 1

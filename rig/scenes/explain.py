@@ -71,14 +71,14 @@ def _effects(scene: Scene) -> Iterator[Effect]:
             yield Effect(f"lift-off at {normal}", True, (), "the contact opens where the normal force becomes zero")
     for name, _, low, high, *_ in assembly.limiters:
         yield Effect(f"{name} limits", True, (), f"clamped to {low:g} .. {high:g} {_unit(assembly, name)}")
-    optional = dict(_optional(scene.parameters))
+    named = dict(optional(scene.parameters))
     for owner, states in owned.items():
         yield Effect(owner, True, tuple(states), ABOUT.get(owner.rpartition(" ")[2], ""))
-    for owner, given in optional.items():
+    for owner, given in named.items():
         if owner not in owned and not owner.endswith(BOUNDS):
             yield Effect(owner, given, (), ABOUT.get(owner.rpartition(" ")[2], ""))
     limited = {name for name, *_ in assembly.limiters}
-    tables = {owner.partition(" ")[0] for owner in optional if owner.endswith(BOUNDS)}
+    tables = {owner.partition(" ")[0] for owner in named if owner.endswith(BOUNDS)}
     for table in sorted(tables - limited):
         yield Effect(f"{table} limits", False, (), "a clamp inside the plant, behind a lag")
 
@@ -107,7 +107,7 @@ def _unit(assembly: Any, table: str) -> str:
     return next((str(i.unit) for name, i in assembly.inputs.items() if name.startswith(f"{table}.")), "")
 
 
-def _optional(section: BaseModel) -> Iterator[tuple[str, bool]]:
+def optional(section: BaseModel) -> Iterator[tuple[str, bool]]:
     """Names of effects that a scene may leave out, and whether this one names them: `dither`, `drive lag`."""
     for name, info in type(section).model_fields.items():
         value = getattr(section, name)

@@ -17,7 +17,7 @@ from pydantic import BaseModel, BeforeValidator, TypeAdapter, model_validator
 from controllers import KINDS as CONTROLLERS
 from controllers.base import hears
 from rig.plants import PLANTS
-from rig.quantities import Nanoseconds, Section, Unit, si
+from rig.quantities import Nanoseconds, PositiveMetrePerSecond, Section, Unit, si
 from rig.scenes.faults import unit_of
 from rig.scenes.protocol import Known, Load, Ramp, Set, Step, flat, longest_ns
 from sensors import KINDS as SENSORS
@@ -43,7 +43,8 @@ class Clock(Section):
     frame     loop period: commands in, measurements out [chosen]
     method    of integration [chosen]; auto is exact where the friction law allows, else dopri5
     tolerance   of dopri5, relative [chosen]
-    rk4_step  of rk4 [chosen]
+    rk4_step  of rk4 and kick [chosen]
+    smoothing   slip speed over which smooth lets friction rise [chosen]
     overrun   what a paced run does when it is late [chosen]
     late_share_valid, late_share_degraded   share of frames late by more than one frame, for the timing verdict [chosen]
     hold_frames   a command that does not come is held so long, then the actuator takes its safe value [chosen]
@@ -52,9 +53,10 @@ class Clock(Section):
     """
 
     frame: Nanoseconds = 1_000_000
-    method: Literal["auto", "exact", "dopri5", "rk4"] = "auto"
+    method: Literal["auto", "exact", "dopri5", "rk4", "kick", "smooth"] = "auto"
     tolerance: Small = 1e-7
     rk4_step: Nanoseconds = 100_000
+    smoothing: PositiveMetrePerSecond = 1e-3
     overrun: Literal["catch-up", "skip", "slow", "stop"] = "catch-up"
     late_share_valid: Share = 0.01
     late_share_degraded: Share = 0.05

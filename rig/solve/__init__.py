@@ -9,6 +9,8 @@ laws         friction coefficient over slip speed
 settle       the modes that agree with the equations at one instant
 exact        propagators per tick, guards certified, uncertified ticks opened
 dopri5, rk4  for laws that fall with speed, and for comparison
+kick         for contacts that open and close all the time
+smooth       friction without rest, to be seen failing
 ledger       energy, each term integrated on its own
 motion       the run: one state, its time and its modes
 verdict      what eigenvalues say before the run starts

@@ -3,7 +3,7 @@
 State  x = [q, v, network, signals]. A row is a dict from state names to coefficients, e.g. {"one": 20, "dither": 1}.
 A coordinate "x" brings the states "x" and "x'"; "x''" is its acceleration, which only outputs may name. The signal
 "one" is constant. Outputs may also name, for a contact c, "T:c" (friction force), "N:n" (normal force n), "w:c" (slip
-speed). Everything that couples is such a row, so an effect adds rows and nothing else.
+speed), and "c:l", what a limiter l gives. Everything that couples is such a row, so an effect adds rows, nothing else.
 
 What is not linear is a product with a name of its own (`Assembly.product`), which rows of forces, normal forces and
 outputs name like a state.
@@ -160,7 +160,7 @@ class Assembly:
         self.normals.append((name, patch, dict(row), dict(direction or {}), dict(inertia or {}), opens))
 
     def product(self, name: str, *factors: Part) -> None:
-        """A product for rows to name. Factors: a state, ("sin", row), ("cos-1", row), "N:normal", "T:patch"."""
+        """A product for rows to name. Factors: a state, "N:normal", "T:patch", and of a row "sin", "cos-1", "press"."""
         self.products[name] = factors
 
     def sector(

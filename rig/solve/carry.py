@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.kernel import inlined, inner, kernel, lent
-from rig.solve import dopri5, exact, ledger, rk4
+from rig.solve import dopri5, exact, kick, ledger, rk4
 from rig.solve.emit import emit_linear
 from rig.solve.forces import dot, inputs
+from rig.solve.lanes import multiply
 from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
 from rig.solve.settle import CHATTER, DONE, LOST, OVERFULL, READY, SETTLE, digit, of_sector, settle
 from rig.solve.system import G_NEXT, System
@@ -100,8 +101,8 @@ def advance(shape, tables, loan, begin, origin, ticks, wide, tolerance, substeps
 
     To be called again, no longer with `begin`, when that asks for a mode set. ic[REACHED]: row up to which blocks are
     done; ic[BEYOND]: number of the first output beyond its bound, or -1; ic[PAST]: events of all calls so far.
-    `tolerance` is None for a system that is linear in every mode set, `substeps` is None for other methods than rk4:
-    what is not asked for is not compiled. `wide` is None for a rig of few states (rig.solve.wide).
+    `tolerance` is None for a system that is linear in every mode set, `substeps` is None for methods without fixed
+    steps: what is not asked for is not compiled. `wide` is None for a rig of few states (rig.solve.wide).
     """
     w, state, log, seg = loan.content
     if begin:
@@ -137,9 +138,7 @@ def start(state, seg, origin):
 def propagate(shape, wide, t, slot, ic, fc, x, w, origin, ticks, log, energy, booking, emitting, seg):
     """Quiet ticks as far as they go, else one opened tick, in a linear mode set. Returns the guard that fell or -1."""
     if fc[PLACE] == 0.0 and wide is not None:
-        while quiet(
-            t, slot, x, log.out[ic[TICK]], w.g, booking, energy, emitting, (ic[TICK] - origin) * t.step[0], seg
-        ):
+        while quiet(t, slot, x, log.out[ic[TICK]], w, booking, emitting, (ic[TICK] - origin) * t.step[0], seg):
             for i in range(x.shape[0]):
                 x[i] = log.out[ic[TICK], i]
             log.modes[ic[TICK]] = slot
@@ -190,7 +189,8 @@ def carry(shape, t, w, state, log, seg, origin, ticks, wide, tolerance, substeps
         before = ic[KEY]
         guard = -1
         if substeps is not None:
-            guard = rk4.stretch(
+            guard = fixed(
+                t.flow,
                 shape,
                 t,
                 slot,
@@ -260,6 +260,20 @@ def carry(shape, t, w, state, log, seg, origin, ticks, wide, tolerance, substeps
 
 
 @inner
+def fixed(flow, shape, t, slot, ic, fc, x, w, origin, ticks, steps, out, modes, energy, booking, emitting, seg, bent):
+    """A stretch by a method of fixed steps: kick where there is a `flow`, else rk4."""
+    if flow is not None:
+        fallen = kick.stretch(
+            shape, t, flow, slot, ic, fc, x, w, origin, ticks, steps, out, modes, energy, booking, emitting, seg
+        )
+    else:
+        fallen = rk4.stretch(
+            shape, t, slot, ic, fc, x, w, origin, ticks, steps, out, modes, energy, booking, emitting, seg, bent
+        )
+    return fallen
+
+
+@inner
 def gained(t, sector, before, after, x):
     """What the stiffness stores more at x when the mode set `after` follows on `before` at an edge of a sector."""
     base, places = of_sector(t, sector), t.sectors[sector]
@@ -297,14 +311,19 @@ def beyond(t, slot, x, w, watched, bound):
 @kernel
 def evaluate(tables, loan, states, slots, values):
     """values[i, output] = every output of the rig at states[i] in slot slots[i]."""
-    judge(lent(tables.content), lent(loan.content[0]), states, slots, values)
+    judge(lent(tables.content), lent(loan.content[0]), tables.content.wide, states, slots, values)
 
 
 @inner
-def judge(t, w, states, slots, values):
+def judge(t, w, wide, states, slots, values):
     """`evaluate` on borrowed arrays."""
     for i in range(states.shape[0]):
         s, x = slots[i], states[i]
         inputs(t, s, x, w.T, w.scratch)
-        for k in range(values.shape[1]):
-            values[i, k] = dot(t.signals[s, k], x) + dot(t.signals_t[s, k], w.T)
+        if wide is not None:
+            multiply(wide.output[s], x, 0, wide.output.shape[1], wide.product)
+            for k in range(values.shape[1]):
+                values[i, k] = wide.product[k] + dot(t.signals_t[s, k], w.T)
+        else:
+            for k in range(values.shape[1]):
+                values[i, k] = dot(t.signals[s, k], x) + dot(t.signals_t[s, k], w.T)

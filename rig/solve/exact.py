@@ -14,6 +14,7 @@ from rig.solve.forces import dot, rounding
 from rig.solve.ledger import book
 from rig.solve.roots import NONE, first_fall
 from rig.solve.settle import passed
+from rig.solve.wide import along as along_cell
 from rig.solve.wide import book as book_part
 from rig.solve.wide import earliest as fall_of
 from rig.solve.wide import emit as emit_cells
@@ -165,7 +166,7 @@ def opened(shape, wide, t, slot, ic, fc, x, w, energy, booking, emit, seg, origi
         length = (int(position) + 1) / cells - u
         if wide is not None:
             fall, guard = fall_of(t, slot, x, w.size, length * cells, w.poly, w.roots)
-            expand(t, slot, x, length * cells, w.derivatives)
+            expand(t, slot, x)
         else:
             series(shape, t.A[slot], x, length * h, terms, w.derivatives)
             fall, guard = earliest(shape, t, slot, w.size, w.derivatives, terms, w.poly, w.roots)
@@ -178,10 +179,15 @@ def opened(shape, wide, t, slot, ic, fc, x, w, energy, booking, emit, seg, origi
                     emit_linear(t, slot, x, origin + u * h, reach * length * h, seg, w.spare)
             if booking:
                 if wide is not None:
-                    book_part(t, slot, w, reach, length * h, energy)
+                    book_part(t, slot, reach * length * cells, reach * length * h)
                 else:
                     book_series(shape, t, slot, w, terms, reach, length * h, energy)
-            along(shape, w.derivatives, terms, reach, x)
+            if wide is not None:
+                along_cell(t, reach * length * cells)
+                for i in range(len(shape)):
+                    x[i] = t.wide.filled[i]
+            else:
+                along(shape, w.derivatives, terms, reach, x)
         u = u + reach * length if guard >= 0 else (int(position) + 1) / cells
         if guard >= 0:
             fc[0] = u

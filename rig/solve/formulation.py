@@ -253,7 +253,7 @@ def _guards(
                     limit_t += static * loads_t[k]
             guard(limit - friction[p], limit_t - friction_t[p], G_RELEASE_PLUS, p)
             guard(limit + friction[p], limit_t + friction_t[p], G_RELEASE_MINUS, p)
-        elif sigma[p] != 0.0:
+        elif sigma[p] != 0.0 and system.law(p, sector_modes).sticks:
             guard(sigma[p] * system.slip_rows[p], np.zeros(inputs), G_SLIP, p)
     for k, contact in enumerate(system.normals):
         if not contact.opens or _never_changes(loads[k], loads_t[k], system):

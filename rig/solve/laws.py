@@ -9,6 +9,7 @@ exponential, and one compiled solver serves every rig.
     FALLING      max(mu_0 - slope v, floor)                     ibid., characteristic B
     TABLE        monotone cubic (PCHIP) through given points    constant beyond the last
     SEAL         mixed / (1 + decay v) + film sqrt(v + offset)  ibid., equation 3.1; goes on straight below v = 0
+    SMOOTH       tanh(v / scale) times another law at |v|       for comparison only: through rest, and never at rest
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from numpy.typing import NDArray
 
 from rig.kernel import inlined, inner
 
-COULOMB, STRIBECK, FALLING, TABLE, SEAL = range(5)
+COULOMB, STRIBECK, FALLING, TABLE, SEAL, SMOOTH = range(6)
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,11 @@ class Law:
     def constant(self) -> bool:
         """Whether the coefficient does not depend on speed."""
         return self.code == COULOMB
+
+    @property
+    def sticks(self) -> bool:
+        """Whether a contact may stick under it."""
+        return self.code != SMOOTH
 
     def mu(self, speed: float) -> float:
         """Coefficient at slip speed `speed` >= 0 [m/s]."""
@@ -63,6 +69,11 @@ def falling(zero: float, slope: float, floor: float) -> Law:
 def seal(mixed: float, decay: float, film: float, offset: float) -> Law:
     """Mixed friction that falls with `decay` [s/m], and a film that bears `film` [(s/m)^0.5]; `offset` [m/s] > 0."""
     return Law(mixed + film * offset**0.5, SEAL, (mixed, decay, film, offset))
+
+
+def smoothed(law: Law, scale: float) -> Law:
+    """`law` as an odd and smooth function of the slip speed, which rises over `scale` [m/s]."""
+    return Law(law.static, SMOOTH, (scale, float(law.code), *law.numbers))
 
 
 def table(speeds: NDArray[np.float64], values: NDArray[np.float64], static: float) -> Law:
@@ -124,8 +135,8 @@ def _seal(p, v):
 
 
 @inlined
-def mu(code, p, v):
-    """Coefficient of law (`code`, numbers `p`) at slip speed v [m/s]."""
+def plain(code, p, v):
+    """Coefficient of a law that is not smoothed."""
     if code == STRIBECK:
         m = p[0] + p[1] * np.exp(-v * p[2])
     elif code == COULOMB:
@@ -140,6 +151,21 @@ def mu(code, p, v):
 
 
 @inner
+def _smooth(p, v):
+    return np.tanh(v / p[0]) * plain(int(p[1]), p[2:], abs(v))
+
+
+@inlined
+def mu(code, p, v):
+    """Coefficient of law (`code`, numbers `p`) at slip speed v [m/s]."""
+    if code == SMOOTH:
+        m = _smooth(p, v)
+    else:
+        m = plain(code, p, v)
+    return m
+
+
+@inner
 def coefficient(code, p, v):
     """`mu` as a function of its own."""
     return mu(code, p, v)
@@ -148,6 +174,15 @@ def coefficient(code, p, v):
 @inner
 def slope(code, p, v):
     """D mu / d v [s/m] of law (`code`, numbers `p`)."""
+    if code != SMOOTH:
+        return _slope(code, p, v)
+    rise, inside = np.tanh(v / p[0]), int(p[1])
+    change = np.sign(v) * rise * _slope(inside, p[2:], abs(v))
+    return change + (1.0 - rise * rise) / p[0] * plain(inside, p[2:], abs(v))
+
+
+@inner
+def _slope(code, p, v):
     if code == COULOMB:
         return 0.0
     if code == STRIBECK:

@@ -77,17 +77,6 @@ def by_name(system: System, terms: Array) -> dict[str, float]:
     return dict(zip(NAMES[:told], terms[:told].tolist()))
 
 
-def factors(system: System, modes: ModeSet) -> Array:
-    """Rows [row, n] whose products are the powers, as `wide.book` multiplies them; for linear mode sets."""
-    nq, n = len(system.coordinates), system.n
-    velocity = np.eye(n)[nq : 2 * nq]
-    closed = 1.0 - np.array(system.modes(modes.key)[1], dtype=np.float64).reshape(-1, 1)
-    lift = np.array([k.direction for k in system.normals]).reshape(-1, nq) @ velocity
-    of_patches = (modes.friction, system.slip_rows, supplied(system))
-    of_bodies = (damping(system, modes.key) @ velocity, system.force)
-    return np.concatenate([*of_patches, closed * modes.normal, lift, *of_bodies, loss_rows(system, modes)])
-
-
 def supplied(system: System) -> Array:
     """Rows of the surface speeds that friction forces draw their power from, [patch, n]."""
     nq = len(system.coordinates)

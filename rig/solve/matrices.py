@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import SceneError
-from rig.solve.products import FRICTION, NORMAL, SINE, STATE, VERSINE, Factor, Product
+from rig.solve.products import FRICTION, NORMAL, PRESS, SINE, STATE, VERSINE, Factor, Product
 from rig.solve.system import Change, Limiter, Loss, Normal, Patch, Position, Sector, Switch, System
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ def _products(a: Assembly, index: dict[str, int]) -> tuple[Product, ...]:
             angle = np.zeros(len(index))
             for name, value in part[1].items():
                 angle[index[name]] += value
-            return Factor({"sin": SINE, "cos-1": VERSINE}[part[0]], 0, angle)
+            return Factor({"sin": SINE, "cos-1": VERSINE, "press": PRESS}[part[0]], 0, angle)
         if part.startswith("N:"):
             return Factor(NORMAL, normals.index(part[2:]))
         if part.startswith("T:"):

@@ -7,8 +7,10 @@ on nothing else.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +18,7 @@ from numpy.typing import NDArray
 
 from rig.errors import Chatter, Diverged, Jammed, NumericsError
 from rig.kernel import bundle, entry
-from rig.solve import ledger
+from rig.solve import kick, ledger, smooth
 from rig.solve.carry import (
     BEYOND,
     COUNTERS,
@@ -42,13 +44,22 @@ from rig.solve.slots import UNROLLED, Slots
 from rig.solve.system import STICK, System
 
 Array = NDArray[np.float64]
-METHODS = ("exact", "dopri5", "rk4")
+METHODS = ("exact", "dopri5", "rk4", "kick", "smooth")
 SEGMENTS = 1024
+MANY = 1 << 22
+"""Mode sets that can be told apart; of more contacts opening is no event (kick)."""
 
 
 def chosen(method: str, system: System) -> str:
-    """The method that "auto" stands for: exact where the motion is linear in every mode set, else dopri5."""
-    return method if method != "auto" else "exact" if system.linear else "dopri5"
+    """The method that "auto" stands for: exact where the motion is linear in every mode set, else dopri5.
+
+    kick where so many contacts open and close that their mode sets cannot be numbered.
+    """
+    if method != "auto":
+        return method
+    if system.keys > MANY and not kick.refusal(system):
+        return "kick"
+    return "exact" if system.linear else "dopri5"
 
 
 class Frames(NamedTuple):
@@ -77,8 +88,9 @@ class Motion:
 
     `step_ns`: sample step, the exact method's only step. `outputs`: extended rows (rig.solve.assembly) of the
     quantities that `outputs_at` evaluates; the first `read` of them go to `segments`, for the sensors.
-    `tolerance`: of dopri5, for event times and local errors relative to each state's size. `substeps`: rk4 steps in a
-    sample step. `cap`: events allowed in one call (ten ticks of a longer one). `limit`: largest |state| allowed.
+    `tolerance`: of dopri5, for event times and local errors relative to each state's size. `substeps`: steps of rk4 or
+    kick in a sample step. `smoothing`: of the method smooth [m/s]. `cap`: events allowed in one call (ten ticks of a
+    longer one). `limit`: largest |state| allowed.
     `booking`: keep the energy ledger. `longest`: ticks of the longest call to make room for. `bounds`: of the size of
     outputs, by number; `beyond` then names the first output that has left its bound at the end of a call. `frames`: in
     what the motion is carried, if not alone.
@@ -102,10 +114,11 @@ class Motion:
         longest: int = 1,
         bounds: Mapping[int, float] | None = None,
         frames: Frames | None = None,
+        smoothing: float = 1e-3,
     ) -> None:
         if method not in METHODS:
             raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
-        self.step_ns, self.method = step_ns, method
+        self.step_ns, self.method, self.smoothing = step_ns, method, float(smoothing)
         self.tolerance, self.limit = float(tolerance), float(limit)
         self.substeps, self.booking = int(substeps), bool(booking)
         self.tick = 0
@@ -116,7 +129,7 @@ class Motion:
         self._block = None if frames is None else frames.steps
         self._first = self.kept = 0
         self._jumps = 0.0
-        self._set(system)
+        system = self._set(system)
         self.work = workspace(system, read, self.slots.tables.G.shape[1])
         self.state = State(
             ic=np.zeros(COUNTERS, dtype=np.int64),
@@ -146,7 +159,29 @@ class Motion:
             if self.slots.tables.slot_of[key] < 0:
                 self.slots.add(key)
 
-    def _set(self, system: System) -> None:
+    def foresee(self, most: int = 32) -> None:
+        """Build the mode sets that events of the contacts lead to, if there are at most so many.
+
+        Each takes a few milliseconds when it is first met, which a paced run cannot afford on the way.
+        """
+        keys = list(islice(self.system.contacts(self.key), most + 1))
+        if len(keys) <= most:
+            for key in keys:
+                if self.slots.tables.slot_of[key] < 0:
+                    with suppress(ArithmeticError, np.linalg.LinAlgError):  # no such motion: it will not be met
+                        self.slots.add(key)
+
+    def _set(self, system: System) -> System:
+        """Take over a system, as the method sees it."""
+        if self.method == "kick":
+            why = kick.refusal(system)
+            if why:
+                raise ValueError(f"kick: {why}")
+            system = kick.pressed(system)
+        elif self.method == "smooth":
+            system = smooth.smoothed(system, self.smoothing)
+        if system.keys > MANY:
+            raise ValueError(f"{self.method} cannot tell {system.keys:.3g} mode sets apart: use kick")
         if self.method == "exact" and not system.linear:
             bent = [p.name for i, p in enumerate(system.patches) if any(not law.constant for law in system.laws(i))]
             bent += [product.name for product in system.products]
@@ -155,19 +190,21 @@ class Motion:
             )
         self.system = system
         self._told = cache(system.happens)
-        self.slots = Slots(system, self.step_ns * 1e-9, self._outputs, self._read)
+        kicks = self.substeps if self.method == "kick" else 0
+        self.slots = Slots(system, self.step_ns * 1e-9, self._outputs, self._read, kicks)
         self._shape = (0.0,) * system.n if system.n <= UNROLLED else np.zeros(system.n)
         self._carry: Callable[..., int] | None = None
         self._how = (
             None if system.n <= UNROLLED else True,
             None if system.linear else self.tolerance,
-            self.substeps if self.method == "rk4" else None,
+            self.substeps if self.method in ("rk4", "kick") else None,
             self.booking,
             self._read > 0,
             self.limit,
             *self._more,
         )
         self._now = (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((1, len(self._outputs))))
+        return system
 
     def _room(self, rows: int, ticks: int) -> None:
         """Rows for states, and as many events as a block of `ticks` may have."""
@@ -237,10 +274,11 @@ class Motion:
         self._outputs = self._outputs if outputs is None else outputs
         x = dict(zip(self.system.names, self.state.x.tolist()))
         before = ledger.stored(self.system, self.state.x, self.key)
+        self.state.energy[:] = self.terms()
         modes = self.system.modes(self.key)
         old, tally = self.system, self.state.tally.copy()
         visited = [s.key for s in self.slots.sets]
-        self._set(system)
+        system = self._set(system)
         kept = np.array([x.get(name, start) for name, start in zip(system.names, system.start.tolist())])
         for name in system.kept.keys() & old.kept.keys():
             row, at = system.kept[name], system.names.index(name)
@@ -323,12 +361,16 @@ class Motion:
 
     def events(self) -> list[Event]:
         """Events of the last call of `advance`."""
-        count = self.event_count
-        first = self.tick - int(self.state.ic[TICK])
-        met = zip(self.log.event[:count].tolist(), self.log.place[:count].tolist())
+        first, events, places = self.met()
+        met = zip(events.tolist(), places.tolist())
         return [
             Event(first + tick, place, self._told(kind, owner), before) for (tick, kind, owner, before), place in met
         ]
+
+    def met(self) -> tuple[int, NDArray[np.int64], Array]:
+        """The same as numbers: ticks count from the first; [event, 4] tick, guard kind, owner, key before; places."""
+        count = self.event_count
+        return self.tick - int(self.state.ic[TICK]), self.log.event[:count].copy(), self.log.place[:count].copy()
 
     def outputs_at(self, states: Array, slots: NDArray[np.int64]) -> Array:
         """Every output [state, output] at `states` [state, n], each in the mode set of its slot."""
@@ -349,9 +391,13 @@ class Motion:
         """Events in the last call of `advance`."""
         return int(self.state.ic[EVENTS])
 
+    def terms(self) -> Array:
+        """The terms of the ledger so far [J], in the order of rig.solve.ledger.NAMES."""
+        return self.state.energy + self.slots.booked()
+
     def energy(self) -> dict[str, float]:
         """The ledger so far [J], and `error`: what does not close, relative to the largest term or store."""
-        terms = self.state.energy
+        terms = self.terms()
         stored = ledger.stored(self.system, self.state.x, self.key) - self._stored
         jumps = self._jumps + float(self.state.edges[0])
         largest = max(float(np.abs(terms).max()), abs(stored), abs(self._stored), 1e-30)

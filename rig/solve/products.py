@@ -1,10 +1,11 @@
 """Products: what a rig's equations hold beyond linear terms, e.g. x y, C (cos k phi - 1), N sin k phi.
 
 A product is an input of the equations like the friction force of a law over speed: rows name it, and its value is
-found from the state. Factors are states, sine or cosine less one (versine, negative) of a row over the state, normal
-forces and friction forces. Order of evaluation, so that nothing depends on itself:
+found from the state. Factors are states, sine or cosine less one (versine, negative) of a row over the state, what of a
+row is positive (a contact that presses and never pulls), normal forces and friction forces. Order of evaluation, so
+that nothing depends on itself:
 
-    level 0   states and angles      these may enter a normal force
+    level 0   states, angles, presses   these may enter a normal force
     level 1   with a normal force
     level 2   with a friction force  these may not act on what a stuck contact needs
 """
@@ -20,12 +21,12 @@ from numpy.typing import NDArray
 from rig.kernel import inner
 
 Array = NDArray[np.float64]
-STATE, SINE, VERSINE, NORMAL, FRICTION = range(5)
+STATE, SINE, VERSINE, NORMAL, FRICTION, PRESS = range(6)
 
 
 @dataclass(frozen=True)
 class Factor:
-    """One factor: its kind; which state, normal or patch; the row over the state of an angle [rad]."""
+    """One factor: its kind; which state, normal or patch; the row over the state of an angle [rad] or a press."""
 
     kind: int
     index: int = 0
@@ -53,10 +54,12 @@ class Products(NamedTuple):
     upto: NDArray[np.int64]  # [3] number of products up to each level
     first: NDArray[np.int64]  # [product + 1] first factor of each
     kind: NDArray[np.int64]  # [factor]
-    which: NDArray[np.int64]  # [factor] state, angle, normal or patch
+    which: NDArray[np.int64]  # [factor] state, angle, normal, patch or press
     angles: Array  # [angle, n]
     sine: Array  # [angle]
     versine: Array  # [angle]
+    presses: Array  # [press, n]
+    pressed: Array  # [press]
     normal: Array  # [normal]
     friction: Array  # [patch]
     press: Array  # [slot, normal, n] rows of the closed normal forces (see slots.Tables)
@@ -70,16 +73,18 @@ def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> P
     if not products:
         return None
     angles: list[Array] = []
+    presses: list[Array] = []
     kind, index, first = [], [], [0]
     for product in products:
         for factor in product.factors:
             kind.append(factor.kind)
             index.append(factor.index)
             if factor.row is not None:
-                known = [i for i, row in enumerate(angles) if np.array_equal(row, factor.row)]
+                rows = presses if factor.kind == PRESS else angles
+                known = [i for i, row in enumerate(rows) if np.array_equal(row, factor.row)]
                 if not known:
-                    angles.append(factor.row)
-                index[-1] = known[0] if known else len(angles) - 1
+                    rows.append(factor.row)
+                index[-1] = known[0] if known else len(rows) - 1
         first.append(len(kind))
     levels = [product.level for product in products]
     return Products(
@@ -91,6 +96,8 @@ def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> P
         angles=np.array(angles).reshape(-1, n),
         sine=np.zeros(len(angles)),
         versine=np.zeros(len(angles)),
+        presses=np.array(presses).reshape(-1, n),
+        pressed=np.zeros(len(presses)),
         normal=np.zeros(normals),
         friction=np.zeros(patches),
         press=np.zeros((0, normals, n)),
@@ -121,6 +128,8 @@ def _fill(p, begin, end, x, T):
                 value *= p.sine[i]
             elif kind == VERSINE:
                 value *= p.versine[i]
+            elif kind == PRESS:
+                value *= p.pressed[i]
             elif kind == NORMAL:
                 value *= p.normal[i]
             else:
@@ -139,6 +148,8 @@ def early(p, slot, x, T):
         angle = _row(p.angles[a], x)
         half = np.sin(0.5 * angle)
         p.sine[a], p.versine[a] = np.sin(angle), -2.0 * half * half
+    for a in range(p.presses.shape[0]):
+        p.pressed[a] = max(_row(p.presses[a], x), 0.0)
     _fill(p, 0, p.upto[0], x, T)
     if p.upto[2] > p.upto[0]:
         for k in range(p.normal.shape[0]):
@@ -185,6 +196,8 @@ def _tangent(factor: Factor, x: Array, forces: tuple[tuple[Array, Array], tuple[
         return float(x[factor.index]), np.eye(len(x))[factor.index]
     if factor.row is not None:
         angle = float(factor.row @ x)
+        if factor.kind == PRESS:
+            return max(angle, 0.0), factor.row if angle > 0.0 else np.zeros(len(x))
         if factor.kind == SINE:
             return float(np.sin(angle)), np.cos(angle) * factor.row
         return float(-2.0 * np.sin(0.5 * angle) ** 2), -np.sin(angle) * factor.row

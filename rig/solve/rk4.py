@@ -125,8 +125,9 @@ def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, substeps, out, modes, e
             x[i] = y[i]
         if bent is not None and t.stuck[slot]:
             land(t, slot, x, w.copy)
-        if fallen >= 0:
-            place = min((position + length / full) / substeps, 1.0 - 1.2e-16)
+        reached = position + length / full
+        if fallen >= 0 and reached < substeps - 1e-12:
+            place = reached / substeps
         elif whole >= substeps:
             for i in range(n):
                 out[tick, i] = x[i]

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from rig.kernel import inlined, inner
 from rig.solve.forces import dot, inputs, rounding
+from rig.solve.laws import SMOOTH
 from rig.solve.ledger import SWITCH, held
 from rig.solve.system import (
     G_CLOSE,
@@ -170,6 +171,10 @@ def disagreement(t, slot, key, x, size, T, slack):
         base = of_patch(p)
         w, noise = dot(t.slip[p], x), rounding(t.slip[p], size)
         mode = digit(key, base, 3)
+        if t.code[slot, p] == SMOOTH:  # alike to both sides, and never stuck
+            if mode == SLIP_PLUS:
+                continue
+            return with_digit(key, base, 3, SLIP_PLUS)
         if mode == STICK:
             if abs(w) > noise:
                 return with_digit(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)

@@ -15,15 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.kernel import bundle
-from rig.solve import expm, laws, products, wide
+from rig.solve import expm, kick, laws, products, wide
 from rig.solve.formulation import ModeSet, assemble
+from rig.solve.kick import Flow
 from rig.solve.ledger import (
     NODES,
-    RESISTOR,
     TERMS,
     at_nodes,
     damping,
-    factors,
     loss_rows,
     powers,
     store,
@@ -32,7 +31,7 @@ from rig.solve.ledger import (
 )
 from rig.solve.products import Products
 from rig.solve.roots import DEGREE
-from rig.solve.system import STICK, System
+from rig.solve.system import HIGH, LOW, STICK, System
 from rig.solve.wide import Wide
 
 Array = NDArray[np.float64]
@@ -102,16 +101,21 @@ class Tables(NamedTuple):
     change: Array  # [sector row, widest, nq, nq] what a sector adds to the stiffness; no row where none does
     products: Products | None
     wide: Wide | None  # of rigs with many states
+    flow: Flow | None  # of the method kick
     step: Array  # [1] s
 
 
 class Slots:
     """The mode sets of one run: `tables` for the kernels, `add(key)` when one is met for the first time."""
 
-    def __init__(self, system: System, step: float, signals: list[dict[str, float]], read: int = 0) -> None:
-        """`signals`: extended rows (rig.solve.assembly) of the rig's outputs, sensors read the first; `step` in s."""
-        self.read = read
-        self.booked = RESISTOR + bool(system.losses)  # terms of the ledger that a tick may add to
+    def __init__(
+        self, system: System, step: float, signals: list[dict[str, float]], read: int = 0, kicks: int = 0
+    ) -> None:
+        """`signals`: extended rows (rig.solve.assembly) of the rig's outputs, sensors read the first; `step` in s.
+
+        `kicks`: steps of the method kick in a `step`; 0 for other methods.
+        """
+        self.read, self._kicks = read, kicks
         self.system = system
         self.step = step
         self.rows = signals
@@ -133,7 +137,6 @@ class Slots:
         for i, sector in enumerate(s.sectors):
             for at, one in enumerate(sector.changes):
                 change[i, at] = one.stiffness
-        multiplied = 3 * P + 2 * K + 2 * nq + len(s.losses)
         z = np.zeros
         return Tables(
             slot_of=np.full(s.keys, -1, dtype=np.int32),
@@ -192,7 +195,8 @@ class Slots:
             edges=edges,
             change=change,
             products=products.pack(s.products, n, P, K),
-            wide=wide.empty(n, g, self.read, self.booked, multiplied) if n > UNROLLED else None,
+            wide=wide.empty(n, g, self.read, S) if n > UNROLLED else None,
+            flow=kick.empty(n) if self._kicks else None,
             step=np.array([self.step]),
         )
 
@@ -231,8 +235,7 @@ class Slots:
         rows, rows_t = signal_rows(system, modes, self.rows)
         broad: dict[str, Array] = {}
         if t.wide is not None:
-            parts = factors(system, modes), integrals[0, : self.booked], expm.balance(modes.A)
-            broad = wide.tables(terms, E, modes.landing, guards, bounds, rows[: self.read], *parts)
+            broad = wide.tables(terms, E, modes.landing, guards, bounds, rows, self.read)
         slot_of = t.slot_of.copy()
         slot_of[key] = len(self.sets)
         new: dict[str, Any] = {
@@ -287,10 +290,18 @@ class Slots:
             )
         if t.wide is not None:
             stacked["wide"] = t.wide._replace(**{name: _put(getattr(t.wide, name), at, broad[name]) for name in broad})
+        if t.flow is not None:
+            E, integrals = kick.flow(modes, forms, self.step / self._kicks)
+            stacked["flow"] = Flow(_put(t.flow.E, at, E), _put(t.flow.work, at, integrals))
         self.tables = t._replace(slot_of=slot_of, **stacked)
         self.handle = bundle(self.tables)
         self.sets.append(modes)
         return modes
+
+    def booked(self) -> Array:
+        """What the kernels have booked as sums over states, [term]; the rest of the ledger they have worked out."""
+        t, count = self.tables, len(self.sets)
+        return np.zeros(TERMS) if t.wide is None else wide.energy(t.wide, count, t.work[:, 0], t.powers)
 
 
 def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) -> tuple[Array, Array]:
@@ -311,6 +322,13 @@ def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) ->
     for k, normal in enumerate(system.normals):
         closed = system.modes(modes.key)[1][k] == 0
         known[f"N:{normal.name}"] = (modes.normal[k] * closed, modes.normal_t[k] * closed)
+    clamped, thrown = system.modes(modes.key)[2], system.modes(modes.key)[4]
+    gains = [position.gains for position in (s.positions[at] for s, at in zip(system.switches, thrown))]
+    for i, (limiter, mode) in enumerate(zip(system.limiters, clamped)):
+        held = {LOW: limiter.low, HIGH: limiter.high}.get(mode)
+        idle = any(found.get(i) == 0.0 for found in gains)  # a switch has taken it out of the network
+        within = held is None or idle
+        known[f"c:{limiter.name}"] = (limiter.row if within else held * states[system.one], np.zeros(system.inputs))
     over_x, over_t = np.zeros((len(rows), system.n)), np.zeros((len(rows), system.inputs))
     for i, row in enumerate(rows):
         for name, value in row.items():

@@ -282,6 +282,14 @@ class System:
         for positions in product(*(range(len(switch.positions)) for switch in self.switches)):
             yield self.key(patches, normals, limiters, sectors, positions)
 
+    def contacts(self, key: int) -> Iterator[int]:
+        """The mode set `key` with its patches, normal forces and limiters in every other way."""
+        *own, sectors, thrown = self.modes(key)
+        counts = iter(self.radices)
+        ways = [[range(next(counts)) for _ in part] for part in own]
+        for patches, normals, limiters in product(*(product(*part) for part in ways)):
+            yield self.key(patches, normals, limiters, sectors, thrown)
+
     def turn(self, key: int) -> Iterator[int]:
         """The mode sets that a turn over all sectors is likely to meet: of each patch, as it is, one contact open.
 

@@ -36,6 +36,8 @@ MOST = 27
 """Mode sets looked at one by one; of more contacts only those in which all are alike, or one is stuck."""
 RK4_LIMIT = 2.785
 """|lambda| h on the negative real axis up to which rk4 is stable; 2.828 on the imaginary one."""
+KICK_LIMIT = 2.0
+"""|lambda| h up to which a contact that stays closed is stable under kicks."""
 _COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4
 _STIFF = 50.0  # |lambda| step: dopri5 takes more than 15 steps for stability alone
 _ZERO = 1e-6  # of the largest eigenvalue: what a stuck contact carries along comes out as a rounded zero
@@ -47,7 +49,7 @@ _SPEEDS = 41
 def verdict(system: System, method: str, step: float, substeps: int = 1) -> list[Finding]:
     """Everything that can be said of `system` before it is run by `method` with sample step `step` [s]; gravest first.
 
-    `substeps`: rk4 steps in a sample step.
+    `substeps`: steps of rk4 or kick in a sample step.
     """
     broken = list(_matrices(system))
     if broken:
@@ -201,7 +203,7 @@ def _at(value: complex) -> str:
 
 def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -> Iterator[Finding]:
     """Whether `method` can follow the fastest eigenvalue of all mode sets, that of the mode set `name`."""
-    h = step / substeps if method == "rk4" else step
+    h = step / substeps if method in ("rk4", "kick") else step
     size = fastest * h
     if method == "rk4" and size > RK4_LIMIT:
         yield Finding(
@@ -209,6 +211,20 @@ def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -
             f"rk4 is unstable at a step of {h:g} s: |lambda| h = {size:.3g} in {name}, at most {RK4_LIMIT}",
             size,
             f"rk4_step below {0.9 * RK4_LIMIT / fastest:.2g} s, or method exact or dopri5",
+        )
+    elif method == "kick" and size > KICK_LIMIT:
+        yield Finding(
+            "error",
+            f"kick is unstable at a step of {h:g} s: |lambda| h = {size:.3g} in {name}, at most {KICK_LIMIT}",
+            size,
+            f"rk4_step below {0.9 * KICK_LIMIT / fastest:.2g} s",
+        )
+    elif method == "smooth":
+        yield Finding(
+            "warning",
+            "friction is smoothed: a stuck contact creeps, and static friction above kinetic is lost",
+            size,
+            "method auto; smooth is there to be compared with",
         )
     elif method == "rk4" and size > _COARSE:
         yield Finding(

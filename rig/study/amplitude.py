@@ -8,11 +8,14 @@ certain there: `full` goes without.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rig.record.run import Run
 
 Array = NDArray[np.float64]
 _BAND = 0.25
@@ -42,3 +45,29 @@ def index(t: Array, x: Array) -> Index:
     full = np.mean([np.ptp(x[a : b + 1]) for a, b in pairwise(rises)])
     cycles = len(rises) - 1
     return Index(float(0.5 * full), float(full), cycles, float(cycles / (t[rises[-1]] - t[rises[0]])))
+
+
+class Row(NamedTuple):
+    """The index of one sensor in one stage of a run; `mean` in the unit of the sensor."""
+
+    stage: str
+    sensor: str
+    unit: str
+    mean: float
+    found: Index
+
+
+def measured(run: Run, first: float = 0.0, last: float = float("inf")) -> Iterator[Row]:
+    """The index of every sensor from `first` to `last` [s], in each stage between the marks of the protocol."""
+    marks = [(event["t_ns"] * 1e-9, event["text"]) for event in run.events if event["kind"] == "mark"]
+    end = min(last, run.time[-1])
+    stages = [(max(t, first), text) for (t, text), (then, _) in zip(marks, [*marks[1:], (end, "")]) if then > first]
+    if not marks or marks[0][0] > first:
+        stages.insert(0, (first, "before" if marks else "whole"))
+    for (begin, text), (after, _) in pairwise([*((t, s) for t, s in stages if t < end), (end, "")]):
+        for sensor, samples in run.measurements.items():
+            t = samples.t_ns * 1e-9
+            here = (t >= begin) & (t <= after) & np.isfinite(samples.v)
+            if here.any():
+                v = samples.v[here]
+                yield Row(text, sensor, run.units[f"meas/{sensor}"], float(v.mean()), index(t[here], v))

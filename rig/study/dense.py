@@ -35,6 +35,10 @@ class Dense:
         u = min(max((t - self._start[i]) / self._length[i], 0.0), 1.0)
         return np.asarray(np.polynomial.polynomial.polyval(u, self._coef[i].T), dtype=np.float64)
 
+    def segments(self, output: int) -> tuple[Array, Array, Array]:
+        """Starts [s] and lengths [s] of all segments, and the polynomials [segment, power] of an output in them."""
+        return np.array(self._start), np.array(self._length), np.array([one[output] for one in self._coef])
+
     def extremes(self, output: int) -> tuple[float, float]:
         """Lowest and highest value of an output: at ends of segments, or where its polynomial is level."""
         coef = np.array([one[output] for one in self._coef])

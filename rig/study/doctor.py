@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from rig import kernel, scenes
 from rig.bench import pace
 from rig.bench.stand import Stand
-from rig.process import come_first
 from rig.scenes.scene import Scene
+from rig.scheduling import PLANT, ahead, come_first
 from rig.study import warmup
 from rig.study.round_trip import round_trips
 
@@ -79,7 +79,7 @@ class Report:
     sleep: Spread
     hybrid: Spread
     waiting: str
-    realtime: str
+    scheduling: str
     bus: Spread | None
     put: Spread | None
     fault: str
@@ -108,7 +108,7 @@ class Report:
             f"waiting     sleep:  {self.sleep}; {100 * self.sleep.beyond:.2g} % beyond 1 ms",
             f"            hybrid: {self.hybrid}; {100 * self.hybrid.beyond:.2g} % beyond 1 ms",
             f"            {self.waiting}",
-            f"scheduling  {self.realtime or 'real-time scheduling is to be had: rig run --realtime'}",
+            f"scheduling  {self.scheduling or 'in real time'}",
             f"bus         {f'round trip {self.bus}' if self.bus else self.fault}",
             f"disk        {self.disk:.0f} MB/s where recordings go{'' if self.disk >= LEAST_DISK else ': too slow'}",
             "",
@@ -118,7 +118,8 @@ class Report:
         if any(one.verdict in ("DEGRADED", "INVALID") for one in self.scenes):
             lines += [
                 "",
-                "frames are late where the machine is busy or wakes late: close other programs, or --realtime",
+                "frames are late where the machine is busy or wakes late: close other programs, or let them "
+                "be scheduled in real time (root, or a limit rtprio of 20)",
             ]
         return "\n".join(lines)
 
@@ -128,7 +129,9 @@ def doctor(seconds: float = 8.0, report: Say | None = None) -> Report:
     say = report or (lambda _: None)
     begin = time.perf_counter()
     say("waiting for frames of 1 ms")
-    waiting, slept, spun = _waits(0.3 * seconds)
+    come_first()
+    with ahead(PLANT) as scheduling:
+        waiting, slept, spun = _waits(0.3 * seconds)
     late = spun if waiting.spin_ns else slept
     say("a round trip over the bus, between two processes")
     trips, puts, fault = round_trips(0.15 * seconds)
@@ -150,7 +153,7 @@ def doctor(seconds: float = 8.0, report: Say | None = None) -> Report:
         sleep=Spread.of(slept),
         hybrid=Spread.of(spun),
         waiting=f"{waiting.method}: {waiting.why}",
-        realtime=_scheduling(),
+        scheduling=scheduling,
         bus=trip,
         put=put,
         fault=fault,
@@ -183,7 +186,6 @@ def judge(scene: Scene, costs: NDArray[np.int64] | None, late: NDArray[np.int64]
 
 def _waits(seconds: float) -> tuple[pace.Waiting, NDArray[np.int64], NDArray[np.int64]]:
     """The choice between sleep and hybrid, and the lateness of both [ns], measured in turns."""
-    come_first()
     waiting = pace.choose(FRAME_NS)
     spin = waiting.spin_ns or int(min(1.5 * waiting.sleep_p95, FRAME_NS / 5))
     sleep, hybrid = pace.WallClock(), pace.WallClock(spin)
@@ -223,15 +225,6 @@ def _disk() -> float:
             return _MEGABYTES * 1.048576 / (time.perf_counter() - begin)
     except OSError:
         return 0.0
-
-
-def _scheduling() -> str:
-    """Why real-time scheduling is not to be had, "" if it is; this process goes on as it was."""
-    before = getattr(os, "sched_getscheduler", lambda _: 0)(0)
-    why = pace.take_priority()
-    if not why:
-        os.sched_setscheduler(0, before, os.sched_param(0))
-    return why
 
 
 def _machine() -> dict[str, Any]:

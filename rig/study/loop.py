@@ -29,7 +29,7 @@ from rig.scenes.scene import Scene
 from rig.study.axis import Axis
 from rig.study.design import numbers
 from rig.study.plant import plant
-from rig.study.sampled import Sampled, sampled
+from rig.study.sampled import Feedback, Sampled, sampled
 from rig.study.spectrum import Spectrum, of_matrix
 from rig.study.sweep import Sweep, along
 
@@ -47,7 +47,8 @@ GRID = 400
 class Loop:
     """A closed loop about steady sliding. `unit`: of the gain; `delay` [s]: of the loop, without sample and hold.
 
-    `model`: with a gain of one, of the sign of `gain`.
+    `gain`: the controller's; of one that has none, a factor on what it hears. `model`: with a gain of one, of the sign
+    of `gain`.
     """
 
     scene: str
@@ -220,27 +221,27 @@ def loop(scene: Scene, name: str) -> Loop:
         raise SceneError(scene.name, [f"controller {name}: unknown; {near(name, scene.controllers)}"])
     section = scene.controllers[name]
     feedback = controllers.build(section, numbers(scene)[name])
-    if not isinstance(feedback, VelocityFeedback):
-        known = [n for n, s in scene.controllers.items() if issubclass(controllers.KINDS[s.kind][1], VelocityFeedback)]
+    if not isinstance(feedback, Feedback):
+        known = [n for n, s in scene.controllers.items() if issubclass(controllers.KINDS[s.kind][1], Feedback)]
         other = f"; {', '.join(known)} is" if known else ""
         raise SceneError(
             scene.name, [f"controllers.{name}: {section.kind} is no linear feedback: it has no margins{other}"]
         )
-    sensor = scene.sensors[section.sensor]
-    dimension = unit_of(type(section), "gain")
-    unit = section.model_copy(update={"gain": math.copysign(1.0, section.gain)})
+    sensor, own, unit = scene.sensors[section.sensor], 1.0, "1"
+    if isinstance(feedback, VelocityFeedback):
+        own, unit = section.gain, unit_of(type(section), "gain")
+        one = section.model_copy(update={"gain": math.copysign(1.0, own)})
+        feedback = type(feedback)(one, feedback.numbers)
     try:
-        model = sampled(
-            plant(scene), type(feedback)(unit, feedback.numbers), sensor.reads, sensor.front_end(), section.delay
-        )
+        model = sampled(plant(scene), feedback, sensor.reads, sensor.front_end(), section.delay)
     except ValueError as fault:
         raise SceneError(scene.name, [f"controllers.{name}.{fault}"]) from None
     return Loop(
         scene=scene.name,
         controller=name,
         through=f"{section.sensor} to {section.drive}",
-        gain=section.gain,
-        unit="" if dimension == "1" else dimension,
+        gain=own,
+        unit="" if unit == "1" else unit,
         delay=section.delay * 1e-9,
         model=model,
     )

@@ -26,7 +26,7 @@ from rig.solve.system import System
 from rig.solve.verdict import verdict
 from rig.study.averaged import averaged
 
-_REST = 1e-11  # of the sum of its terms: what the search for an equilibrium leaves of an output that is zero
+_REST = 1e-11  # of the sum of its terms, of the largest rate: what rounding leaves of a zero
 _LARGE = 0.05  # of the largest amplitude: what is told of a shape that is long, and how many at most
 _LONG, _MOST = 4, 6
 GENERATOR = ("dither.sin", "dither.cos")
@@ -44,6 +44,8 @@ class Mode:
     @property
     def kind(self) -> str:
         """What such a motion is called."""
+        if self.growth == 0.0 == self.frequency:
+            return "stays"
         if abs(self.growth) <= 1e-9 * 2.0 * math.pi * self.frequency:
             return "neutral"
         if self.growth > 0.0:
@@ -206,6 +208,7 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
     largest = np.array([np.abs(values[units == unit]).max() for unit in units])
     values[np.abs(values) <= np.maximum(rounding, _REST * largest)] = 0.0
     rates, shapes = at.eigenvectors()
+    zero = _REST * float(np.abs(rates).max(initial=0.0))
     slides = bool(np.all(at.modes.sigma * at.speed > 0.0))
     return Sliding(
         exists=at.exists,
@@ -216,7 +219,11 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
             p.name: abs(float(T)) / float(N) if N > 0.0 else math.nan
             for p, T, N in zip(system.patches, at.friction, at.load)
         },
-        modes=tuple(_mode(system, rate, shape) for rate, shape in zip(rates, shapes.T) if rate.imag >= 0.0),
+        modes=tuple(
+            _mode(system, 0.0 if abs(rate) <= zero else rate, shape)
+            for rate, shape in zip(rates, shapes.T)
+            if rate.imag >= 0.0
+        ),
     )
 
 
@@ -248,8 +255,13 @@ def shape(names: Sequence[str], vector: Any, count: int) -> dict[str, complex]:
 
 
 def told(shape: Mapping[str, complex]) -> str:
-    """A shape for a reader: size and angle of each amplitude; of long ones the large. Velocities follow from them."""
+    """A shape for a reader: size and angle of each amplitude; of long ones the large. Velocities follow from them.
+
+    Of long ones that move, only what moves: volts and amperes are not to be compared with metres.
+    """
     places = {name: v for name, v in shape.items() if name.removesuffix("'") == name or name[:-1] not in shape}
+    moved = {name: v for name, v in places.items() if f"{name}'" in shape}
+    places = moved if moved and len(places) > _LONG else places
     most = max(map(abs, places.values()), default=0.0)
     least = max(_LARGE * most, sorted(map(abs, places.values()))[-min(_MOST, len(places))]) if places else 0.0
     large = {name: v for name, v in places.items() if len(places) <= _LONG or abs(v) >= least}

@@ -59,9 +59,10 @@ class Orbit:
 
     @property
     def longest(self) -> int:
-        """Ticks in one call: `BLOCK`, or as many as there is room for where a network is far faster than a tick."""
+        """Ticks in one call: `BLOCK`, or as many as there is room for where a tick has many steps or cells."""
         cells: int = 2 ** int(self.motion.slots.tables.depth.max())  # of an opened tick, and as many again for events
-        return max(1, min(BLOCK, SEGMENTS // (2 * cells)))
+        steps = self.motion.substeps if self.method in ("rk4", "kick") else 1
+        return max(1, min(BLOCK, SEGMENTS // (2 * max(cells, steps))))
 
     def block(self, ticks: int = BLOCK) -> list[Event]:
         """Carry the plant on by `ticks` at most; the events met."""
@@ -112,12 +113,12 @@ class _Ledger:
 
     def start(self, motion: Motion) -> None:
         """Count from here."""
-        self._before = motion.state.energy.copy()
+        self._before = motion.terms()
         self._held = ledger.stored(motion.system, motion.x, motion.key)
 
     def add(self, motion: Motion) -> None:
         """Count what has come and gone since `start`."""
-        self._sum += motion.state.energy - self._before
+        self._sum += motion.terms() - self._before
         self._stored += ledger.stored(motion.system, motion.x, motion.key) - self._held
 
     def terms(self) -> dict[str, float]:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from rig.errors import SceneError
 from rig.scenes.scene import Scene, plant_module
-from rig.solve.linear import inputs, own_law
+from rig.solve.assembly import Assembly
+from rig.solve.linear import Steady, inputs, own_law
 from rig.solve.slots import signal_rows
 from rig.study.modes import at_rest
 
@@ -51,6 +52,11 @@ def plant(scene: Scene) -> Plant:
     assembly, at = at_rest(scene, dict.fromkeys(actuators, "held"))
     if not at.exists:
         raise SceneError(scene.name, ["nothing slides steadily at these values: there is nothing to linearise about"])
+    return linear(assembly, at)
+
+
+def linear(assembly: Assembly, at: Steady) -> Plant:
+    """The rig about the equilibrium `at`; actuators that are no states of this assembly are left out."""
     system = at.system
     commands = {name: system.names.index(one.state) for name, one in assembly.inputs.items() if one.state}
     given = np.array(list(commands.values()), dtype=np.int64)

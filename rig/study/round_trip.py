@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rig import bus
 from rig.errors import RigError
+from rig.scheduling import CONTROLLER, PLANT, ahead
 
 Array = NDArray[np.int64]
 _ECHO = "import sys; from rig.study.round_trip import echo; echo(sys.argv[1])"
@@ -32,14 +33,15 @@ def round_trips(seconds: float) -> tuple[Array, Array, str]:
             with contextlib.closing(_Child([sys.executable, "-c", _ECHO, name])):
                 if not present.wait_for("controller", "echo", 8.0):
                     return none, none, "the other process did not come"
-                for number in range(max(int(seconds / _EACH_S), 50)):
-                    begin = time.perf_counter_ns()
-                    step.put(payload, number)
-                    puts.append(time.perf_counter_ns() - begin)
-                    if answers.get(timeout=0.5) is None:
-                        return none, none, "an answer did not come within 0.5 s"
-                    trips.append(time.perf_counter_ns() - begin)
-                    time.sleep(_PAUSE_S)
+                with ahead(PLANT):
+                    for number in range(max(int(seconds / _EACH_S), 50)):
+                        begin = time.perf_counter_ns()
+                        step.put(payload, number)
+                        puts.append(time.perf_counter_ns() - begin)
+                        if answers.get(timeout=0.5) is None:
+                            return none, none, "an answer did not come within 0.5 s"
+                        trips.append(time.perf_counter_ns() - begin)
+                        time.sleep(_PAUSE_S)
     except RigError as error:
         return none, none, str(error)
     return np.array(trips), np.array(puts), ""
@@ -66,5 +68,6 @@ def echo(run: str) -> None:
     with bus.join(run, role="controller", name="echo", wait=5.0) as session:
         steps, act = session.subscribe("step"), session.publisher("act/echo")
         session.announce()
-        while (step := steps.get(timeout=2.0)) is not None:
-            act.put(step.payload, step.t_ns)
+        with ahead(CONTROLLER):
+            while (step := steps.get(timeout=2.0)) is not None:
+                act.put(step.payload, step.t_ns)

@@ -15,6 +15,7 @@ Eigenvalues of F + G H are exp(lambda L): the simulation's own, for motions with
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -25,11 +26,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.feedback import VelocityFeedback
+from controllers.narrow_band import NarrowBandFeedback
 from controllers.velocity import VelocityPath
 from rig.study.plant import Plant
 from sensors.front_end import FrontEnd
 
 Array = NDArray[np.float64]
+Feedback = VelocityFeedback | NarrowBandFeedback
+"""Controllers whose arithmetic is linear within their limits."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +52,7 @@ class Sampled:
         return self.F + gain * np.outer(self.G, self.H)
 
 
-def sampled(plant: Plant, feedback: VelocityFeedback, reads: str, end: FrontEnd, delay_ns: int) -> Sampled:
+def sampled(plant: Plant, feedback: Feedback, reads: str, end: FrontEnd, delay_ns: int) -> Sampled:
     """The loop of `feedback` through its drive and through the front end of its sensor on output `reads`.
 
     Raises ValueError where sensor and controller take turns: neither period is a multiple of the other.
@@ -65,9 +69,7 @@ def sampled(plant: Plant, feedback: VelocityFeedback, reads: str, end: FrontEnd,
 class _Walk:
     """One period, instant by instant. Every quantity is a row over [z at the beginning, y']."""
 
-    def __init__(
-        self, plant: Plant, feedback: VelocityFeedback, reads: int, end: FrontEnd, delay_ns: int, period: int
-    ) -> None:
+    def __init__(self, plant: Plant, feedback: Feedback, reads: int, end: FrontEnd, delay_ns: int, period: int) -> None:
         self.end, self.period, self.own = end, period, len(plant.states)
         drive = plant.inputs.index(feedback.drives[0])
         self.A, self.B, self.reading = _with_front_end(plant, drive, reads, end)
@@ -164,17 +166,9 @@ def _with_front_end(plant: Plant, drive: int, reads: int, end: FrontEnd) -> tupl
     return A, B, end.gain * np.concatenate([direct * c, out, [direct * d]])
 
 
-def _arithmetic(feedback: VelocityFeedback) -> tuple[Array, Array, Array, float]:
+def _arithmetic(feedback: Feedback) -> tuple[Array, Array, Array, float]:
     """A, b, c, d of xi+ = A xi + b y, u = c xi + d y: read off the controller's own update, which is linear."""
-    path: VelocityPath = feedback.path
-    zero = path.observer.start(0.0) if path.observer is not None else ()
-    count = len(zero) + 2
-
-    def step(xi: Array, y: float) -> tuple[Array, float]:
-        state: Any = (tuple(xi[:-2].tolist()), 0, float(xi[-2]), float(xi[-1]))
-        (z, _, smooth, lag), v = path.update(state, 0, y)
-        return np.array([*z, smooth, lag]), feedback.slope * v
-
+    count, step = _of_modes(feedback) if isinstance(feedback, NarrowBandFeedback) else _of_velocity(feedback)
     b, d = step(np.zeros(count), 1.0)
     columns = [step(unit, 0.0) for unit in np.eye(count)]
     A, c = np.array([xi for xi, _ in columns]).T, np.array([u for _, u in columns])
@@ -182,3 +176,31 @@ def _arithmetic(feedback: VelocityFeedback) -> tuple[Array, Array, Array, float]
     for _ in range(count):  # what no command ever shows, such as the copy for a prediction by no time, is no state
         seen |= np.any(A[seen] != 0.0, axis=0)
     return A[np.ix_(seen, seen)], b[seen], c[seen], d
+
+
+Step = Callable[[Array, float], tuple[Array, float]]
+
+
+def _of_velocity(feedback: VelocityFeedback) -> tuple[int, Step]:
+    """Number of states and the update of a velocity feedback."""
+    path: VelocityPath = feedback.path
+    zero = path.observer.start(0.0) if path.observer is not None else ()
+
+    def step(xi: Array, y: float) -> tuple[Array, float]:
+        state: Any = (tuple(xi[:-2].tolist()), 0, float(xi[-2]), float(xi[-1]))
+        (z, _, smooth, lag), v = path.update(state, 0, y)
+        return np.array([*z, smooth, lag]), feedback.slope * v
+
+    return len(zero) + 2, step
+
+
+def _of_modes(feedback: NarrowBandFeedback) -> tuple[int, Step]:
+    """The same of an observer of modes, connected and within its limit: real and imaginary parts in turn."""
+    within = feedback.section.model_copy(update={"limit": math.inf, "enable_at": 0.0})
+    linear = NarrowBandFeedback(within, feedback.numbers)
+
+    def step(xi: Array, y: float) -> tuple[Array, float]:
+        state, (u,) = linear.update(tuple(map(complex, xi[0::2], xi[1::2])), 0, (y,))
+        return np.array([part for z in state for part in (z.real, z.imag)]), u
+
+    return 2 * len(feedback.poles), step

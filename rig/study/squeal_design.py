@@ -76,8 +76,9 @@ def narrow_band(designer: Designer, section: Any) -> dict[str, Any]:
     _, P, _ = control.dlqe(F, np.eye(len(F)), C, shaken + least, np.array([[section.noise**2]]))
     corrected = (P @ C.T / (C @ P @ C.T + section.noise**2)).ravel()
     pairs = {"driven": driven, "corrected": _complex(corrected), "fed_back": _complex(k.ravel())}
-    _stable(rig, designer, section, poles, *pairs.values())
-    return {"poles": _pairs(poles)} | {name: _pairs(numbers) for name, numbers in pairs.items()}
+    numbers = {"poles": _pairs(poles)} | {name: _pairs(values) for name, values in pairs.items()}
+    _stable(rig, designer, section, numbers)
+    return numbers
 
 
 def _residues(designer: Designer, section: Any, rig: Steady, values: Complex, right: Complex) -> Complex:
@@ -116,26 +117,18 @@ def _pole(residue: complex, pole: complex, s: complex) -> complex:
     return own + residue.conjugate() / (s - pole.conjugate()) if pole.imag else own
 
 
-def _stable(
-    rig: Steady, designer: Designer, section: Any, poles: Complex, driven: Complex, corrected: Complex, fed: Complex
-) -> None:
-    """Close the loop around the whole rig, command held from sample to sample; raises ValueError where it grows."""
-    from scipy.linalg import expm
+def _stable(rig: Steady, designer: Designer, section: Any, numbers: dict[str, Any]) -> None:
+    """Close the loop around the whole rig, with instrument, delays, sample and hold; ValueError where it grows."""
+    from controllers.narrow_band import NarrowBandFeedback
+    from rig.study.plant import linear
+    from rig.study.sampled import sampled
 
-    command = designer.system.names.index(designer.assembly.inputs[section.drive].state)
-    live = np.union1d(rig.moving, np.flatnonzero(rig.A[:, command]))
-    period = section.period * 1e-9
-    step = expm(rig.A * period)
-    F, G, c = step[np.ix_(live, live)], step[live, command], _reading(designer, section)[live]
-    m = 2 * len(poles)
-    C, L, k = np.tile([2.0, 0.0], len(poles)), _parts(corrected), _parts(fed)
-    kept = np.eye(m) - np.outer(L, C)
-    own = _real(np.diag(poles)) - np.outer(_parts(driven), k)
-    closed = np.block([[F - np.outer(G, (k @ L) * c), -np.outer(G, k @ kept)], [np.outer(own @ L, c), own @ kept]])
-    z = np.linalg.eigvals(closed)
+    sensor, feedback = designer.sensors[section.sensor], NarrowBandFeedback(section, numbers)
+    model = sampled(linear(designer.assembly, rig), feedback, sensor.reads, sensor.front_end(), section.delay)
+    z = np.linalg.eigvals(model.closed())
     worst = z[np.argmax(np.abs(z))]
-    if abs(worst) > 1.0:
-        rate, frequency = math.log(abs(worst)) / period, abs(cmath.phase(worst)) / (2.0 * math.pi * period)
+    if abs(worst) > 1.0 + 1e-12:
+        rate, frequency = math.log(abs(worst)) / model.period, abs(cmath.phase(worst)) / (2.0 * math.pi * model.period)
         raise ValueError(
             f"effort: with {section.effort:g} V s/m a mode at {frequency:.0f} Hz grows with {rate:.3g} 1/s; "
             "less effort, more noise, or a wider band"

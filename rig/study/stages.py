@@ -16,27 +16,45 @@ from rig.record.run import Run
 from rig.scenes.scene import Scene
 from rig.solve.system import CLOSED, STICK, System
 
+SPEEDS = ("disc_speed", "surface_speed")
+_HALF = 0.5
+
 
 class Stages(NamedTuple):
-    """Speed of the drive at the last stick on the way up and at the first one on the way down; nan without any."""
+    """Speed of the drive [unit] at the last stick on the way up and at the first one on the way down; nan without."""
 
     up: float
     down: float
+    unit: str
+
+    def text(self) -> str:
+        """For a reader."""
+        up, down = (f"{v:.5g} {self.unit}" if v == v else "none" for v in (self.up, self.down))
+        return f"last stick while it accelerates: {up}; first one while it decelerates: {down}"
 
 
-def stages(run: Run, speed: str = "disc_speed") -> Stages:
-    """The stages of a run over its output `speed`, in that output's unit."""
+def stages(run: Run) -> Stages | None:
+    """The stages of a run over the speed of its drive; None if it does not accelerate and decelerate again.
+
+    It must have been recorded with its contact modes.
+    """
+    speed = next((name for name in SPEEDS if name in run.signals), "")
+    if not speed or len(run.mode) != len(run.time):
+        return None
+    v = run.signals[speed]
+    top = np.flatnonzero(v >= v.max() * (1.0 - 1e-9))
+    if max(v[0], v[-1]) > _HALF * v.max():
+        return None
     system = Scene.from_json(run.scene).assemble().system()
     sticks = {int(key): _sticks(system, int(key)) for key in np.unique(run.mode)}
     stuck = np.array([sticks[int(key)] for key in run.mode])
-    v = run.signals[speed]
-    top = np.flatnonzero(v >= v.max() * (1.0 - 1e-9))
     moving = v > 0.0
     up = np.flatnonzero((stuck & moving)[: top[0]])
     down = np.flatnonzero((stuck & moving)[top[-1] :])
     return Stages(
         float(v[up[-1]]) if len(up) else math.nan,
         float(v[top[-1] + down[0]]) if len(down) else math.nan,
+        run.units[speed],
     )
 
 

@@ -1,20 +1,25 @@
 """Compiling ahead: every kernel shape of the shipped scenes, once for these sources.
 
-A kernel is compiled for the number of states and for what a method brings (adaptive steps, fixed steps), never for a
+A kernel is compiled for the number of states and for what a method brings (laws over speed, fixed steps), never for a
 value: many scenes share one shape. What is done is noted beside the compiled kernels, in the directory that belongs to
 exactly these sources, so that it goes when they change.
 """
 
 from __future__ import annotations
 
+import compileall
 import json
 import time
 from collections.abc import Callable, Iterable
+from itertools import product
 from pathlib import Path
 from typing import NamedTuple
 
 import llvmlite.binding
 
+import controllers
+import rig
+import sensors
 from rig import kernel, scenes
 from rig.bench.stand import Stand
 from rig.scenes.scene import Scene
@@ -30,9 +35,19 @@ class Shape(NamedTuple):
     """What a compiled kernel depends on."""
 
     states: int  # 0: any number
-    adaptive: bool
+    curved: bool
     fixed: bool
     products: bool
+    kicks: bool = False
+
+
+VARIANTS = tuple(
+    Shape(*one)
+    for one in product(range(UNROLLED + 1), (False, True), (False, True), (False, True), (False, True))
+    if one[1] or not one[3]  # a product of states is no linear motion
+    if not one[4] or (one[1] and one[2] and one[3])  # kicks come from products, in fixed steps
+)
+"""Every shape that there can be: what is compiled does not grow with the number of effects."""
 
 
 def shape(scene: Scene) -> Shape:
@@ -43,22 +58,34 @@ def shape(scene: Scene) -> Shape:
 def shape_of(system: System, method: str) -> Shape:
     """The kernel shape of a system and a method of integration."""
     how, states = chosen(method, system), system.n if system.n <= UNROLLED else 0
-    return Shape(states, not system.linear and how == "dopri5", how == "rk4", bool(system.products))
+    curved = not system.linear or how in ("kick", "smooth")
+    return Shape(states, curved, how in ("rk4", "kick"), bool(system.products) or how == "kick", how == "kick")
 
 
 def warmup(report: Callable[[str], object] | None = None, names: Iterable[str] | None = None) -> dict[Shape, float]:
-    """Compile the kernels of the scenes `names`, of all shipped ones by default; seconds for each shape compiled.
+    """Compile the kernels of the scenes `names`; by default of all shipped ones, and of the torture test.
 
-    `report` gets a line before and after each shape, with an estimate of what is left.
+    Seconds for each shape compiled. `report` gets a line before and after each shape, with an estimate of what is left.
     """
+    for package in (rig, controllers, sensors):  # some systems are told to keep no bytecode: 0.2 s of each start
+        compileall.compile_dir(Path(package.__path__[0]), quiet=2)
+    if names is not None:
+        return prepare([scenes.load(name) for name in names], report)
+    from rig.study.torture.cells import needed  # it asks this module for shapes
+
+    return prepare([*(scenes.load(name) for name in scenes.names()), *needed()], report)
+
+
+def prepare(wanted_scenes: Iterable[Scene], report: Callable[[str], object] | None = None) -> dict[Shape, float]:
+    """Compile what these scenes need and is not there yet; as `warmup`."""
     say = report or (lambda _: None)
     wanted: dict[Shape, list[Scene]] = {}
-    for name in names if names is not None else scenes.names():
-        scene = scenes.load(name)
+    for scene in wanted_scenes:
         wanted.setdefault(shape(scene), []).append(scene)
     done = ready()
     missing = [one for one in wanted if one not in done]
-    say(f"{len(wanted)} kernel shapes in {sum(map(len, wanted.values()))} scenes, {len(missing)} to prepare")
+    many = f"{len(wanted)} kernel shapes in {sum(map(len, wanted.values()))} scenes"
+    say(f"{many}, {len(missing)} to prepare; there can be {len(VARIANTS)}")
     spent: dict[Shape, float] = {}
     for number, one in enumerate(missing, 1):
         scene = wanted[one][0]

@@ -20,7 +20,8 @@ from rig import bus
 from rig.bus import setup
 from rig.bus.port import Receiver, Session, Watch
 from rig.errors import BusError
-from rig.process import stand_back, stopping
+from rig.process import stopping
+from rig.scheduling import stand_back
 from rig.view import viewer
 from rig.view.drawing import Drawing, send
 from rig.view.feed import Feed

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.bench.pace import Pacer, WallClock, judge, no_garbage, sharpen_timers
+from rig.bench.pace import Pacer, WallClock, judge, no_garbage, sharpen_timers, stolen_ns
 
 MS = 1_000_000
 
@@ -174,3 +174,8 @@ def test_a_frame_costs_the_pacer_little(best):
             pacer.wait()
 
     assert best(run) / 5_000 < 5_000  # 1 us on an idle machine, most of it the fake clock
+
+
+def test_what_a_host_takes_never_comes_back():
+    first = stolen_ns()
+    assert 0 <= first <= stolen_ns()

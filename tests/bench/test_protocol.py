@@ -6,7 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydantic import TypeAdapter
 
+from rig import scenes
 from rig.bench.protocol import Apply, Change, Finish, Move, Note, Protocol, Range, Strike, Switch
+from rig.bench.stand import Stand
 from rig.scenes.protocol import Step
 from rig.solve.assembly import Input
 
@@ -217,3 +219,13 @@ def test_nothing_due_costs_nothing(best):
             made.due(tick, latest)
 
     assert best(run) / 5_000 < 2_000  # 0.1 us on an idle machine
+
+
+def test_a_rig_without_contacts_is_struck_in_its_first_coordinate():
+    stand = Stand(scenes.load("lever_free_cylinder"))
+    before, system = stand.motion.x.copy(), stand.motion.system
+    assert not system.patches
+    stand.knock(1e-3)
+    n = len(system.coordinates)
+    momentum = system.mass @ (stand.motion.x - before)[n : 2 * n]
+    assert momentum == pytest.approx(np.eye(n)[0] * 1e-3)

@@ -47,6 +47,7 @@ def summary():
         "wall_seconds": 1.002,
         "timing": timing.told(),
         "waiting": {"spin_ns": 0, "why": "spinning gains nothing"},
+        "scheduling": "",
         "round_trip": {"p50": 120.0, "p99": 300.0, "max": 900.0},
         "loop": {"nf": COUNTS, "refused": {"stranger": 4}},
         "lost": {"meas/laser to recorder": 2},

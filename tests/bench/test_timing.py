@@ -50,6 +50,14 @@ def test_the_verdict_follows_the_share_of_late_frames(late, word):
     assert timing.verdict(0.01, 0.05).word == word
 
 
+def test_what_the_host_took_is_told():
+    timing = kept([0] * 10)
+    assert not any("host" in reason for reason in timing.verdict(0.01, 0.05).reasons)
+    timing.stolen_share = 0.25
+    assert "the host of this machine took 25.0% of its processors' time" in timing.verdict(0.01, 0.05).reasons
+    assert timing.told()["stolen_share"] == 0.25
+
+
 def test_exactly_one_frame_late_is_not_late():
     assert kept([MS] * 100).late == 0
     assert kept([MS + 1] * 100).late == 100

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -12,15 +13,17 @@ import numpy as np
 import pytest
 
 from rig import scenes
-from rig.cli import app, host, live, logs, options, processes, runs, study
+from rig.cli import app, cost, host, live, logs, options, processes, runs, study, torture
 from rig.cli import scenes as scene_commands
 from rig.errors import Diverged, UsageError
+from rig.record.reader import open as open_recording
+from rig.study.amplitude import index
 
-ROOMS = (runs, scene_commands, study, logs, live, processes, host)
+ROOMS = (runs, scene_commands, study, cost, torture, logs, live, processes, host)
 COMMANDS = sorted(name for room in ROOMS for name in room.COMMANDS)
 PROMISED = (
     "demo list run plant control record view simulate replay verify tune warmup explain modes cycle identify map "
-    "reproduce doctor diff sound recover"
+    "reproduce doctor diff sound amplitude recover cost torture"
 )
 
 
@@ -309,3 +312,33 @@ def test_map_by_eigenvalues_needs_both_axes_and_leaves_figure_and_table(rig, tmp
     assert "0.15 m/s to 0.20794" in out
     [folder] = tmp_path.iterdir()
     assert {"regions.png", "regions.csv"} <= {path.name for path in folder.iterdir()}
+
+
+def test_amplitude_of_the_golden_recording(rig):
+    code, out, _ = rig("amplitude", "recordings/golden/pendulum.mcap", "--from", "3 s", "--json")
+    assert code == 0
+    [row] = [r for r in json.loads(out)["rows"] if r["sensor"] == "vibrometer" and r["stage"] == "accelerate"]
+    run = open_recording("recordings/golden/pendulum.mcap")
+    connected = next(e["t_ns"] for e in run.events if e["text"] == "feedback on") * 1e-9
+    here = (run.time >= 3.0) & (run.time <= connected)
+    truth = index(run.time[here], run.signals["velocity"][here])
+    assert row["found"]["half"] == pytest.approx(truth.half, rel=0.02)
+    assert row["found"]["cycles"] == truth.cycles > 5
+    code, _, err = rig("amplitude", "recordings/golden/pendulum.mcap", "--from", "60 s")
+    assert code == 2
+    assert "nothing is left; the recording has 0 to 9" in err
+
+
+def test_an_interrupt_ends_a_simulation_and_tells_how_far_it_came(rig, monkeypatch):
+    package = __import__("rig")
+    simulate = package.simulate
+
+    def interrupted(*arguments, **more):
+        os.kill(os.getpid(), signal.SIGINT)
+        return simulate(*arguments, **more)
+
+    monkeypatch.setattr(package, "simulate", interrupted)
+    code, out, err = rig("simulate", "belt_c", "--duration", "1000")
+    assert code == 130
+    assert "interrupted by SIGINT: 0.1 s" in out
+    assert "once more" in err

@@ -134,6 +134,9 @@ def test_the_shunt_silences_the_squeal_and_it_comes_back(row):
     for begin, rows in ((0.8, row["v_after_connect"]), (1.1, row["v_after_disconnect"])):
         for after, expected in rows:
             assert envelope(run, begin + after) == pytest.approx(expected, rel=0.05), (begin, after)
+    full = envelope(run, 0.78)
+    assert envelope(run, 0.8 + 0.035) < 0.1 * full  # figure 29: 20 dB in some 30 ms, and full again in less than 200
+    assert envelope(run, 1.1 + 0.2) > 0.98 * full
 
 
 def test_the_energy_of_the_brake_closes_through_switching():

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from rig.errors import SceneError
 from rig.solve import expm
 from rig.solve.formulation import assemble
+from rig.solve.motion import Motion
 from rig.solve.slots import Slots
 from rig.solve.system import OPEN, SLIP_MINUS, SLIP_PLUS, STICK
 
@@ -18,6 +19,20 @@ def test_only_mode_sets_that_are_visited_are_built(rigs, run):
     assert motion.system.keys == 6
     assert len(motion.slots.sets) == motion.counts()["mode_sets"] == 2
     assert {motion.system.describe(s.key) for s in motion.slots.sets} == {"contact stick", "contact slip+"}
+
+
+def test_mode_sets_that_were_foreseen_are_there_and_change_no_bit(rigs, run):
+    plain, foreseen = (Motion(rigs.p1(), 1_000_000, "exact") for _ in range(2))
+    foreseen.foresee(most=5)
+    assert len(foreseen.slots.sets) == len(plain.slots.sets) == 1  # there are six: more than asked for
+    foreseen.foresee()
+    assert {s.key for s in foreseen.slots.sets} == set(range(foreseen.system.keys))
+    for _ in range(2000):
+        plain.advance(1)
+        foreseen.advance(1)
+    assert plain.counts()["events"] == foreseen.counts()["events"] > 10
+    assert plain.x.tobytes() == foreseen.x.tobytes()
+    assert plain.energy() == foreseen.energy()
 
 
 def test_a_key_names_its_modes_and_back(rigs):

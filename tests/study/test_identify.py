@@ -7,8 +7,11 @@ import pytest
 
 import rig
 from rig.errors import UsageError
+from rig.record.run import Run, Samples
+from rig.solve.system import CLOSED, SLIP_PLUS, STICK
 from rig.study import amplitude
 from rig.study.identify import identify, vibration
+from rig.study.stages import stages
 
 EXPERIMENTS = {
     "lever_free_cylinder": {"cylinder.inertia": 0.035, "cylinder.damping": 0.12},
@@ -77,3 +80,47 @@ def test_amplitude_index_of_the_lever_as_its_lasers_see_it():
         low, high = cycle.extremes[output]
         assert found.half == pytest.approx(0.5 * (high - low), rel=0.02)
         assert found.frequency == pytest.approx(cycle.frequency, rel=0.005)
+
+
+def recorded(speed, stuck, velocity):
+    """A run of the belt with a vibrometer at 1 kHz, and marks at 1 and 2 s."""
+    n = len(speed)
+    t_ns = np.arange(n) * 1_000_000
+    marks = [{"t_ns": t * 1_000_000_000, "kind": "mark", "text": text} for t, text in ((1, "hold"), (2, "stop"))]
+    system = rig.load("belt").assemble().system()
+    keys = {mode: system.key([mode], [CLOSED], [], []) for mode in (STICK, SLIP_PLUS)}
+    return Run(
+        scene=rig.load("belt").to_json(),
+        step_ns=1_000_000,
+        frame_ns=1_000_000,
+        time=t_ns * 1e-9,
+        signals={"surface_speed": speed},
+        units={"surface_speed": "m/s", "meas/vibrometer": "m/s"},
+        measurements={"vibrometer": Samples(t_ns, velocity)},
+        events=marks,
+        mode=np.where(stuck, keys[STICK], keys[SLIP_PLUS]),
+    )
+
+
+def test_amplitude_and_last_stick_of_each_stage():
+    t = np.arange(3001) * 1e-3
+    speed = np.minimum(np.minimum(t, 1.0), 3.0 - t)
+    size = np.where(t < 1.0, 0.1, np.where(t < 2.0, 0.2, 0.4))
+    run = recorded(speed, (t < 0.6) | (t > 2.7), size * np.sin(2.0 * np.pi * 20.0 * t))
+    rows = {row.stage: row for row in amplitude.measured(run)}
+    assert [row.found.half for row in rows.values()] == pytest.approx([0.1, 0.2, 0.4], rel=1e-2)
+    assert list(rows) == ["before", "hold", "stop"]
+    assert all(row.found.frequency == pytest.approx(20.0, rel=1e-3) for row in rows.values())
+    found = stages(run)
+    assert (found.up, found.down) == pytest.approx((0.599, 0.299))
+    assert found.text() == "last stick while it accelerates: 0.599 m/s; first one while it decelerates: 0.299 m/s"
+    late = list(amplitude.measured(run, first=1.2, last=1.8))
+    assert [row.stage for row in late] == ["hold"]
+    assert late[0].found.cycles == 10  # twelve periods; the first begins in its middle, the last is cut off
+
+
+def test_a_run_without_stages_has_none():
+    t = np.arange(3001) * 1e-3
+    assert stages(recorded(np.ones(t.size), t < 1.0, np.sin(t))) is None
+    whole = recorded(t, t < 1.0, np.sin(t))
+    assert stages(whole) is None

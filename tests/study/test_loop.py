@@ -12,11 +12,15 @@ import control
 import numpy as np
 import pytest
 
+import controllers
 import rig
 from rig.cli import app
 from rig.errors import SceneError
 from rig.study.axis import Axis
+from rig.study.design import numbers
 from rig.study.loop import sweep_loop
+from rig.study.plant import plant
+from rig.study.sampled import sampled
 
 ROOTS = json.loads((Path(__file__).parents[1] / "reference" / "loop_roots.json").read_text())
 FINE = {"clock.frame": "100 us", "controllers.nf.period": "100 us", "sensors.vibrometer.rate": "10 kHz"}
@@ -232,3 +236,20 @@ def test_the_command_closes_the_loop_and_tells_all_faults(capsys):
     assert code == 2
     assert "did you mean nf?" in err
     assert "count = 1" in err
+
+
+def test_an_observer_of_modes_has_a_loop_too():
+    """The squeal grows without it; a loop that is late by its delay margin begins to grow."""
+    scene = rig.load("brake_active")
+    found = rig.loop(scene, "nb")
+    low, high = found.gain_range
+    assert found.growth < 0.0 < low < 1.0 < high
+    section, sensor = scene.controllers["nb"], scene.sensors["vibrometer"]
+    feedback = controllers.build(section, numbers(scene)["nb"])
+
+    def growth(late):
+        model = sampled(plant(scene), feedback, sensor.reads, sensor.front_end(), round(1e9 * late))
+        return math.log(np.abs(np.linalg.eigvals(model.closed())).max()) / model.period
+
+    margin = found.margins["delay"]
+    assert growth(0.98 * margin) < 0.0 < growth(1.02 * margin)

@@ -38,6 +38,13 @@ def test_coulomb_friction_leaves_the_damper_alone():
     assert modes(rig.load("belt_c")).sliding.modes[0].kind == "neutral"
 
 
+def test_what_stays_is_no_divergence():
+    """An open shunt keeps its charge and its current: two eigenvalues that are zero, not small."""
+    kinds = {mode.kind: mode for mode in modes(rig.load("brake_shunt")).sliding.modes}
+    assert kinds.keys() == {"flutter", "stays", "decays"}
+    assert kinds["stays"].growth == kinds["stays"].frequency == 0.0
+
+
 @pytest.mark.parametrize(("speed", "stable"), [(0.20794, False), (0.20795, True)])
 def test_sliding_is_stable_above_a_speed(speed, stable):
     assert modes(rig.load("belt", {"drive.speed": speed})).sliding.stable is stable

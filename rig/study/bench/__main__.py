@@ -12,13 +12,14 @@ from pathlib import Path
 from typing import Any
 
 from rig.record.provenance import provenance
-from rig.study.bench import disc, kernels, loop, maps, twins, whole
+from rig.study.bench import absent, disc, kernels, loop, maps, twins, whole
 
 FLOORS = {
     "kernel_rtf": 1e4,
     "whole_rtf": 100.0,
     "twin": 1.15,
     "twin_exact": 1.5,
+    "absent": 1.03,
     "scipy": 200.0,
     "squeal": 2.0,
     "start": 2.0,
@@ -90,6 +91,10 @@ def main() -> int:
         verdict = judged("stiff shunt", stiff["rtf"], "kernel_rtf")
         say(f"  exact on the stiff shunt of belt_shunt, 3400 Hz at 1 ms: {stiff['rtf']:.0f} x real time {verdict}, "
             f"error of event times {stiff['error']:.1e} of a period")  # fmt: skip
+    found["absent"] = a = absent.cost()
+    verdict = judged("absent effects", a["ratio"], "absent", at_most=True)
+    say(f"  forces without products: {a['ns']:.1f} ns, of a source that never knew of them {a['ns_without']:.1f}: "
+        f"ratio {a['ratio']:.3f} {verdict}")  # fmt: skip
     found["scipy"] = versus = kernels.scipy_ratio()
     verdict = judged("scipy", versus["ratio"], "scipy")
     say(f"  exact over scipy solve_ivp (DOP853, rtol 1e-9, events): {versus['ratio']:.0f} x faster {verdict}; "

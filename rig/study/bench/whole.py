@@ -8,6 +8,8 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
+from rig.study.warmup import warmup
+
 SQUEAL = {
     "start.velocity": 0.2,
     "sensors.microphone.kind": "microphone",
@@ -41,7 +43,8 @@ def _timed(name: str, changes: Mapping[str, Any], seconds: float | None, rounds:
 
 
 def start(rounds: int = 5) -> dict[str, Any]:
-    """Wall time of `rig simulate pendulum --duration 10` as a new process, kernels compiled."""
+    """Wall time of `rig simulate pendulum --duration 10` as a new process, after `rig warmup`."""
+    warmup(names=["pendulum"])
     command = [sys.executable, "-m", "rig", "simulate", "pendulum", "--duration", "10"]
     times = []
     for _ in range(rounds + 1):

@@ -64,6 +64,8 @@ def sound(figure: Figure) -> Iterator[Comparison]:
         fall, told = (20.0 * math.log10(a / b) for a, b in
                       ((envelope(begin - 0.02), envelope(begin + after)), (0.1776780, expected)))  # fmt: skip
         yield Comparison(f"{1e3 * after:g} ms after connecting: fall", "dB", fall, told, "reference", absolute=2.0)
+    tenth = next(ms for ms in range(1000) if envelope(begin + 1e-3 * ms) < 0.1 * envelope(begin - 0.02))
+    yield Comparison("connected, 20 dB less after", "ms", tenth, 30.0, "paper", absolute=5.0)
     silent = (t > begin + 1.0) & (t < end)
     left = float(np.sqrt(np.mean(heard.v[silent] ** 2)))
     yield Comparison("what is left while connected", "Pa", left, 0.035, "paper", absolute=0.015)

@@ -194,6 +194,7 @@ def three_stages(figure: Figure) -> Iterator[Comparison]:
 
     ran = run(load("lever_three_stage"))
     found = stages(ran)
+    assert found is not None
     up, down = found.up / RPM, found.down / RPM
     angle, speed = figure.subplots(2, 1, sharex=True)
     angle.plot(ran.time, 1e3 * ran.signals["angle"], color=BLUE, lw=0.3)

@@ -1,0 +1,193 @@
+"""The audit of a run: which effects changed nothing in it, and which were missing, judged on states that it visited.
+
+At up to two dozen states, spread over the run, the rig is assembled with and without an effect and asked for the same
+instant: what accelerates each body, how fast each other state moves, what each contact bears. The effect's share is
+
+    max( |M^1/2 (a - a')| / |M^1/2 |a||,  |r - r'| / ||r||,  |T - T'| / |T| )        norms over all states looked at
+
+with |a|, |r| the sums of the sizes of their terms, so that steady sliding, where all forces balance, is no nought. This
+is not the error of the motion, which `rig explain SCENE --measure` tells by paired runs; but it needs no second run. An
+absent effect has the values of a shipped scene of the same plant. What is bought and mounted, such as an absorber, a
+stack or a source of dither, is absent on purpose.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import RigError
+from rig.scenes.scene import Scene
+from rig.scenes.variants import absent, added, dropped, without
+from rig.solve.formulation import ModeSet, assemble
+from rig.solve.linear import inputs, loads, own_law
+from rig.solve.motion import Motion
+from rig.solve.system import CLOSED, LINEAR, OPEN, System
+
+Array = NDArray[np.float64]
+Told = dict[str, tuple[float, float, float]]
+LEAST = 1e-3
+"""Share of the forces below which an effect counts as nothing."""
+MOST = 24
+"""States that are kept of a run."""
+_ROUNDING = 1e-12
+DEVICES = ("amplifier", "dither", "piezo", "shunt", "tuned_mass")
+
+
+class Visited(NamedTuple):
+    """A state of a run and the mode set it was in."""
+
+    system: System
+    key: int
+    x: Array
+
+
+class Witness:
+    """Keeps states of a run at its frames, evenly spread whatever its length. `due`: the next frame to look at."""
+
+    def __init__(self) -> None:
+        self.kept: list[Visited] = []
+        self.due = self._every = 1
+
+    def look(self, motion: Motion, frame: int, steps: int) -> None:
+        """Keep what `motion` passed since the last look; it is at the end of frame `frame`, of `steps` steps each."""
+        while self.due <= frame:
+            row = motion.kept - 1 - (frame - self.due) * steps
+            if 0 <= row < motion.kept:
+                key = motion.slots.sets[int(motion.log.modes[row])].key
+                self.kept.append(Visited(motion.system, key, motion.log.out[row].copy()))
+            if len(self.kept) == MOST:
+                self.kept = self.kept[1::2]
+                self._every *= 2
+            self.due += self._every
+
+
+@dataclass(frozen=True)
+class Judged:
+    """An effect and its `share`; `like`: the scene that its values are from where it is absent."""
+
+    effect: str
+    on: bool
+    share: float
+    like: str = ""
+
+    @property
+    def noted(self) -> bool:
+        """Whether it is worth a word: on for nothing, or missing."""
+        return self.on != (self.share >= LEAST)
+
+    def text(self) -> str:
+        """For a reader."""
+        if self.on:
+            size = f"{self.share:.1g} of the forces" if self.share > _ROUNDING else "nothing"
+            return f"{self.effect} is on and changes {size}"
+        return f"{self.effect} is absent; as in {self.like} it would change {self.share:.1%} of the forces"
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {**asdict(self), "noted": self.noted, "text": self.text()}
+
+
+def audit(scene: Scene, witness: Witness, motion: Motion) -> list[dict[str, Any]]:
+    """Every effect that the plant of `scene` can be with or without, judged on the states of `witness`."""
+    return [one.to_json() for one in _judged(scene, witness.kept, _clamped(motion))]
+
+
+def _judged(scene: Scene, kept: Sequence[Visited], clamped: dict[str, float]) -> Iterator[Judged]:
+    if not kept:
+        return
+    own: dict[int, Told] = {}
+    for name, keys in dropped(scene).items():
+        try:
+            other = without(scene, keys).assemble().system()
+        except RigError:  # the plant cannot do without it
+            continue
+        limited = clamped.get(name.removesuffix(" limits"), 0.0) if name.endswith(" limits") else 0.0
+        yield Judged(name, True, max(share(kept, other, own), limited))
+    for name, keys in absent(scene).items():
+        if name in DEVICES:
+            continue
+        try:
+            more, like = added(scene, keys)
+            yield Judged(name, False, share(kept, more.assemble().system(), own), like)
+        except RigError:  # nobody has values for it
+            continue
+
+
+def _clamped(motion: Motion) -> dict[str, float]:
+    """Share of the ticks that each limiter was clamped in; what is rare is not among the states that were kept."""
+    system, tally = motion.system, motion.state.tally.astype(np.float64)
+    found = dict.fromkeys((limiter.name for limiter in system.limiters), 0.0)
+    for ticks, modes in zip(tally.tolist(), motion.slots.sets):
+        for limiter, mode in zip(system.limiters, system.modes(modes.key)[2]):
+            found[limiter.name] += ticks / max(float(tally.sum()), 1.0) * (mode != LINEAR)
+    return found
+
+
+def share(kept: Sequence[Visited], other: System, own: dict[int, Told]) -> float:
+    """How much another rig differs at the states of this one (see the file's head); `own`: told of this one so far."""
+    sums: dict[str, list[float]] = {}
+    met: dict[tuple[int, int], tuple[ModeSet, ModeSet] | None] = {}
+    for i, (system, key, x) in enumerate(kept):
+        pair = met.get((id(system), key), ())
+        if pair == ():
+            pair = met[id(system), key] = _pair(system, other, key)
+        if not pair:
+            continue
+        if i not in own:
+            own[i] = _told(system, pair[0], x)
+        mine, theirs = own[i], _told(other, pair[1], _carried(system, other, x))
+        for name in mine.keys() & theirs.keys():
+            group, (value, size, weight) = name.partition(" ")[0], mine[name]
+            total = sums.setdefault("a" if group == "a" else name, [0.0, 0.0])
+            total[0] += weight * (value - theirs[name][0]) ** 2
+            total[1] += weight * size**2
+    return max((float(np.sqrt(away / size)) for away, size in sums.values() if size > 0.0), default=0.0)
+
+
+def _pair(system: System, other: System, key: int) -> tuple[ModeSet, ModeSet] | None:
+    """The same mode set of both rigs, as far as the other one knows it; None where it jams there."""
+    names = [[p.name for p in parts] for parts in _parts(system)]
+    modes = [dict(zip(n, m)) for n, m in zip(names, system.modes(key))]
+    at = [
+        [known.get(p.name, CLOSED if kind else 0) for p in parts]
+        for kind, (known, parts) in enumerate(zip(modes, _parts(other)))
+    ]
+    at[1] = [CLOSED if mode == OPEN and not n.opens else mode for mode, n in zip(at[1], other.normals)]
+    try:
+        return assemble(system, key), assemble(other, other.key(at[0], at[1], at[2], at[3], at[4]))
+    except np.linalg.LinAlgError:
+        return None
+
+
+def _parts(system: System) -> tuple[Sequence[Any], ...]:
+    return system.patches, system.normals, system.limiters, system.sectors, system.switches
+
+
+def _carried(system: System, other: System, x: Array) -> Array:
+    """The state as the other rig's: by name; what is not known there begins as it does there."""
+    known = dict(zip(system.names, x.tolist()))
+    return np.array([known.get(name, start) for name, start in zip(other.names, other.start.tolist())])
+
+
+def _told(system: System, modes: ModeSet, x: Array) -> Told:
+    """Of each acceleration, other rate and contact: value, size of its terms, weight."""
+    nq = len(system.coordinates)
+    T, _ = inputs(system, modes, x, own_law(system, modes))
+    rates = modes.A @ x + modes.b @ T
+    sizes = np.abs(modes.A) @ np.abs(x) + np.abs(modes.b) @ np.abs(T)
+    found = {
+        f"a {name}": (rates[nq + i], sizes[nq + i], system.mass[i, i]) for i, name in enumerate(system.coordinates)
+    }
+    found |= {f"r {system.names[i]}": (rates[i], sizes[i], 1.0) for i in range(2 * nq, system.n)}
+    friction = modes.friction @ x + modes.friction_t @ T
+    load, load_t = loads(system, modes)
+    pressed = load @ x + load_t @ T
+    for patch, force, normal in zip(system.patches, friction.tolist(), pressed.tolist()):
+        found[f"T {patch.name}"] = (force, force, 1.0)
+        found[f"N {patch.name}"] = (normal, normal, 1.0)
+    return found

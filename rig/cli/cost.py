@@ -1,0 +1,125 @@
+"""The command that tells what accuracy costs in time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rig.cli import tell
+from rig.cli.options import Budget, Changes, Json, SceneName, accuracy, changes, share
+
+if TYPE_CHECKING:
+    from rig.scenes.scene import Scene
+    from rig.study.cost import Table
+    from rig.study.cost.delay import Delayed
+    from rig.study.cost.effects import Paired
+
+Metric = Annotated[str, typer.Option(metavar="MEASURE", help="Error to judge by; the largest of all by default.")]
+Target = Annotated[float, typer.Option(metavar="ERROR", help="Relative error that is asked for.")]
+Folder = Annotated[Path, typer.Option(metavar="FOLDER", help="Where the folder of this scene is made or found.")]
+Peers = Annotated[
+    bool,
+    typer.Option("--peers", help="Race scipy, SUNDIALS, diffrax, PathSim and MuJoCo in place of it, where installed."),
+]
+
+
+def cost(
+    scene: SceneName,
+    p: Changes = None,
+    metric: Metric = "worst",
+    target: Target = 1e-3,
+    budget: Budget = None,
+    peers: Peers = False,
+    out: Folder = Path("cost"),
+    as_json: Json = False,
+) -> None:
+    """What accuracy costs: error in physical measures against compute, per method and step, and what to take.
+
+    Measured on this machine. Table, CSV, Parquet, figure; `rig run SCENE --accuracy 1e-4` makes use of it.
+    """
+    wanted, most = accuracy(target, "--target"), share(budget)
+    from rig.errors import UsageError
+    from rig.scenes import load
+    from rig.study.cost import cost as measure
+    from rig.study.cost import folder_of, recommended
+    from rig.study.cost.figure import draw
+    from rig.study.cost.report import COLUMNS, lines, notes
+    from rig.study.cost.waterfall import text
+
+    loaded = load(scene, changes(p))
+    if peers:
+        _race(loaded, target, out, as_json)
+        return
+    with tell.bar("settings") as progress:
+        found = measure(loaded, out, progress)
+    by = found.metric(metric)
+    try:
+        pick, why = recommended(found.rows, by, wanted, most), ""
+    except UsageError as error:
+        pick, why = None, str(error)
+    folder = folder_of(loaded, out)
+    draw(found, by, pick, most, folder / "cost.png")
+    loops, parts = _loops(loaded, found, folder), _effects(loaded, found, folder)
+    if as_json:
+        told = {**vars(found), "rows": [row.flat() for row in found.rows], "folder": str(folder)}
+        told |= {"recommended": None if pick is None else pick.flat(), "why": why}
+        tell.report({**told, "loops": [vars(one) for one in loops], "effects": [one.to_json() for one in parts]})
+    else:
+        tell.table(f"{found.scene}: what accuracy costs here", COLUMNS, lines(found, by, pick))
+        tell.line()
+        for line in [*notes(found, by), *(one.text() for one in loops), *map(text, parts)]:
+            tell.line(f"  {line}")
+        tell.line(f"\nrecommended for {wanted:g}: {why or pick.told(by)}")  # type: ignore[union-attr]
+        tell.line(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
+    if pick is None:
+        raise typer.Exit(1)
+
+
+def _race(scene: Scene, target: float, out: Path, as_json: bool) -> None:
+    """Other people's solvers on the same problem."""
+    from rig.record.provenance import provenance
+    from rig.study.cost import folder_of
+    from rig.study.cost.peers import race
+    from rig.study.cost.peers.report import COLUMNS, draw, lines, write
+
+    with tell.bar("runs") as progress:
+        found = race(scene, report=progress)
+    folder = folder_of(scene, out)
+    folder.mkdir(parents=True, exist_ok=True)
+    write(found, folder / "peers.csv")
+    draw(found, scene.title, provenance(scene.seed), target, folder / "peers.png")
+    if as_json:
+        tell.report([vars(one) for one in found])
+        return
+    tell.table(f"{scene.name}: the quickest setting that meets {target:g}", COLUMNS, lines(found, target))
+    tell.line(f"\n{folder}/peers.png, peers.csv; what is not installed: pip install friction-rig[peers]")
+
+
+def _loops(scene: Scene, found: Table, folder: Path) -> list[Delayed]:
+    """What delay and sampling of its loops cost."""
+    from rig.study.cost.delay import delayed, draw, write
+
+    loops = delayed(scene)
+    if loops:
+        write(loops, folder / "delay.csv")
+        draw(loops, found, folder / "delay.png")
+    return loops
+
+
+def _effects(scene: Scene, found: Table, folder: Path) -> list[Paired]:
+    """What its effects cost and change."""
+    from rig.study.cost.effects import effects
+    from rig.study.cost.waterfall import draw, write
+
+    with tell.bar("effects") as progress:
+        parts = effects(scene, report=progress)
+    if parts:
+        write(parts, folder / "effects.csv")
+    if not all(one.fault for one in parts):
+        draw(parts, found, folder / "effects.png")
+    return parts
+
+
+COMMANDS = {"cost": (cost, "rig cost belt_c --target 1e-4 --budget 40%")}

@@ -1,0 +1,94 @@
+"""The command of the hard cases."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from rig.cli import tell
+from rig.cli.options import Json
+from rig.errors import UsageError
+
+if TYPE_CHECKING:
+    from rig.study.torture import Cell
+
+CaseName = Annotated[
+    list[str] | None, typer.Option("--case", metavar="ID", help="Only this case, or a file; may be repeated.")
+]
+Folder = Annotated[Path, typer.Option(metavar="FOLDER", help="Where table, figure, JSON and JUnit go.")]
+
+
+def torture(
+    quick: Annotated[bool, typer.Option("--quick", help="Under a minute: short runs, the default.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Every step and every case, over the whole time.")] = False,
+    case: CaseName = None,
+    search: Annotated[
+        bool, typer.Option("--search", help="Draw values from the boxes of the cases instead; keeps what breaks one.")
+    ] = False,
+    out: Folder = Path("torture"),
+    as_json: Json = False,
+) -> None:
+    """Hard cases by methods by steps: each cell green, amber or red with one reason.
+
+    Exit code 1 where the method that a scene gets by default is not green. Comparison methods are there to be seen
+    failing.
+    """
+    if quick and full:
+        raise UsageError("--quick or --full, not both")
+    from rig.study import torture as study
+    from rig.study.torture import report
+    from rig.study.torture.case import load, names
+
+    wanted = case or [name for name in names() if full or load(name).quick]
+    if search:
+        _search(wanted, as_json)
+        return
+    status = tell.Status()
+    cells = study.matrix(wanted, not full, status.show)
+    status.done()
+    report.keep(cells, out, not full)
+    if as_json:
+        tell.report([cell.to_json() for cell in cells])
+    else:
+        _table(cells)
+        tell.line(f"\n{out}/matrix.png, matrix.svg, matrix.json, junit.xml")
+    if not all(cell.good for cell in cells):
+        raise typer.Exit(1)
+
+
+def _table(cells: list[Cell]) -> None:
+    """A row for each case and method, its steps side by side; then what decided where it is not green."""
+    rows = []
+    for cell in cells:
+        v = cell.verdict
+        name = f"{cell.method} (default)" if cell.default else cell.method
+        rows.append((cell.case, name, f"{cell.step:g} s", v.colour, v.reason, v.told, f"{cell.seconds:.2f} s"))
+    tell.table("", ("case", "method", "step", "", "reason", "", "time"), rows)
+    counts = {colour: sum(cell.verdict.colour == colour for cell in cells) for colour in ("green", "amber", "red")}
+    bad = sum(not cell.good for cell in cells)
+    told = ", ".join(f"{count} {colour}" for colour, count in counts.items())
+    tell.line(f"{len(cells)} cells: {told}; of the default {bad or 'none'} not green")
+
+
+def _search(wanted: list[str], as_json: bool) -> None:
+    from rig.study.torture.case import load
+    from rig.study.torture.search import search
+
+    found = {}
+    for name in wanted:
+        case = load(name)
+        if not case.box:
+            continue
+        hit = search(case)
+        found[name] = None if hit is None else {"file": str(hit[0]), **hit[1].to_json()}
+        if not as_json:
+            tell.line(f"{name}: {'holds' if hit is None else f'{hit[1].verdict.told}; kept as {hit[0]}'}")
+    if as_json:
+        tell.report(found)
+    if any(found.values()):
+        raise typer.Exit(1)
+
+
+COMMANDS = {"torture": (torture, "rig torture --case grazing")}

@@ -1,0 +1,96 @@
+"""A scene with an effect less, or with one more: what paired runs and the audit of a run compare."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+from pydantic import ValidationError
+
+from rig.errors import RigError, SceneError
+from rig.quantities import Section
+from rig.scenes.explain import BOUNDS, optional
+from rig.scenes.loader import load
+from rig.scenes.scene import Scene
+from rig.scenes.shelf import card, names
+
+Keys = list[str]
+
+
+def dropped(scene: Scene) -> dict[str, Keys]:
+    """Effects that the scene names and its plant may be without -> the keys to take away."""
+    return _named(scene, on=True)
+
+
+def absent(scene: Scene) -> dict[str, Keys]:
+    """Effects that its plant knows and the scene does not name -> their keys."""
+    on = dropped(scene)
+    return {name: keys for name, keys in _named(scene, on=False).items() if name not in on}
+
+
+def _named(scene: Scene, on: bool) -> dict[str, Keys]:
+    found: dict[str, Keys] = {}
+    for name, named in optional(scene.parameters):
+        if named == on:
+            owner = f"{name.partition(' ')[0]} limits" if name.endswith(BOUNDS) else name
+            found.setdefault(owner, []).append(name.replace(" ", "."))
+    return found
+
+
+def without(scene: Scene, keys: Keys) -> Scene:
+    """The scene with tables or values taken away, and what reads them. Raises SceneError where the plant needs them."""
+    return _changed(scene, dict.fromkeys(keys))
+
+
+def added(scene: Scene, keys: Keys) -> tuple[Scene, str]:
+    """The scene with tables or values that it lacks, as in a shipped scene of the same plant; the name of that one.
+
+    Raises SceneError where no shipped scene has them, or none whose values go with this scene.
+    """
+    fault = SceneError(scene.name, ["no shipped scene of this plant has it"])
+    for other in _of_plant(scene.plant):
+        raw = other.parameters.model_dump()
+        values = {key: value for key in keys if (value := _at(raw, key)) is not None}
+        if not values:
+            continue
+        try:
+            return _changed(scene, values), other.name
+        except SceneError as error:
+            fault = error
+    raise fault
+
+
+@cache
+def _of_plant(plant: str) -> tuple[Scene, ...]:
+    return tuple(load(name) for name in names() if card(name)["plant"] == plant)
+
+
+def _changed(scene: Scene, values: dict[str, Any]) -> Scene:
+    raw = scene.parameters.model_dump()
+    for key, value in values.items():
+        *path, last = key.split(".")
+        _at(raw, ".".join(path))[last] = value
+    try:
+        parameters: Section = type(scene.parameters).model_validate(given(raw))
+        changed = replace(scene, parameters=parameters)
+        outputs = changed.assemble().outputs
+    except ValidationError as error:
+        raise SceneError(scene.name, [one["msg"].removeprefix("Value error, ") for one in error.errors()]) from None
+    except RigError as error:
+        raise SceneError(scene.name, [" ".join(str(error).split())]) from None
+    sensors = {name: section for name, section in scene.sensors.items() if section.reads in outputs}
+    limits = {name: limit for name, limit in scene.limits.items() if name in outputs}
+    return replace(changed, sensors=sensors, limits=limits)
+
+
+def _at(raw: Any, key: str) -> Any:
+    """What stands at a dotted key; None where nothing does."""
+    for part in filter(None, key.split(".")):
+        raw = raw.get(part) if isinstance(raw, dict) else None
+    return raw
+
+
+def given(raw: dict[str, Any]) -> dict[str, Any]:
+    """Tables without what is left out."""
+    return {key: given(value) if isinstance(value, dict) else value for key, value in raw.items() if value is not None}

@@ -1,0 +1,132 @@
+"""Products of tables in blocks of columns, for kernels: many sums side by side, each in a fixed order.
+
+    table [block, n, BLOCK]      columns 0 .. BLOCK - 1 of all rows, then the next ones: read once, from end to end
+
+Written as vectors by hand. The compiler's own code for such a product keeps its sums in memory: half as fast. What a
+processor has no registers for, the compiler splits: sums and their rounding stay the same.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+
+BLOCK = 16
+_LANE = 8
+
+
+class _Lanes:
+    """Vectors of _LANE numbers in the code of an intrinsic: loaded and stored anywhere, a b + c rounded once."""
+
+    def __init__(self, context: Any, builder: Any) -> None:
+        self._context, self._builder = context, builder
+        self._kind = ir.VectorType(ir.DoubleType(), _LANE)
+        self.zero = ir.Constant(self._kind, [0.0] * _LANE)
+
+    def whole(self, value: int) -> Any:
+        """A constant of the size of an index."""
+        return ir.Constant(self._context.get_value_type(types.intp), value)
+
+    def place(self) -> Any:
+        """Room for one, that the compiler keeps in a register."""
+        return cgutils.alloca_once(self._builder, self._kind)  # type: ignore[no-untyped-call]
+
+    def _at(self, data: Any, offset: Any) -> Any:
+        return self._builder.bitcast(self._builder.gep(data, [offset]), self._kind.as_pointer())
+
+    def load(self, data: Any, offset: Any) -> Any:
+        """The numbers from data[offset] on."""
+        found = self._builder.load(self._at(data, offset))
+        found.align = 8
+        return found
+
+    def store(self, lanes: Any, data: Any, offset: Any) -> None:
+        """Put them to data[offset] and on."""
+        self._builder.store(lanes, self._at(data, offset)).align = 8
+
+    def alike(self, number: Any) -> Any:
+        """One number in all lanes."""
+        none, everywhere = ir.Constant(self._kind, ir.Undefined), ir.VectorType(ir.IntType(32), _LANE)
+        alone = self._builder.insert_element(none, number, ir.Constant(ir.IntType(32), 0))
+        return self._builder.shuffle_vector(alone, none, ir.Constant(everywhere, [0] * _LANE))
+
+    def more(self, a: Any, b: Any, total: Any) -> Any:
+        """A b + total."""
+        product = self._builder.fmul(a, b, flags=("contract",))
+        return self._builder.fadd(product, total, flags=("contract",))
+
+
+def _arrays(context: Any, builder: Any, signature: Any, arguments: Any) -> list[Any]:
+    kinds = zip(signature.args, arguments)
+    return [context.make_array(k)(context, builder, a) if isinstance(k, types.Array) else a for k, a in kinds]
+
+
+def _multiply(typing: Any, table: Any, x: Any, first: Any, count: Any, out: Any) -> Any:
+    """out[BLOCK b + r] = sum_j x[j] table[first + b, j, r] for b < count, two blocks at a time.
+
+    The order of every sum is that of j on any processor. Written by hand because the compiler's own code for such a
+    product keeps its sums in memory: half as fast.
+    """
+
+    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        table, x, first, count, out = _arrays(context, builder, signature, arguments)
+        lanes, of_block = _Lanes(context, builder), BLOCK // _LANE
+        length = builder.extract_value(x.shape, 0)
+        size = builder.mul(length, lanes.whole(BLOCK))
+
+        def several(block: Any, blocks: int) -> None:
+            sums = [lanes.place() for _ in range(blocks * of_block)]
+            for total in sums:
+                builder.store(lanes.zero, total)
+            begin = builder.mul(builder.add(first, block), size)
+            with cgutils.for_range(builder, length) as loop:  # type: ignore[no-untyped-call]
+                factor = lanes.alike(builder.load(builder.gep(x.data, [loop.index])))
+                row = builder.add(begin, builder.mul(loop.index, lanes.whole(BLOCK)))
+                for k, total in enumerate(sums):
+                    other = builder.add(row, builder.mul(size, lanes.whole(k // of_block)))
+                    values = lanes.load(table.data, builder.add(other, lanes.whole(_LANE * (k % of_block))))
+                    builder.store(lanes.more(factor, values, builder.load(total)), total)
+            begin = builder.mul(block, lanes.whole(BLOCK))
+            for k, total in enumerate(sums):
+                lanes.store(builder.load(total), out.data, builder.add(begin, lanes.whole(_LANE * k)))
+
+        pairs = builder.lshr(count, lanes.whole(1))
+        with cgutils.for_range(builder, pairs) as loop:  # type: ignore[no-untyped-call]
+            several(builder.mul(loop.index, lanes.whole(2)), 2)
+        with builder.if_then(builder.icmp_unsigned("!=", builder.and_(count, lanes.whole(1)), lanes.whole(0))):
+            several(builder.sub(count, lanes.whole(1)), 1)
+        return context.get_dummy_value()
+
+    return types.none(table, x, types.intp, types.intp, out), lay
+
+
+multiply: Any = intrinsic(_multiply)
+
+
+def _gather(typing: Any, total: Any, x: Any, weight: Any) -> Any:
+    """Total += weight x x^T over the rows that `total` has; x and the rows are as long as whole blocks."""
+
+    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        total, x, weight = _arrays(context, builder, signature, arguments)
+        lanes = _Lanes(context, builder)
+        width = builder.extract_value(total.shape, 1)
+        with cgutils.for_range(builder, builder.extract_value(total.shape, 0)) as row:  # type: ignore[no-untyped-call]
+            own = builder.load(builder.gep(x.data, [row.index]))
+            factor = lanes.alike(builder.fmul(weight, own))
+            begin = builder.mul(row.index, width)
+            with cgutils.for_range(builder, builder.udiv(width, lanes.whole(BLOCK))) as block:  # type: ignore[no-untyped-call]
+                for k in range(BLOCK // _LANE):
+                    at = builder.add(builder.mul(block.index, lanes.whole(BLOCK)), lanes.whole(_LANE * k))
+                    place = builder.add(begin, at)
+                    lanes.store(
+                        lanes.more(factor, lanes.load(x.data, at), lanes.load(total.data, place)), total.data, place
+                    )
+        return context.get_dummy_value()
+
+    return types.none(total, x, types.float64), lay
+
+
+gather: Any = intrinsic(_gather)

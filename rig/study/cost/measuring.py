@@ -1,0 +1,116 @@
+"""`rig cost`: the table of a scene, measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import UsageError
+from rig.record.provenance import provenance
+from rig.scenes.scene import Scene
+from rig.study.cost import timing
+from rig.study.cost.measures import errors, observe
+from rig.study.cost.order import orders
+from rig.study.cost.problem import Problem, digest, problem
+from rig.study.cost.reference import references
+from rig.study.cost.settings import eligible, fastest, ladder
+from rig.study.cost.table import Row, Table
+from rig.study.cost.timing import Contender, Cost, Spread
+
+Array = NDArray[np.float64]
+
+Report = Callable[[int, int], object]
+FOLDER = Path("cost")
+_MOST = 2000.0  # us in 1 ms of simulated time: slower settings are not timed again and again
+
+
+def folder_of(scene: Scene, root: Path = FOLDER) -> Path:
+    """Where the table of a scene is."""
+    return root / f"{scene.name}-{digest(scene)[:8]}"
+
+
+def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None, rounds: int = timing.ROUNDS) -> Table:
+    """Measure what accuracy costs in `scene` on this machine.
+
+    `root`: where its folder is made; None keeps nothing. What is measured is written as it comes: a run that is broken
+    off keeps the errors, and its references are used again. Raises rig.errors.NumericsError where the first run stops,
+    UsageError for a rig that kick alone can serve.
+    """
+    say = report or (lambda done, total: None)
+    asked = problem(scene)
+    folder = None if root is None else folder_of(scene, root)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    able = eligible(asked.system, scene.step_ns)
+    rate = fastest(asked.system)
+    methods = [method for method, why in able.items() if not why]
+    if not {"exact", "dopri5"} & set(methods):
+        why = "its mode sets cannot be told apart; there is no second method to judge kick by"
+        raise UsageError(f"{scene.name}: {why}")
+    settings = [setting for method in methods for setting in ladder(method, scene, rate)]
+    total, done = (1 + rounds) * len(settings) + 2, 0
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        say(done, total)
+
+    truths = references(asked, rate, "exact" if "exact" in methods else "dopri5", folder)
+    step()
+    found = Table(
+        scene=scene.name,
+        title=scene.title,
+        digest=asked.digest,
+        kind=asked.kind,
+        seconds=asked.seconds,
+        frame=scene.frame_ns * 1e-9,
+        step=asked.step,
+        machine=provenance(scene.seed),
+        left_out={method: why for method, why in able.items() if why},
+        values=truths.best.seen.values,
+    )
+    for setting in settings:
+        seen = observe(asked, setting)
+        told = {} if seen.fault else errors(asked, seen, truths.of(setting.method).seen)
+        found.rows.append(Row(setting, told, truths.floor, _unknown(), math.nan, seen.steps, seen.fault))
+        step()
+    found.orders = orders(found.rows, asked.seconds)
+    if folder is not None:
+        found.write(folder)
+    found.rows = timed(asked, found.rows, rounds, step)
+    if folder is not None:
+        found.write(folder)
+    return found
+
+
+def _unknown() -> Cost:
+    none = Spread(math.nan, math.nan, math.nan)
+    return Cost(none, none, none, none)
+
+
+def timed(
+    asked: Problem, rows: Sequence[Row], rounds: int = timing.ROUNDS, step: Callable[[], object] = lambda: None
+) -> list[Row]:
+    """The rows with the cost of every setting that gets through, all in turns."""
+    x = _later(asked, rows)
+    step()
+    ready = [i for i, row in enumerate(rows) if not row.fault]
+    contenders = [Contender(asked, rows[i].setting, x, asked.window) for i in ready]
+    found = list(rows)
+    for i, cost_of in zip(ready, timing.measured(contenders, rounds, step)):
+        found[i] = replace(rows[i], cost=cost_of, share=cost_of.p99.value * 1e-3)
+    return found
+
+
+def _later(asked: Problem, rows: Sequence[Row]) -> Array:
+    """The state at the begin of the window that is read, by the first setting that gets there."""
+    setting = next((row.setting for row in reversed(rows) if not row.fault), rows[0].setting)
+    orbit = asked.orbit(setting)
+    while orbit.motion.tick < asked.length - asked.window:
+        orbit.block(asked.length - asked.window - orbit.motion.tick)
+    return orbit.motion.x.copy()

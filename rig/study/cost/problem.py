@@ -1,0 +1,183 @@
+"""What is measured of a scene: its plant with every actuator held, from a start, for a length of time.
+
+Actuators have the values that the protocol of the scene holds for the longest. A rig that starts with other values
+starts stuck to its surface, outside of a limit cycle; else as the scene says. A first run, by the method of the scene,
+tells what kind of motion it is and how long it has to be watched:
+
+    cycle       mode changes repeat: watched until some rounds after they do
+    vibration   mode changes that do not repeat (yet)
+    smooth      none in the last third: growth, decay, forced motion
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig import kernel
+from rig.bench.stand import Stand
+from rig.scenes.protocol import Hold, Load, Ramp, Set, flat
+from rig.scenes.scene import Scene
+from rig.solve.assembly import Assembly
+from rig.solve.linear import sliding_key, steady
+from rig.solve.motion import Event
+from rig.solve.system import System
+from rig.study.cost.settings import Setting, of
+from rig.study.cycle import repeating, stuck
+from rig.study.orbit import Orbit
+
+Array = NDArray[np.float64]
+ROUNDS = 4  # cycles that are watched
+TIGHT = 1e-10  # tolerance of the first run
+_REPEATS = 1e-6  # of a period: it repeats
+_LONGEST = 60.0  # s, simulated
+_WALL = 3.0  # s, for the first run
+_EVENTS = 4000
+_FALL = 7.0  # e to the power of it: the fall of a motion that is watched
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A scene's plant on a stretch of time. `length` and `window` in ticks: the whole run, and its end that is read.
+
+    `count`: mode changes in one cycle, 0 where there is none. `values`: what actuators are held at.
+    """
+
+    scene: Scene
+    assembly: Assembly
+    system: System
+    values: dict[str, float]
+    kind: str
+    length: int
+    window: int
+    count: int
+
+    @property
+    def step(self) -> float:
+        """Sample step [s]."""
+        return self.scene.step_ns * 1e-9
+
+    @property
+    def seconds(self) -> float:
+        """Length of the run [s]."""
+        return self.length * self.step
+
+    @property
+    def digest(self) -> str:
+        """Hash (16 hex digits) of scene, sources and problem; the setting of the scene itself left out."""
+        return digest(self.scene)
+
+    def orbit(self, setting: Setting, x: Array | None = None) -> Orbit:
+        """The plant from the start (or `x`) on, carried by `setting`."""
+        scene = setting.applied(self.scene)
+        start = self.system.start if x is None else x
+        return Orbit(scene, self.assembly, start, setting.method, scene.clock.tolerance)
+
+    def stand(self, setting: Setting) -> Stand:
+        """The plant with its sensors, as a run carries it, actuators in force."""
+        stand = Stand(_tolerant(setting.applied(self.scene)))
+        for name, value in self.values.items():
+            stand.apply(name, value)
+        return stand
+
+
+def _tolerant(scene: Scene) -> Scene:
+    """The scene, run even where it grows."""
+    return replace(scene, clock=scene.clock.model_copy(update={"unstable": "run"}))
+
+
+def digest(scene: Scene) -> str:
+    """Hash (16 hex digits) of everything that a table of costs depends on, the machine left out."""
+    told = json.loads(Setting("exact", 1e-7, 100_000).applied(scene).to_json())
+    kept = {key: told[key] for key in told.keys() - {"name", "title", "about", "origins"}}
+    text = json.dumps(kept, sort_keys=True) + kernel.source_key() + _own_sources()
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+@cache
+def _own_sources() -> str:
+    """The sources that say what is measured."""
+    return "".join(Path(__file__).with_name(f"{name}.py").read_text() for name in ("problem", "measures", "reference"))
+
+
+def problem(scene: Scene, values: Mapping[str, float] | None = None) -> Problem:
+    """Find out what to measure of `scene`. Raises rig.errors.NumericsError where the motion has to stop.
+
+    `values`: of actuators, where it has them; by default those that its protocol holds for the longest.
+    """
+    assembly = scene.assemble()
+    values = held(scene, assembly) if values is None else {k: v for k, v in values.items() if k in assembly.inputs}
+    stand = Stand(_tolerant(scene))
+    for name, value in values.items():
+        stand.apply(name, value)
+    system = replace(stand.motion.system, start=stand.motion.x.copy())
+    if values:
+        sliding = steady(system, sliding_key(system))
+        if sliding.exists:
+            system = replace(system, start=stuck(system, sliding.x))
+    first = Problem(scene, assembly, system, values, "smooth", 0, 0, 0)
+    return _watched(first)
+
+
+def held(scene: Scene, assembly: Assembly) -> dict[str, float]:
+    """The values that the protocol holds actuators at for the longest, those that differ from the start."""
+    now = {name: one.value for name, one in assembly.inputs.items()}
+    start, times = dict(now), {tuple(now.values()): 0}
+    for step in flat(scene.protocol):
+        if isinstance(step, Load):
+            now[step.target] = step.force
+        elif isinstance(step, Ramp | Set) and step.target in now:
+            now[step.target] = step.to
+        elif isinstance(step, Hold):
+            key = tuple(now.values())
+            times[key] = times.pop(key, 0) + int(step.time)
+    longest = max(reversed(times), key=lambda key: times[key])
+    return {name: value for name, value in zip(now, longest) if value != start[name]}
+
+
+def _watched(first: Problem) -> Problem:
+    """Run it once: what kind of motion it is, and how long it has to be watched."""
+    scene, step = first.scene, first.step
+    setting = of(scene, first.system)
+    orbit = first.orbit(replace(setting, tolerance=TIGHT) if setting.tolerance else setting)
+    longest = min(scene.duration_ns or int(1e10), int(_LONGEST * 1e9)) // scene.step_ns
+    events: list[Event] = []
+    count, enough, asked = 0, longest, 0
+    end = time.perf_counter() + _WALL
+    while orbit.motion.tick < enough and len(events) < _EVENTS and time.perf_counter() < end:
+        events += orbit.block(min(orbit.longest, enough - orbit.motion.tick))
+        if count or len(events) < asked + max(4, asked // 4):
+            continue
+        asked = len(events)
+        found, drift = repeating(events, step, _REPEATS)
+        if drift <= _REPEATS:
+            count = found
+            period = (events[-1].tick - events[-1 - count].tick) * step
+            enough = min(longest, orbit.motion.tick + int((ROUNDS + 0.5) * period / step))
+    length = orbit.motion.tick
+    whole = scene.frame_ns // scene.step_ns
+    length = max(length // whole, 3) * whole
+    if count and len(events) > ROUNDS * count:
+        span = (events[-1].tick - events[-1 - ROUNDS * count].tick) / ROUNDS
+        return replace(first, kind="cycle", length=length, window=int(span) + 1, count=count)
+    if any(event.tick > 2 * length // 3 for event in events):
+        return replace(first, kind="vibration", length=length, window=length // 3)
+    last = max((event.tick for event in events), default=0) * step
+    frames = min(length // whole, int((last + _dies(first.system)) / (scene.frame_ns * 1e-9)))
+    length = max(frames, 3) * whole
+    return replace(first, kind="smooth", length=length, window=length // 3)
+
+
+def _dies(system: System) -> float:
+    """Time [s] after which a small motion about steady sliding is too small to be watched; a long one if it lasts."""
+    sliding = steady(system, sliding_key(system))
+    rate = -float(sliding.eigenvalues()[0].real) if sliding.exists else 0.0
+    return _FALL / rate if rate > _FALL / _LONGEST else _LONGEST

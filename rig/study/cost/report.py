@@ -1,0 +1,35 @@
+"""A table of costs in words."""
+
+from __future__ import annotations
+
+from rig.study.cost.front import front
+from rig.study.cost.settings import THEORY
+from rig.study.cost.table import Row, Table
+
+COLUMNS = ("method", "dial", "error", "of", "p50 [us/ms]", "p99 [us/ms]", "95 %", "of a frame", "x real time", "")
+
+
+def lines(found: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:
+    """The rows of the table on the screen."""
+    best = front(found.rows, metric)
+    told = []
+    for row in found.rows:
+        method, _, dial = str(row.setting).partition(" at ")
+        if row.fault:
+            told.append((method, dial, row.fault, *[""] * 7))
+            continue
+        cost, mark = row.cost, "front" if row in best else ""
+        p99 = f"{cost.p99.low:.3g} .. {cost.p99.high:.3g}"
+        of = row.worst if metric == "worst" else metric
+        mark = "recommended" if row is pick else mark
+        told.append((method, dial, f"{row.error(metric):.1e}", of, f"{cost.p50.value:.3g}", f"{cost.p99.value:.3g}",
+                     p99, f"{row.share:.2%}", f"{cost.factor.value:.0f}", mark))  # fmt: skip
+    return told
+
+
+def notes(found: Table, metric: str) -> list[str]:
+    """What belongs to the table."""
+    first = found.rows[0]
+    out = [f"{found.kind}, {found.seconds:.4g} s simulated; the references agree to {first.floor(metric):.0e}"]
+    out += [f"{m}: error falls with the step to the power {o:.2f}, theory {THEORY[m]}" for m, o in found.orders.items()]
+    return out + [f"{method} left out: {why}" for method, why in found.left_out.items()]

@@ -1,0 +1,119 @@
+"""What a scene's effects cost and change, measured; which methods serve it; what is computed and for whom.
+
+An effect that the scene names is measured by plants with and without it, in turns (rig.study.cost.effects). One that
+its plant knows and the scene does not name is measured the other way round: added with the values that a shipped scene
+of the same plant has for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from rig.errors import RigError
+from rig.scenes.scene import Scene, controller_reads
+from rig.scenes.variants import absent, added
+from rig.solve import kick
+from rig.solve.motion import METHODS, chosen
+from rig.study.cost.effects import ROUNDS, Paired, bare, compared, effects
+from rig.study.cost.problem import held
+
+BLOCKS = 50.0  # blocks of samples a second, from sensors faster than 1 kHz
+STATES = 200.0  # state messages a second, at most
+
+
+@dataclass(frozen=True)
+class Part:
+    """One effect. `why` it is on or absent; `paired`: what it costs, and what it changes if dropped or added."""
+
+    name: str
+    on: bool
+    why: str
+    paired: Paired
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {"name": self.name, "on": self.on, "why": self.why, **self.paired.to_json()}
+
+
+def parts(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], object] | None = None) -> list[Part]:
+    """Every effect that the plant of `scene` can be with or without; those that are on first."""
+    lacking = absent(scene)
+    total, done = 1 + len(lacking), 0
+
+    def say() -> None:
+        nonlocal done
+        done += 1
+        if report is not None:
+            report(done, total)
+
+    found = [Part(one.name, True, "the scene names it", one) for one in effects(scene, rounds)]
+    say()
+    base, values = bare(scene), held(scene, scene.assemble())
+    for name, keys in lacking.items():
+        why = f"the scene has no {', '.join(keys)}"
+        try:
+            more, like = added(scene, keys)
+            [paired] = compared(bare(more), {name: base}, values, rounds)
+            found.append(Part(name, False, f"{why}; measured as in {like}", paired))
+        except RigError as error:
+            found.append(Part(name, False, why, Paired(name, fault=" ".join(str(error).split()))))
+        say()
+    return found
+
+
+def methods(scene: Scene) -> dict[str, str]:
+    """Every method -> "taken", "serves it too", or why it cannot serve this scene."""
+    system = scene.assemble().system()
+    taken = chosen(scene.clock.method, system)
+    why = dict.fromkeys(METHODS, "serves it too") | {"smooth": "never sticks: a comparison, for rig torture"}
+    if refusal := kick.refusal(system):
+        why["kick"] = refusal
+    if system.linear:
+        why["dopri5"] = "every mode set is linear: dopri5 leaves them to the exact propagator"
+    else:
+        why["exact"] = "not linear in every mode set: a law over speed, or a product of states"
+    return why | {taken: "taken"}
+
+
+@dataclass(frozen=True)
+class Told:
+    """A quantity or a topic: how often [1/s] it is computed or sent, and who asked for it."""
+
+    name: str
+    rate: float
+    asked: str
+
+
+def signals(scene: Scene) -> Iterator[Told]:
+    """Outputs of the plant. One that no sensor reads and no limit watches is worked out only for the state message."""
+    readers: dict[str, list[str]] = {}
+    for name, section in scene.sensors.items():
+        readers.setdefault(section.reads, []).append(name)
+    frames = 1e9 / scene.frame_ns
+    for name in scene.assemble().outputs:
+        if name in readers:
+            yield Told(name, 1e9 / scene.step_ns, f"read by {', '.join(readers[name])}")
+        elif name in scene.limits:
+            yield Told(name, frames, "watched by a limit")
+        else:
+            yield Told(name, 0.0, "nobody: only in state messages and in what rig simulate keeps")
+
+
+def topics(scene: Scene) -> Iterator[Told]:
+    """Topics of `rig run`."""
+    frames = 1e9 / scene.frame_ns
+    readers: dict[str, list[str]] = {}
+    for name, section in scene.controllers.items():
+        for sensor in controller_reads(section).values():
+            readers.setdefault(sensor, []).append(name)
+    yield Told("step", frames, f"controllers {', '.join(scene.controllers)}" if scene.controllers else "whoever joins")
+    for name, section in scene.sensors.items():
+        rate = 1e9 / section.period_ns
+        used = f", and heard by {', '.join(readers[name])} in the step" if name in readers else ""
+        yield Told(f"meas/{name}", min(rate, BLOCKS), f"the recorder{used}")
+    yield Told("state", min(frames, STATES), "recorder and viewer")
+    for name, section in scene.controllers.items():
+        yield Told(f"act/{name}", 1e9 / section.period, "the plant")
+        yield Told(f"applied/{name}", 1e9 / section.period, "the recorder")

@@ -1,0 +1,45 @@
+"""Effects of a scene as a picture: what each adds to a step, and what its absence, or its presence, would change."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from rig.errors import UsageError
+from rig.record.provenance import provenance
+from rig.scenes.scene import Scene
+from rig.study.cost.figure import sheet
+from rig.study.explained import Part
+
+ON, ABSENT = "#1d4f91", "#9aa5b1"
+
+
+def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
+    """Bars: ns of a step on the left, errors by measure on the right; absent effects are grey."""
+    shown = [one for one in reversed(parts) if not one.paired.fault]
+    if not shown:
+        raise UsageError("--figure: nothing to draw, the plant can be without none of its effects")
+    with sheet(f"{scene.name}: its effects, on or absent", provenance(scene.seed), path) as figure:
+        left, right = figure.subplots(1, 2, sharey=True)
+        for place, one in enumerate(shown):
+            colour, tick = (ON if one.on else ABSENT), one.paired.tick
+            left.barh(place, tick.value, color=colour)
+            spread = [[max(tick.value - tick.low, 0.0)], [max(tick.high - tick.value, 0.0)]]
+            left.errorbar(tick.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
+            for error in (one.paired.errors or {}).values():
+                if error > 0.0:
+                    right.plot(error, place, "o", ms=5, color=colour)
+            measure, error = one.paired.worst
+            if error > 0.0:
+                right.annotate(measure, (error, place), (0, 8), textcoords="offset points", ha="right", fontsize=8.5)
+            else:
+                right.annotate(
+                    "changes nothing", (0.02, place), xycoords=("axes fraction", "data"), va="center", fontsize=8.5
+                )
+        handles = [left.barh(0, 0, color=colour) for colour in (ON, ABSENT)]
+        figure.legend(handles, ["on: if it is dropped", "absent: if it is added"], loc="outside lower left", ncols=2)
+        labels = [f"{one.name}\n{'on' if one.on else 'absent'}" for one in shown]
+        left.set_yticks(range(len(shown)), labels)
+        whole = max((one.paired.whole for one in shown if one.on), default=max(one.paired.whole for one in shown))
+        left.set(xlabel=f"ns that it adds to a step, or would; a step of the scene takes {whole:.0f} ns")
+        right.set(xscale="log", xlabel="relative change of each measure if dropped, or added")

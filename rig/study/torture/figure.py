@@ -1,0 +1,62 @@
+"""The matrix as a picture: a row for each case, a column for each method and step, colour and reason."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rig.study.torture.cells import METHODS, Cell
+
+COLOURS = {"green": "#bfe0cb", "amber": "#f6dfae", "red": "#e59c90"}
+_STYLE: dict[str, Any] = {"font.size": 9.0, "axes.titlelocation": "left"}
+_ROW, _COLUMN, _NAMES = 0.24, 1.2, 2.5  # inches
+
+
+def draw(cells: Sequence[Cell], path: Path, machine: str) -> None:
+    """Draw the matrix (PNG, SVG, or as `path` ends). Steps of a case stand side by side, the coarsest first."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    cases = list(dict.fromkeys(cell.case for cell in cells))
+    methods = [m for m in ("default", *METHODS) if any(m in _columns(cell) for cell in cells)]
+    size = (_NAMES + _COLUMN * len(methods) + 0.2, _ROW * (len(cases) + 4) + 0.2)
+    with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
+        figure = Figure(figsize=size, dpi=125, facecolor="white")
+        FigureCanvasAgg(figure)
+        axes = figure.add_axes(
+            (_NAMES / size[0], 0.35 / size[1], _COLUMN * len(methods) / size[0], 1.0 - 1.1 / size[1])
+        )
+        for row, case in enumerate(cases):
+            for column, method in enumerate(methods):
+                own = [cell for cell in cells if cell.case == case and method in _columns(cell)]
+                for at, cell in enumerate(own):
+                    _box(axes, column + at / len(own), row, 1.0 / len(own), cell)
+        axes.set(xlim=(0, len(methods)), ylim=(len(cases), 0))
+        axes.set_yticks([row + 0.5 for row in range(len(cases))], [case.replace("_", " ") for case in cases])
+        axes.set_xticks([column + 0.5 for column in range(len(methods))], methods)
+        axes.xaxis.tick_top()
+        axes.tick_params(length=0)
+        for spine in axes.spines.values():
+            spine.set_visible(False)
+        bad = sum(not cell.good for cell in cells)
+        told = "the default is green everywhere" if not bad else f"{bad} cells of the default are not green"
+        figure.text(0.02, 1.0 - 0.22 / size[1], f"Hard cases by methods: {told}", fontsize=12, fontweight="bold")
+        figure.text(0.02, 0.1 / size[1], machine, fontsize=7.5, color="0.4")
+        figure.savefig(path)
+
+
+def _columns(cell: Cell) -> tuple[str, ...]:
+    """The columns a cell stands in: the default by that name alone."""
+    return ("default",) if cell.default else (cell.method,)
+
+
+def _box(axes: Any, x: float, y: int, width: float, cell: Cell) -> None:
+    from matplotlib.patches import Rectangle
+
+    colour = COLOURS[cell.verdict.colour]
+    axes.add_patch(Rectangle((x + 0.015, y + 0.06), width - 0.03, 0.88, facecolor=colour, edgecolor="none"))
+    text = cell.verdict.reason or (cell.method if cell.default else "")
+    if text:
+        axes.text(x + 0.5 * width, y + 0.52, text, ha="center", va="center", fontsize=7.0 if width > 0.6 else 5.0)

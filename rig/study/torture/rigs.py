@@ -1,0 +1,194 @@
+"""Small rigs that no scene has: what the torture test needs to make one difficulty stand alone.
+
+Each is written as a plant is: `Parameters` and `assemble`, so that cases change them by the same keys.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from rig.quantities import Section
+from rig.solve import laws
+from rig.solve.assembly import Assembly, Output
+
+
+class Ball(Section):
+    """A mass that falls on a stiff, damped contact with a belt; sideways a spring holds it."""
+
+    mass: float = 1.0
+    gravity: float = 9.81
+    height: float = 0.01
+    stiffness: float = 1e5
+    damping: float = 100.0
+    spring: float = 1000.0
+    mu: float = 0.3
+    belt: float = 0.05
+
+
+def ball(p: Ball, moved: Mapping[str, str]) -> Assembly:
+    """N = -k z - d z' of the height z, opens where it would pull."""
+    a = Assembly("ball")
+    a.coordinate("x", p.mass, 0.0, p.spring)
+    a.coordinate("z", p.mass)
+    a.push("z", {"one": -p.mass * p.gravity})
+    a.patch("contact", {"x": 1.0}, {"one": p.belt}, laws.coulomb(p.mu, p.mu))
+    a.normal("load", "contact", {"z": -p.stiffness, "z'": -p.damping}, {"z": 1.0})
+    a.start |= {"z": p.height}
+    a.outputs |= {"height": Output({"z": 1.0}, "m"), "fall": Output({"z'": 1.0}, "m/s")}
+    return a
+
+
+class Twins(Section):
+    """Two masses side by side on one belt, alike but for `apart`, by which the second begins later."""
+
+    mass: float = 1.0
+    stiffness: float = 1000.0
+    damping: float = 0.0
+    belt: float = 0.05
+    load: float = 10.0
+    mu_static: float = 0.4
+    mu_kinetic: float = 0.25
+    apart: float = 0.0
+
+
+def twins(p: Twins, moved: Mapping[str, str]) -> Assembly:
+    """Two oscillators whose guards fall at one instant."""
+    a = Assembly("twins")
+    for name, late in (("x1", 0.0), ("x2", p.apart)):
+        a.coordinate(name, p.mass, p.damping, p.stiffness)
+        a.patch(f"contact {name}", {name: 1.0}, {"one": p.belt}, laws.coulomb(p.mu_static, p.mu_kinetic))
+        a.normal(f"load {name}", f"contact {name}", {"one": p.load})
+        a.start |= {name: -late * p.belt, f"{name}'": p.belt}
+        a.outputs[name] = Output({name: 1.0}, "m")
+    return a
+
+
+class Sectored(Twins):
+    """The twins on a belt whose first lane has pieces of another friction, `piece` long, `gap` apart.
+
+    `sliding`: the first mass begins in its sliding equilibrium; where both frictions are alike in slip it stays there,
+    and edges come at belt / piece.
+    """
+
+    piece: float = 0.0005
+    gap: float = 0.0005
+    mu_piece: float = 0.3
+    sliding: bool = False
+
+
+def sectored(p: Sectored, moved: Mapping[str, str]) -> Assembly:
+    """The place of the first mass on its lane; it stands still in stick."""
+    a = twins(p, moved)
+    a.signal("turn", {"one": p.belt}, 0.0, "belt")
+    law = laws.coulomb(p.mu_static, p.mu_kinetic)
+    piece = laws.coulomb(max(p.mu_piece, p.mu_static), p.mu_piece)
+    length = p.piece + p.gap
+    a.sector("lane", "contact x1", {"turn": 1.0, "x1": -1.0}, "turn", length, (0.0, p.piece), (piece, law))
+    if p.sliding:
+        rest = p.mu_kinetic * p.load / p.stiffness
+        a.start |= {"x1": rest, "x1'": 0.0, "turn": rest}
+    return a
+
+
+class BeltLoop(Section):
+    """A mass on a belt that follows it: command v0 + gain x', a lag, and limits if there are any."""
+
+    mass: float = 5.0
+    stiffness: float = 2500.0
+    damping: float = 2.0
+    load: float = 20.0
+    mu_static: float = 0.5
+    mu_kinetic: float = 0.4
+    belt: float = 0.06
+    gain: float = 5.33
+    lag: float = 0.01
+    lowest: float = 0.0
+    highest: float = 0.25
+    limited: bool = True
+
+
+def belt_loop(p: BeltLoop, moved: Mapping[str, str]) -> Assembly:
+    """V' = (clamp(v0 + K x') - V) / lag: in stick x' = V, growth (K - 1) / lag until the drive clamps."""
+    a = Assembly("belt_loop")
+    a.coordinate("x", p.mass, p.damping, p.stiffness)
+    a.signal("command", {}, p.belt, "drive")
+    a.signal("actual", {"actual": -1.0 / p.lag}, p.belt, "drive")
+    row = {"command": 1.0, "x'": p.gain}
+    if p.limited:
+        a.limit("drive", row, p.lowest, p.highest, "actual", 1.0 / p.lag)
+    else:
+        a.signals["actual"] |= {name: value / p.lag for name, value in row.items()}
+    a.patch("contact", {"x": 1.0}, {"actual": 1.0}, laws.coulomb(p.mu_static, p.mu_kinetic))
+    a.normal("load", "contact", {"one": p.load})
+    a.start |= {"x'": p.belt}
+    a.outputs["surface_speed"] = Output({"actual": 1.0}, "m/s")
+    return a
+
+
+class Points(Section):
+    """A plate of ten modes from 1 to 12 kHz that slides on points of contact, which open and close all the time.
+
+    Sides [m], mass, `lever` from its middle to the contact [m]; the points stand in a grid, each with a stiffness and a
+    preload.
+    """
+
+    length: float = 0.1
+    width: float = 0.06
+    mass: float = 0.2
+    lever: float = 0.006
+    along: int = 6
+    across: int = 4
+    stiffness: float = 2e6
+    preload: float = 1.0
+    mu: float = 0.45
+    damping_ratio: float = 0.005
+    lowest: float = 1000.0
+    highest: float = 12000.0
+    belt: float = 10.0
+    start: tuple[float, ...] = (0.02, 0.0, -0.015, 0.0, 0.01)
+
+
+PAIRS = ((1, 1), (2, 1), (1, 2), (3, 1), (2, 2), (3, 2), (4, 1), (1, 3), (4, 2), (5, 1))
+"""Half waves of the modes along and across."""
+
+
+def points(p: Points, moved: Mapping[str, str]) -> Assembly:
+    """N = N0 - kc u at each point, u = sum phi q; mu N acts `lever` below the middle and turns the plate by u'.
+
+    Numbers of problem P5 (tests/reference/num.json); its points stand at the middles of the cells of a grid.
+    """
+    a = Assembly("points")
+    frequencies = np.linspace(p.lowest, p.highest, len(PAIRS)) * 2.0 * math.pi
+    for mode, omega in enumerate(frequencies.tolist()):
+        a.coordinate(f"q{mode}", 1.0, 2.0 * p.damping_ratio * omega, omega * omega)
+    slopes: dict[str, float] = {}
+    a.patch("contact", slopes, {"one": p.belt}, laws.coulomb(p.mu, p.mu), {})
+    size = 2.0 / math.sqrt(p.mass)
+    for i in range(p.along):
+        for j in range(p.across):
+            x, y = (i + 0.5) / p.along, (j + 0.5) / p.across
+            shape, turn = {}, {}
+            for mode, (m, n) in enumerate(PAIRS):
+                across = size * math.sin(n * math.pi * y)
+                shape[f"q{mode}"] = across * math.sin(m * math.pi * x)
+                turn[f"q{mode}"] = across * math.cos(m * math.pi * x) * m * math.pi / p.length
+            push = {q: value + p.mu * p.lever * turn[q] for q, value in shape.items()}
+            gap = {q: -p.stiffness * value for q, value in shape.items()}
+            a.normal(f"point {i + 1}.{j + 1}", "contact", {"one": p.preload} | gap, push)
+    for mode, speed in enumerate(p.start):
+        a.start[f"q{mode}'"] = speed
+    a.outputs["deflection"] = Output({f"q{mode}": 1.0 for mode in range(len(PAIRS))}, "m")
+    return a
+
+
+RIGS: dict[str, tuple[type[Section], Callable[[Any, Mapping[str, str]], Assembly]]] = {
+    "ball": (Ball, ball),
+    "twins": (Twins, twins),
+    "sectored": (Sectored, sectored),
+    "belt_loop": (BeltLoop, belt_loop),
+    "points": (Points, points),
+}

@@ -1,0 +1,295 @@
+"""One run of a case: the plant carried through what the case does to it, every step looked at."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.bench.exchange import Exchange
+from rig.bench.journal import Journal
+from rig.bench.pace import Pacer
+from rig.bench.stand import Stand
+from rig.bench.truth import ROWS
+from rig.solve.system import OPEN, STICK
+from rig.study.torture.case import Act, Case
+from rig.study.torture.watched import Watched
+
+Array = NDArray[np.float64]
+CHUNK = 4096
+KEPT = 20_000  # events that are remembered one by one
+ROUND = 1e-12  # of the largest value: what summing a few products may leave
+
+
+class OutOfTime(Exception):
+    """The cell has used up its time box."""
+
+
+@dataclass
+class Found:
+    """What a run came to. Events: (time [s], what). `stuck`: share of the ticks in which every contact sticks."""
+
+    events: list[tuple[float, str]] = field(default_factory=list)
+    count: int = 0
+    ticks: int = 0
+    stuck: float = 0.0
+    stuck_now: bool = False
+    negative_power: float = 0.0
+    outside_cone: float = 0.0
+    pulling: float = 0.0
+    creep: float = 0.0
+    not_finite: int = 0
+    energy: float = 0.0
+    most_events: int = 0
+    burst: int = 0
+    """Frames run without a wait after a pause."""
+    ended: dict[str, float] = field(default_factory=dict)
+    began: dict[str, float] = field(default_factory=dict)
+    largest: dict[str, float] = field(default_factory=dict)
+    trials: int = 0
+    opened: int = 0
+    seconds: float = 0.0
+    notes: list[str] = field(default_factory=list)
+    slips: list[Array] = field(default_factory=list)
+    """Of methods that have no mode for sticking: the largest slip speed of any contact at every step."""
+
+
+class _Leaping:
+    """A clock that a test moves."""
+
+    def __init__(self) -> None:
+        self.time = 0
+
+    def now(self) -> int:
+        """Nanoseconds."""
+        return self.time
+
+    def until(self, deadline: int) -> int:
+        """It is then."""
+        self.time = max(self.time, deadline)
+        return self.time
+
+
+class Trial:
+    """A case under one method and step. Raises SceneError for a rig, ValueError for a method that is refused."""
+
+    def __init__(self, case: Case, scene: Watched, until_ns: int, seconds: float) -> None:
+        self.case, self.until_ns = case, until_ns
+        self.found = Found()
+        self._stop = seconds
+        self._begin = time.process_time()
+        self.stand = Stand(scene, truthful=True)
+        self.stand.truth = None  # it would keep every output; here each is looked at once
+        self.motion = self.stand.motion
+        self._step = self.stand.step_ns
+        self._blocks: Iterator[int] = itertools.repeat(CHUNK)
+        self._set()
+        self._stuck_ticks = 0
+        values = self.stand.output_values()
+        self.found.began = dict(zip(self.stand.outputs, values.tolist()))
+        self._exchange: Exchange | None = None
+        self._key, self._seen = self.motion.key, 0
+
+    def _set(self) -> None:
+        """Columns of what the invariants look at."""
+        at = {name: i for i, name in enumerate(self.stand.outputs)}
+        self._changes = cache(self._between)
+        system = (
+            self.stand.scene.assemble().system()
+        )  # with every contact, also where the method makes one force of many
+        self._patches = [(at[f"T:{p.name}"], at[f"w:{p.name}"]) for p in system.patches]
+        self._normals = [at[f"N:{k.name}"] for k in system.normals]
+        self._opens = [k.opens for k in system.normals]
+        self._of = [[i for i, k in enumerate(system.normals) if k.patch == p] for p in range(len(system.patches))]
+
+    def run(self) -> Found:
+        """Carry the case to its end. Raises NumericsError where it must stop, OutOfTime."""
+        found = self.found
+        try:
+            for at_ns, act, turn in self._schedule():
+                self._carry(at_ns)
+                self._do(act, turn)
+            self._carry(self.until_ns)
+        finally:
+            self._look()
+            counts = self.motion.counts()
+            found.trials, found.opened = counts["trial_steps"], counts["opened_ticks"]
+            found.ticks, found.seconds = self.motion.tick, time.process_time() - self._begin
+            found.stuck = self._stuck_ticks / max(self.motion.tick, 1)
+            found.energy = abs(self.motion.energy()["error"])
+            found.stuck_now = self._sticks(self.motion.key)
+            found.ended = dict(zip(self.stand.outputs, self.stand.output_values().tolist()))
+        if self._exchange is not None:
+            self._tell_commands()
+        return found
+
+    def _schedule(self) -> list[tuple[int, Act, int]]:
+        """All that is done, in order of time: (time [ns], act, which turn of it)."""
+        out = []
+        for act in self.case.acts:
+            turns = 1
+            if act.do == "command":
+                turns = len(act.values)
+            elif act.do == "follow":
+                turns = (self.until_ns - act.at) // act.every
+            out += [(act.at + turn * act.every, act, turn) for turn in range(turns)]
+        return sorted((one for one in out if one[0] < self.until_ns), key=lambda one: one[0])
+
+    def _do(self, act: Act, turn: int) -> None:
+        stand = self.stand
+        if act.do == "set" and act.over is not None:
+            stand.ramp(act.target, act.to, act.over // self._step)
+        elif act.do == "set":
+            stand.apply(act.target, act.to)
+        elif act.do == "change":
+            self._look()
+            stand.set_parameter(act.target, act.to)
+            self._set()
+        elif act.do == "pause":
+            self._pause(round(act.to * 1e9))
+        elif act.do == "knock":
+            stand.knock(act.to)
+        elif act.do == "blocks":
+            self._blocks = itertools.cycle([int(value) for value in act.values])
+        elif act.do == "follow":
+            one = stand.inputs[act.target]
+            wanted = act.to + act.gain * stand.output(act.of)
+            stand.apply(act.target, min(max(wanted, one.low), one.high))
+        else:
+            self._command(act, turn)
+
+    def _command(self, act: Act, turn: int) -> None:
+        if self._exchange is None:
+            journal = Journal(self._step, lambda: self.stand.tick)
+            self._exchange = Exchange(self.stand, self._step, 1 << 40, journal)
+            drives = tuple(self.stand.inputs) if act.target == "*" else (act.target,)
+            self._exchange.admit("wild", drives, act.every)
+        drives = self._exchange.lines["wild"].drives
+        self._exchange.receive("wild", self.stand.tick, (float(act.values[turn]),) * len(drives))
+        self._exchange.take_over()
+
+    def _tell_commands(self) -> None:
+        assert self._exchange is not None
+        told = {k: v for k, v in self._exchange.counters()["wild"].items() if v and k in ("not_finite", "clamped")}
+        self.found.notes.append("commands: " + ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in told.items()))
+
+    def _pause(self, length_ns: int) -> None:
+        """Pace a second of frames by a clock that leaps after the first of them."""
+        clock = _Leaping()
+        pacer = Pacer(self._step, 1.0, self.stand.scene.clock.overrun, clock)
+        pacer.anchor()
+        for frame in range(1_000_000_000 // self._step):
+            pacer.wait()
+            if frame == 0:
+                clock.time += length_ns
+            self.found.burst += not pacer.waited and frame > 0
+            self._carry((self.motion.tick + 1) * self._step)
+        self.found.notes.append(f"{pacer.frames_given_up} frames given up, {self.found.burst} caught up")
+
+    def _carry(self, until_ns: int) -> None:
+        motion, until = self.motion, until_ns // self._step
+        while motion.tick < until:
+            if motion.kept >= ROWS - CHUNK:
+                self._look()
+            ticks = min(next(self._blocks), until - motion.tick)
+            motion.advance(ticks, keep=True)
+            self.stand.tick = motion.tick
+            if motion.event_count:
+                self._note()
+            if time.process_time() - self._begin > self._stop:
+                raise OutOfTime
+
+    def _note(self) -> None:
+        """Every change of a mode, at the instant of its event; two that come at one instant are two."""
+        found, motion = self.found, self.motion
+        found.most_events = max(found.most_events, motion.event_count)
+        events = motion.events()
+        afterwards = [*(e.before for e in events[1:]), motion.key]
+        changes = self._settled(events[0].before)
+        for event, key in zip(events, afterwards):
+            at = (event.tick + event.place) * self._step * 1e-9
+            changes += [(at, what) for what in self._changes(event.before, key)]
+        self._key, self._seen = motion.key, motion.kept
+        found.count += len(changes)
+        if len(found.events) < KEPT:
+            found.events += changes
+
+    def _settled(self, key: int) -> list[tuple[float, str]]:
+        """The changes up to mode set `key` that came at the start of a tick and were no event: a command, a tie."""
+        motion, changes = self.motion, []
+        if key != self._key or motion.kept - self._seen > 1:
+            slots = motion.log.modes[self._seen : motion.kept]
+            keys = [one.key for one in motion.slots.sets]
+            for at in np.flatnonzero(np.diff(slots, prepend=motion.slots.tables.slot_of[self._key])).tolist():
+                if at + 1 == len(slots) and motion.event_count:
+                    break  # that is what the events of this tick have made
+                began = (motion.tick - len(slots) + at) * self._step * 1e-9
+                changes += [(began, what) for what in self._changes(self._key, keys[slots[at]])]
+                self._key = keys[slots[at]]
+            began = (motion.tick - 1) * self._step * 1e-9
+            changes += [(began, what) for what in self._changes(self._key, key)]
+        return changes
+
+    def _between(self, before: int, after: int) -> tuple[str, ...]:
+        """What differs between two mode sets, in words."""
+        if before == after:
+            return ()
+        words = (self.motion.system.describe(key).split(", ") for key in (before, after))
+        old, new = (set(said) for said in words)
+        return tuple(sorted(new - old)) or tuple(sorted(f"no longer {said}" for said in old - new))
+
+    def _sticks(self, key: int) -> bool:
+        """Whether every contact sticks; one that is open does not."""
+        patches, normals, *_ = self.motion.system.modes(key)
+        of = [k.patch for k in self.motion.system.normals]
+        loaded = [any(mode != OPEN for mode, patch in zip(normals, of) if patch == p) for p in range(len(patches))]
+        return bool(patches) and all(m == STICK and on for m, on in zip(patches, loaded))
+
+    def _look(self) -> None:
+        """Check what every step has left, and forget it."""
+        motion, found, rows = self.motion, self.found, self.motion.kept
+        if not rows:
+            return
+        changes = self._settled(motion.key)
+        found.events += changes
+        found.count += len(changes)
+        self._key = motion.key
+        states, slots = motion.log.out[:rows], motion.log.modes[:rows]
+        values = motion.outputs_at(states, slots)
+        motion.kept = 0
+        self._seen = 0
+        found.not_finite += int(np.count_nonzero(~np.isfinite(states)))
+        for name, column in zip(self.stand.outputs, np.abs(values).max(axis=0).tolist()):
+            found.largest[name] = max(found.largest.get(name, 0.0), column)
+        sets = motion.slots.sets
+        modes = [motion.system.modes(one.key) for one in sets]
+        self._stuck_ticks += int(np.array([self._sticks(one.key) for one in sets])[slots].sum())
+        N = values[:, self._normals]
+        forces = N.sum(axis=1) if N.size else np.zeros(rows)
+        for k, opens in enumerate(self._opens):
+            if opens:
+                found.pulling = max(found.pulling, -float(N[:, k].min()) / max(float(np.abs(forces).max()), 1e-30))
+        if self.motion.method == "smooth":
+            found.slips.append(np.abs(values[:, [slip for _, slip in self._patches]]).max(axis=1, initial=0.0))
+        for p, (force, slip) in enumerate(self._patches):
+            T, w, load = values[:, force], values[:, slip], N[:, self._of[p]].sum(axis=1)
+            size = max(float(np.abs(T).max() * np.abs(w).max()), 1e-30)
+            found.negative_power = max(found.negative_power, -float((T * w).min()) / size)
+            stuck = np.array([one[0][p] == STICK for one in modes])[slots]
+            law = [motion.system.law(p, one[3]) for one in modes]
+            most = np.array([one.static for one in law])[slots]
+            over = np.flatnonzero(~stuck & (np.abs(T) > most * load))
+            looked_at = over[:: max(1, len(over) // 256)]  # a film bears more the faster it slides
+            film = [law[slots[i]].mu(abs(float(w[i]))) for i in looked_at.tolist()]
+            most[over] = np.inf  # the others over the static limit are not judged
+            most[looked_at] = np.maximum(np.array([one.static for one in law])[slots[looked_at]], film)
+            outside = np.abs(T) - most * np.maximum(load, 0.0)
+            found.outside_cone = max(found.outside_cone, float(outside.max()) / max(float(np.abs(T).max()), 1e-30))
+            if stuck.any():
+                speed = max(float(np.abs(values[:, slip]).max()), float(np.abs(states).max()))
+                found.creep = max(found.creep, float(np.abs(w[stuck]).max()) / max(speed, 1e-30))

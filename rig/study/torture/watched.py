@@ -1,0 +1,92 @@
+"""The scene of a case as the runner wants it: no instruments, one step, and contacts told by their own names."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+from pydantic import ValidationError
+
+from rig import scenes
+from rig.errors import SceneError
+from rig.quantities import Section
+from rig.scenes.scene import Clock, Scene
+from rig.solve.assembly import Output
+from rig.study.torture.case import Case
+from rig.study.torture.rigs import RIGS
+
+
+@dataclass(frozen=True)
+class Watched(Scene):
+    """A scene whose outputs tell of every contact its friction (T:), slip speed (w:) and normal forces (N:)."""
+
+    rig: str = ""
+    drives: tuple[tuple[str, str], ...] = ()
+
+    @cached_property
+    def moved(self) -> dict[str, str]:
+        """Actuators that the case moves, beside those of the scene."""
+        known = {} if self.rig else super().moved
+        return known | dict(self.drives)
+
+    def assemble(self, parameters: Section | None = None) -> Any:
+        """The rig, with the outputs that the invariants need."""
+        a = RIGS[self.rig][1](parameters or self.parameters, self.moved) if self.rig else super().assemble(parameters)
+        for name, *_ in a.patches:
+            a.outputs |= {f"T:{name}": Output({f"T:{name}": 1.0}, "N"), f"w:{name}": Output({f"w:{name}": 1.0}, "m/s")}
+        for name, *_ in a.normals:
+            a.outputs[f"N:{name}"] = Output({f"N:{name}": 1.0}, "N")
+        return a
+
+
+@lru_cache(maxsize=64)
+def _loaded(name: str, changes: tuple[tuple[str, Any], ...]) -> Scene:
+    """A shipped scene with changes; read once for all methods and steps of a case."""
+    return scenes.load(name, dict(changes))
+
+
+def watched(case: Case, method: str, step_ns: int, tolerance: float | None = None, unstable: str = "run") -> Watched:
+    """The scene of a case under a method and a step. Raises SceneError where the case asks for what cannot be."""
+    clock: dict[str, Any] = {
+        "frame": step_ns * 1e-9,
+        "method": method,
+        "rk4_step": step_ns * 1e-9,
+        "unstable": unstable,
+    }
+    if tolerance is not None:
+        clock["tolerance"] = tolerance
+    drives: dict[str, str] = {}
+    for act in case.acts:
+        if act.do in ("set", "command", "follow"):
+            drives[act.target] = "ramped" if act.over else drives.get(act.target, "held")
+    if case.rig:
+        if case.rig not in RIGS:
+            raise SceneError(case.name, [f"rig = {case.rig!r}: unknown; known: {', '.join(RIGS)}"])
+        try:
+            parameters = RIGS[case.rig][0].model_validate(case.set)
+        except ValidationError as error:
+            lines = [f"set.{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in error.errors()]
+            raise SceneError(case.name, lines) from None
+        base: dict[str, Any] = {
+            "plant": case.rig,
+            "parameters": parameters,
+            "clock": Clock.model_validate(clock),
+            "seed": 1,
+        }
+    else:
+        scene = _loaded(case.scene, tuple(case.set.items()))
+        clock = scene.clock.model_dump(mode="json") | clock
+        base = {"plant": scene.plant, "parameters": scene.parameters, "clock": Clock.model_validate(clock), "seed": 1}
+    return Watched(
+        name=case.name,
+        title=case.title,
+        about=case.about,
+        sensors={},
+        controllers={},
+        protocol=(),
+        limits={},
+        rig=case.rig,
+        drives=tuple(drives.items()),
+        **base,
+    )

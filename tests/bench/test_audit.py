@@ -1,0 +1,70 @@
+"""The audit of a run: what changed nothing in it, what is missing, judged on its own states."""
+
+import pytest
+
+import rig
+from rig.bench.audit import LEAST, MOST, Visited, share
+from rig.bench.stand import Stand
+from rig.cli import app
+from rig.solve.formulation import assemble
+
+
+def judged(scene, seconds=3.0):
+    return {one["effect"]: one for one in rig.simulate(scene, seconds).summary["audit"]}
+
+
+def test_a_limit_that_was_never_met_is_on_for_nothing_and_a_lag_is_not():
+    found = judged(rig.load("pendulum"), None)
+    limits, lag = found["load limits"], found["load lag"]
+    assert limits["on"]
+    assert limits["noted"]
+    assert limits["share"] == 0.0
+    assert lag["share"] > LEAST
+    assert not lag["noted"]
+
+
+def test_a_rig_differs_from_itself_in_nothing():
+    stand = Stand(rig.load("belt_c"))
+    for _ in range(200):
+        stand.frame()
+    kept = stand._witness.kept
+    assert MOST // 2 <= len(kept) <= MOST
+    assert share(kept, stand.motion.system, {}) == 0.0
+
+
+def test_the_share_is_one_of_all_forces():
+    """1 % more stiffness: 1 % of the spring's force, beside friction the only one on a mass that rests."""
+    system = rig.load("belt_c").assemble().system()
+    other = rig.load("belt_c", {"body.stiffness": 1.01 * float(system.stiffness[0, 0])}).assemble().system()
+    key, x = system.key([0], [0], []), system.start.copy()
+    x[:2] = 0.01, 0.0
+    friction = float(abs(assemble(system, key).friction[0] @ x))
+    spring = float(system.stiffness[0, 0]) * 0.01
+    assert share([Visited(system, key, x)], other, {}) == pytest.approx(0.01 * spring / (spring + friction), rel=1e-9)
+
+
+def test_what_is_absent_is_judged_with_the_values_of_another_scene():
+    found = judged(rig.load("belt_c"))["drive lag"]
+    assert not found["on"]
+    assert found["like"] == "belt_velocity_feedback"
+
+
+def test_states_are_spread_over_the_whole_run_however_it_is_cut():
+    def ticks(pieces):
+        stand = Stand(rig.load("belt_c"), truthful=True)
+        for count in pieces:
+            while stand.tick < count:
+                stand.frames(count - stand.tick)
+        return [one.x.tolist() for one in stand._witness.kept]
+
+    assert ticks([1000]) == ticks(range(1, 1001))
+
+
+def test_explain_tells_the_audit_of_a_recording(tmp_path, capsys):
+    log = tmp_path / "run.mcap"
+    for arguments in (["simulate", "pendulum", "--duration", "1", "--out", str(log)], ["explain", str(log)]):
+        with pytest.raises(SystemExit) as left:
+            app.run(arguments)
+        assert not left.value.code
+    said = capsys.readouterr().out
+    assert said.count("load limits is on and changes nothing") == 2

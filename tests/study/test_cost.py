@@ -1,0 +1,159 @@
+"""What accuracy costs: measures against closed forms, references against each other, and the setting that is taken."""
+
+import math
+
+import numpy as np
+import pytest
+
+import rig
+from rig.errors import UsageError
+from rig.study.cost import Row, Table, cost, folder_of, front, recommended
+from rig.study.cost.measures import errors, observe
+from rig.study.cost.problem import held, problem
+from rig.study.cost.settings import Setting, eligible, ladder
+from rig.study.cost.timing import Cost, Spread
+
+pytestmark = pytest.mark.timeout(400)  # kernels may have to be compiled first
+
+
+def row(error, p99, share=0.0, method="rk4", floor=0.0):
+    one = Spread(p99, p99, p99)
+    return Row(Setting(method), {"period": error}, {"period": floor}, Cost(one, one, one, one), share)
+
+
+@pytest.fixture(scope="module")
+def belt(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cost")
+    scene = rig.load("belt_c")
+    told = []
+    return scene, folder, cost(scene, folder, lambda done, total: told.append((done, total)), rounds=5), told
+
+
+def test_errors_of_a_fixed_step_fall_with_its_fourth_power(belt):
+    found = belt[2]
+    assert found.kind == "cycle"
+    assert found.orders["rk4"] == pytest.approx(4.0, abs=0.1)
+    assert {r.setting.method for r in found.rows} == {"exact", "rk4"}
+    assert "exact propagator" in found.left_out["dopri5"]
+
+
+def test_the_exact_method_is_judged_by_another_and_both_by_the_closed_form(belt):
+    found = belt[2]
+    a, b, w = 0.15 * 20.0 / 2500.0, 0.06 / math.sqrt(500.0), math.sqrt(500.0)
+    period = 2.0 * a / 0.06 + (2.0 * math.pi - 2.0 * math.atan2(a, b)) / w
+    assert found.values["period"] == pytest.approx(period, rel=1e-13)
+    assert found.values["amplitude displacement"] == pytest.approx(math.hypot(a, b), rel=1e-12)
+    assert found.values["stick share contact"] == pytest.approx(2.0 * a / 0.06 / period, rel=1e-12)
+    [exact] = [r for r in found.rows if r.setting.method == "exact"]
+    assert 0.0 < exact.error("worst") < 1e-11
+
+
+def test_references_are_kept_and_used_again(belt):
+    scene, folder, *_ = belt
+    kept = sorted(folder_of(scene, folder).glob("reference-*.json"))
+    times = [path.stat().st_mtime_ns for path in kept]
+    assert [path.name.split("-")[1] for path in kept] == ["exact", "rk4"]
+    cost(scene, folder, rounds=1)
+    assert [path.stat().st_mtime_ns for path in kept] == times
+
+
+def test_progress_is_told_to_the_end(belt):
+    done, total = belt[3][-1]
+    assert done == total
+
+
+def test_the_table_comes_back_from_its_files(belt):
+    from pyarrow import parquet
+
+    scene, folder, found, _ = belt
+    folder = folder_of(scene, folder)
+    read = Table.read(folder)
+    assert [r.setting for r in read.rows] == [r.setting for r in found.rows]
+    assert read.rows[0].errors == found.rows[0].errors
+    columns = parquet.read_table(folder / "cost.parquet").to_pydict()
+    assert columns["error period"] == [r.errors["period"] for r in read.rows]
+    assert read.machine["numba"]
+
+
+def test_a_state_with_missed_events_is_no_small_error(belt):
+    asked = problem(belt[0])
+    seen = observe(asked, Setting("exact"))
+    assert errors(asked, seen, seen)["event times"] == 0.0
+    fewer = type(seen)(seen.values, seen.events[1:], seen.count - 1, seen.mean)
+    assert math.isinf(errors(asked, fewer, seen)["event times"])
+
+
+def test_actuators_are_held_where_the_protocol_holds_them_longest():
+    scene = rig.load("lever_three_stage")
+    assert held(scene, scene.assemble()) == {"drive.speed": pytest.approx(8.0 * 2.0 * math.pi / 60.0)}
+    assert held(rig.load("belt_c"), rig.load("belt_c").assemble()) == {}
+
+
+def test_methods_come_from_the_rig_and_ladders_end_where_it_is_stable():
+    scene = rig.load("belt")
+    system = scene.assemble().system()
+    able = eligible(system, scene.step_ns)
+    assert "falling" in able["exact"] or "linear" in able["exact"]
+    assert not able["dopri5"]
+    steps = [s.step_ns for s in ladder("rk4", scene, 1e4)]
+    assert steps[0] * 1e-9 * 1e4 <= 2.785
+    assert all(scene.step_ns % h == 0 for h in steps)
+    assert np.all(np.diff(steps) < 0)
+
+
+def test_the_front_has_what_no_other_beats():
+    rows = [row(1e-3, 10.0), row(1e-4, 20.0), row(1e-4, 30.0), row(1e-5, 15.0), row(math.inf, 1.0)]
+    assert front(rows, "period") == [rows[0], rows[3]]
+
+
+def test_the_setting_taken_is_the_cheapest_that_is_enough():
+    rows = [row(1e-2, 10.0, 0.01), row(1e-4, 20.0, 0.02), row(1e-6, 40.0, 0.04), row(1e-5, 21.0, 0.021)]
+    assert recommended(rows, "period", 1e-3, None) is rows[3]  # a twentieth more, and ten times as accurate
+    assert recommended(rows, "period", None, 0.03) is rows[3]
+    assert recommended(rows, "period", None, None) is rows[2]
+    with pytest.raises(UsageError, match="no setting is accurate to 1e-08"):
+        recommended(rows, "period", 1e-8, None)
+    with pytest.raises(UsageError, match=r"no setting fits 0\.1 %"):
+        recommended(rows, "period", 1e-3, 0.001)
+
+
+def test_what_is_measured_no_better_than_the_references_is_not_asked_for():
+    rows = [row(1.5e-12, 10.0, 0.01, floor=1e-12), row(1e-13, 90.0, 0.09, floor=1e-12)]
+    assert recommended(rows, "period", None, 0.5) is rows[0]
+
+
+def test_delay_and_sampling_cost_what_the_first_order_says():
+    """A delay tau, and half a sample period, shift the decay rate in proportion while they are small."""
+    from rig.study.cost.delay import TIMES, delayed
+
+    [found] = delayed(rig.load("belt_normal_force"))
+    delays, periods = dict(found.delays), dict(found.periods)
+    assert len(delays) == len(TIMES)
+    assert delays[1e-4] == pytest.approx(10.0 * delays[1e-5], rel=0.1)
+    assert periods[1e-4] == pytest.approx(0.5 * delays[1e-4], rel=0.1)
+    assert found.own[2] == pytest.approx(periods[1e-3], rel=1e-6)
+    assert delayed(rig.load("belt_dither_controlled")) == []
+
+
+def test_a_run_takes_what_the_table_of_this_machine_recommends(belt):
+    from rig.study.cost import chosen
+
+    scene, folder, *_ = belt
+    told = []
+    taken = chosen(scene, 1e-6, None, told.append, folder)
+    assert taken.clock.method in told[-1]
+    assert "of a frame at p99" in told[-1]
+    with pytest.raises(UsageError, match="no setting is accurate to 1e-30"):
+        chosen(scene, 1e-30, None, told.append, folder)
+    with pytest.raises(UsageError, match="no setting fits"):
+        chosen(scene, None, 1e-6, told.append, folder)
+
+
+def test_what_is_recommended_holds_when_it_is_judged_anew():
+    """Two rigs of the trial, with a seed of their own; what they cost is for a quiet machine to say."""
+    from rig.study.cost.trial import SCENES, drawn, judged
+
+    rigs = [(scene, target) for scene, target in drawn(2 * len(SCENES), seed=7) if scene.name.startswith("belt_c")]
+    found = [judged(scene, target, rounds=1) for scene, target in rigs[:2]]
+    assert all(one.error <= one.target for one in found)
+    assert all(one.ratio >= 1.0 for one in found)

@@ -1,0 +1,38 @@
+"""What `rig explain --measure` tells: effects measured with and without, methods, what is computed and for whom."""
+
+import pytest
+
+import rig
+from rig.study import explained
+from rig.study.parts_figure import draw
+
+
+def test_methods_say_why_they_do_not_serve():
+    found = explained.methods(rig.load("belt"))
+    assert found["dopri5"] == "taken"
+    assert "not linear in every mode set" in found["exact"]
+    assert explained.methods(rig.load("belt_c"))["exact"] == "taken"
+
+
+def test_what_nobody_asks_for_is_not_computed():
+    scene = rig.load("brake_shunt")
+    told = {one.name: one for one in explained.signals(scene)}
+    assert told["velocity"].rate == pytest.approx(1e9 / scene.step_ns)
+    assert "vibrometer" in told["velocity"].asked
+    assert told["friction_force"].rate == 0.0
+    less = rig.load("brake_shunt", {"sensors.vibrometer": "none", "sensors.microphone": "none"})
+    assert {one.name: one for one in explained.signals(less)}["velocity"].rate == 0.0
+    assert "meas/vibrometer" not in {one.name for one in explained.topics(less)}
+
+
+def test_an_absent_effect_is_measured_with_the_values_of_another_scene(monkeypatch, tmp_path):
+    monkeypatch.setattr(explained, "absent", lambda scene: {"inhomogeneity": ["inhomogeneity"]})
+    monkeypatch.setattr(explained, "effects", lambda scene, rounds: [])
+    scene = rig.load("brake_3400", {"start.velocity": 0.2})
+    [part] = explained.parts(scene, rounds=3)
+    assert not part.on
+    assert "measured as in brake_shunt_sound" in part.why
+    assert part.paired.states == 1
+    assert part.paired.worst[1] > 0.0
+    draw([part], scene, tmp_path / "effects.png")
+    assert (tmp_path / "effects.png").stat().st_size > 10_000

@@ -1,0 +1,102 @@
+"""The torture test: its cases are sound, its verdicts are what they say, the default method is green."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rig.errors import SceneError, UsageError
+from rig.study import torture
+from rig.study.torture.case import FOLDER, load, names, read
+from rig.study.torture.trial import Found
+from rig.study.torture.verdict import judge
+
+NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
+SOME = ["grazing", "belt_at_rest", "belt_loop_unlimited", "pin_jams"]  # of few kernels
+
+
+@pytest.fixture(scope="module")
+def some():
+    return torture.matrix(SOME, quick=True)
+
+
+pytestmark = pytest.mark.timeout(400)  # its kernels may have to be compiled first
+
+
+def test_cases_are_read():
+    assert len(names()) >= 40
+    for name in names():
+        case = load(name)
+        assert case.title
+        assert case.about
+        assert case.duration % case.steps[0] == 0 or case.duration > 1_000_000_000
+
+
+def test_expected_numbers_are_those_of_the_references():
+    assert load("belt_stick_slip").expect.events == len(NUM["P1"]["events"])
+    assert load("short_stick").expect.events == NUM["HC2"]["events"]
+    assert load("grazing").expect.events == NUM["HC2b"]["events"]
+    p1 = NUM["P1"]["params"]
+    assert load("belt_stick_slip").set["body.damping"] == p1["c"]
+    limit = p1["mud"] + NUM["HC2b"]["limit"] * (1.0 + 1e-6)
+    assert load("grazing").set["friction.mu_static"] == pytest.approx(limit, rel=1e-14)
+
+
+def test_default_is_green(some):
+    assert [cell for cell in some if not cell.good] == []
+    assert {cell.case for cell in some if cell.default} == set(SOME)
+
+
+def test_instability_is_named_with_its_growth(some):
+    named = next(cell for cell in some if cell.case == "belt_loop_unlimited")
+    assert named.verdict.colour == "green"
+    assert "growth +433 1/s" in named.verdict.told
+
+
+def test_comparison_fails_for_the_reason_it_should(some):
+    sign = next(cell for cell in some if cell.case == "grazing" and cell.method == "sign")
+    assert (sign.verdict.colour, sign.verdict.reason) == ("red", "creep")
+    rk4 = next(cell for cell in some if cell.case == "grazing" and cell.method == "rk4")
+    assert (rk4.verdict.colour, rk4.verdict.reason) == ("red", "missed event")
+
+
+def test_verdicts():
+    case = load("stick_below_limit")
+    good = Found(events=[(0.1, "contact slip+"), (0.2, "contact stick")], count=2)
+    assert judge(case, good, good, 1.0).colour == "green"
+
+    def told(**changes):
+        found = judge(case, Found(**({"events": good.events, "count": 2} | changes)), good, 1.0)
+        return found.colour, found.reason
+
+    assert told(not_finite=1) == ("red", "NaN")
+    assert told(energy=2e-6) == ("red", "energy")
+    assert told(negative_power=1e-6) == ("red", "energy")
+    assert told(outside_cone=1e-6) == ("red", "missed event")
+    assert told(pulling=1e-6) == ("red", "missed event")
+    assert told(creep=1e-6) == ("red", "creep")
+    assert told(began={"displacement": 1.0}, ended={"displacement": 1.0 + 1e-15}) == ("red", "creep")
+    assert told(count=1) == ("red", "missed event")
+    assert told(count=3) == ("red", "chatter")
+    assert told(events=[(0.1, "contact slip-"), (0.2, "contact stick")]) == ("red", "order lost")
+    assert told(events=[(0.1, "contact slip+"), (0.21, "contact stick")]) == ("amber", "order lost")
+    assert told(seconds=1.1) == ("amber", "overrun")
+
+
+def test_what_comes_at_one_instant_may_come_in_any_order():
+    case = load("two_at_once")
+    one = Found(events=[(0.1, "a slip+"), (0.1, "b slip+"), (0.3, "a stick")], count=3)
+    other = Found(events=[(0.1, "b slip+"), (0.1, "a slip+"), (0.3, "a stick")], count=3)
+    assert judge(case, other, one, 1.0).colour == "green"
+
+
+def test_faults_of_a_case_are_told_together(tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text('title = "x"\nabout = "y"\nscene = "belt_c"\nduration = "3 m"\nspeed = 1\n')
+    with pytest.raises(SceneError) as told:
+        read(path)
+    assert "duration" in str(told.value)
+    assert "speed" in str(told.value)
+    with pytest.raises(UsageError, match="did you mean grazing"):
+        load("grasing")
+    assert FOLDER.is_dir()
