@@ -151,6 +151,7 @@ class Plant:
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
             begin, late = pacer.wait()
+            spent = processor()
             hub.receive()
             received = clock()
             hub.put_step()
@@ -158,7 +159,7 @@ class Plant:
             hub.put_gathered()
             sent = clock()
             if not operation.begin() or self._ends(pacer):
-                rows.rows.append((begin, late, pacer.waited, 0, 0, 0, 0, processor()))
+                rows.rows.append((begin, late, pacer.waited, 0, 0, 0, 0, spent))
                 return
             desk.poll()
             lines = operation.take_over()
@@ -173,7 +174,7 @@ class Plant:
                 self._tell(show)
             served = clock()
             spans = (received - begin, done - sent, sent - received + told - done, served - told)
-            rows.rows.append((begin, late, pacer.waited, *spans, processor()))
+            rows.rows.append((begin, late, pacer.waited, *spans, spent))
 
     def _in_lockstep(self, pacer: pace.Pacer | None, show: Show) -> None:
         hub, desk, operation, stand = self.hub, self.desk, self.operation, self.stand
@@ -182,6 +183,7 @@ class Plant:
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
             begin, late = pacer.wait() if pacer is not None else (clock(), 0)
+            spent = processor()
             hub.gather()
             if not operation.begin() or self._ends(pacer):
                 return
@@ -202,7 +204,7 @@ class Plant:
                 self._tell(show)
             if pacer is not None:
                 spans = (answered - begin, done - answered, told - done, clock() - told)
-                rows.rows.append((begin, late, pacer.waited, *spans, processor()))
+                rows.rows.append((begin, late, pacer.waited, *spans, spent))
 
     def _fell_back(self) -> None:
         self.scheduling = "fell back: frames left no pause for 0.2 s"

@@ -19,7 +19,8 @@ from rig.bench.truth import ROWS, Truth
 from rig.errors import SceneError, UsageError
 from rig.scenes.scene import Scene
 from rig.solve.assembly import Input
-from rig.solve.motion import Frames, Motion, chosen
+from rig.solve.method import chosen
+from rig.solve.motion import Frames, Motion
 from rig.solve.verdict import verdict
 from sensors.bank import Bank
 from sensors.frames import frames

@@ -139,7 +139,7 @@ class Timing:
     def __init__(self, wall_ns: float) -> None:
         self.wall_ns = wall_ns
         self.rows: list[Row] = []
-        """Per frame: begin, lateness, whether there was time to wait, the four spans, processor time so far; all ns."""
+        """Per frame: begin, lateness, whether there was time to wait, spans, processor time spent before it; all ns."""
         self.interruptions = Interruptions()
         self.lateness = Spread()
         self.spans = {name: Spread() for name in SPANS}

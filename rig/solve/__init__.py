@@ -2,7 +2,9 @@
 
 assembly     rows by name: what plants and effects write
 formulation  the matrices of one mode set
-slots        tables of the mode sets a run has visited
+tables       what a kernel reads, stacked by mode set
+slots        the mode sets a run has visited, built when they are met
+signals      what sensors read, as rows over the state
 expm         propagators
 roots        the first fall of a polynomial through zero
 laws         friction coefficient over slip speed
@@ -12,6 +14,7 @@ dopri5, rk4  for laws that fall with speed, and for comparison
 kick         for contacts that open and close all the time
 smooth       friction without rest, to be seen failing
 ledger       energy, each term integrated on its own
+method       which of them carries a system on
 motion       the run: one state, its time and its modes
 verdict      what eigenvalues say before the run starts
 segments     the signals of one frame, for the sensors

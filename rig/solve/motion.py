@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rig.errors import Chatter, Diverged, Jammed, NumericsError
 from rig.kernel import bundle, entry
-from rig.solve import kick, ledger, smooth
+from rig.solve import ledger
 from rig.solve.carry import (
     BEYOND,
     COUNTERS,
@@ -39,27 +39,14 @@ from rig.solve.carry import (
     workspace,
 )
 from rig.solve.emit import empty_segments
+from rig.solve.method import seen
 from rig.solve.settle import CHATTER, DONE, JAM, LOOK, LOST, NEED, OVERFULL, SETTLE, START
-from rig.solve.slots import UNROLLED, Slots
+from rig.solve.slots import Slots
 from rig.solve.system import STICK, System
+from rig.solve.tables import UNROLLED
 
 Array = NDArray[np.float64]
-METHODS = ("exact", "dopri5", "rk4", "kick", "smooth")
 SEGMENTS = 1024
-MANY = 1 << 22
-"""Mode sets that can be told apart; of more contacts opening is no event (kick)."""
-
-
-def chosen(method: str, system: System) -> str:
-    """The method that "auto" stands for: exact where the motion is linear in every mode set, else dopri5.
-
-    kick where so many contacts open and close that their mode sets cannot be numbered.
-    """
-    if method != "auto":
-        return method
-    if system.keys > MANY and not kick.refusal(system):
-        return "kick"
-    return "exact" if system.linear else "dopri5"
 
 
 class Frames(NamedTuple):
@@ -116,8 +103,6 @@ class Motion:
         frames: Frames | None = None,
         smoothing: float = 1e-3,
     ) -> None:
-        if method not in METHODS:
-            raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
         self.step_ns, self.method, self.smoothing = step_ns, method, float(smoothing)
         self.tolerance, self.limit = float(tolerance), float(limit)
         self.substeps, self.booking = int(substeps), bool(booking)
@@ -173,21 +158,7 @@ class Motion:
 
     def _set(self, system: System) -> System:
         """Take over a system, as the method sees it."""
-        if self.method == "kick":
-            why = kick.refusal(system)
-            if why:
-                raise ValueError(f"kick: {why}")
-            system = kick.pressed(system)
-        elif self.method == "smooth":
-            system = smooth.smoothed(system, self.smoothing)
-        if system.keys > MANY:
-            raise ValueError(f"{self.method} cannot tell {system.keys:.3g} mode sets apart: use kick")
-        if self.method == "exact" and not system.linear:
-            bent = [p.name for i, p in enumerate(system.patches) if any(not law.constant for law in system.laws(i))]
-            bent += [product.name for product in system.products]
-            raise ValueError(
-                f"exact needs motion that is linear in every mode set; not so {', '.join(bent)}: use dopri5"
-            )
+        system = seen(system, self.method, self.smoothing)
         self.system = system
         self._told = cache(system.happens)
         kicks = self.substeps if self.method == "kick" else 0
@@ -274,7 +245,7 @@ class Motion:
         self._outputs = self._outputs if outputs is None else outputs
         x = dict(zip(self.system.names, self.state.x.tolist()))
         before = ledger.stored(self.system, self.state.x, self.key)
-        self.state.energy[:] = self.terms()
+        self.terms()  # the sums of the slots that are given up
         modes = self.system.modes(self.key)
         old, tally = self.system, self.state.tally.copy()
         visited = [s.key for s in self.slots.sets]
@@ -393,7 +364,9 @@ class Motion:
 
     def terms(self) -> Array:
         """The terms of the ledger so far [J], in the order of rig.solve.ledger.NAMES."""
-        return self.state.energy + self.slots.booked()
+        energy = self.state.energy
+        energy += self.slots.take()
+        return energy.copy()
 
     def energy(self) -> dict[str, float]:
         """The ledger so far [J], and `error`: what does not close, relative to the largest term or store."""

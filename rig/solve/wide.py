@@ -164,13 +164,17 @@ def _blocks(rows: Array) -> Array:
     return np.ascontiguousarray(padded.reshape(count, BLOCK, n).transpose(0, 2, 1))
 
 
-def energy(t: Wide, count: int, work: Array, powers: Array) -> Array:
-    """What `whole` and `part` of the first `count` slots come to, [term]; work, powers [slot, term, n, n]: forms."""
+def take(t: Wide, count: int, work: Array, powers: Array) -> Array:
+    """What `whole` and `part` of the first `count` slots come to, [term], and empties them.
+
+    work, powers [slot, term, n, n]: forms. Few of many slots have been met since the last call.
+    """
     total, n = np.zeros(work.shape[1]), work.shape[2]
-    for slot in range(count):
-        if t.whole[slot].any() or t.part[slot].any():
-            total += np.einsum("tij,ij->t", work[slot], t.whole[slot, :, :n])
-            total += np.einsum("tij,ij->t", powers[slot], t.part[slot, :, :n])
+    for forms, sums in ((work, t.whole), (powers, t.part)):
+        sizes = np.einsum("sii->s", sums[:count, :, :n])
+        for slot in np.flatnonzero(sizes).tolist():
+            total += forms[slot].reshape(len(total), -1) @ sums[slot, :, :n].ravel()
+            sums[slot] = 0.0
     return total
 
 

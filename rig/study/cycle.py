@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from rig.scenes.scene import Scene
 from rig.solve.linear import sliding_key, steady
-from rig.solve.motion import Event, chosen
+from rig.solve.method import chosen
+from rig.solve.motion import Event
 from rig.solve.system import System
 from rig.study.floquet import Floquet, floquet
 from rig.study.orbit import Orbit

@@ -15,7 +15,7 @@ from rig.errors import RigError
 from rig.scenes.scene import Scene, controller_reads
 from rig.scenes.variants import absent, added
 from rig.solve import kick
-from rig.solve.motion import METHODS, chosen
+from rig.solve.method import METHODS, chosen
 from rig.study.cost.effects import ROUNDS, Paired, bare, compared, effects
 from rig.study.cost.problem import held
 

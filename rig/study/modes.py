@@ -20,8 +20,8 @@ from rig.scenes.scene import Scene, plant_module
 from rig.solve.assembly import Assembly
 from rig.solve.finding import Finding
 from rig.solve.linear import Steady, sliding_key, steady
-from rig.solve.motion import chosen
-from rig.solve.slots import signal_rows
+from rig.solve.method import chosen
+from rig.solve.signals import signal_rows
 from rig.solve.system import System
 from rig.solve.verdict import verdict
 from rig.study.averaged import averaged

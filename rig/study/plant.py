@@ -18,7 +18,7 @@ from rig.errors import SceneError
 from rig.scenes.scene import Scene, plant_module
 from rig.solve.assembly import Assembly
 from rig.solve.linear import Steady, inputs, own_law
-from rig.solve.slots import signal_rows
+from rig.solve.signals import signal_rows
 from rig.study.modes import at_rest
 
 if TYPE_CHECKING:

@@ -23,9 +23,9 @@ import sensors
 from rig import kernel, scenes
 from rig.bench.stand import Stand
 from rig.scenes.scene import Scene
-from rig.solve.motion import chosen
-from rig.solve.slots import UNROLLED
+from rig.solve.method import chosen
 from rig.solve.system import System
+from rig.solve.tables import UNROLLED
 
 FRAMES = 3
 TYPICAL = 25.0  # s for one shape on one core, measured; only the first estimate

@@ -11,7 +11,8 @@ from scipy.integrate import solve_ivp
 
 from rig.solve import kick, laws
 from rig.solve.assembly import Assembly
-from rig.solve.motion import Motion, chosen
+from rig.solve.method import chosen
+from rig.solve.motion import Motion
 from rig.study.torture.rigs import PAIRS, Points, points
 
 pytestmark = pytest.mark.timeout(400)  # its kernel may have to be compiled first

@@ -14,7 +14,7 @@ from rig.scenes import names
 from rig.scenes.shelf import card
 from rig.scenes.variants import absent, added, dropped, given, without
 from rig.solve import kick
-from rig.solve.motion import METHODS
+from rig.solve.method import METHODS
 from rig.solve.slots import Slots
 from rig.solve.verdict import mode_sets
 from rig.study.bench import absent as twin

@@ -16,7 +16,8 @@ import numpy as np
 from rig.scenes.scene import Scene
 from rig.solve import kick
 from rig.solve.formulation import assemble
-from rig.solve.motion import METHODS, SEGMENTS, Motion, chosen
+from rig.solve.method import METHODS, chosen
+from rig.solve.motion import SEGMENTS, Motion
 from rig.solve.system import System
 from rig.solve.verdict import RK4_LIMIT, mode_sets
 

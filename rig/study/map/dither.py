@@ -27,7 +27,8 @@ from numpy.typing import NDArray
 from rig.bench.stand import with_value
 from rig.errors import NumericsError
 from rig.scenes.scene import Scene, plant_module
-from rig.solve.motion import Motion, chosen
+from rig.solve.method import chosen
+from rig.solve.motion import Motion
 from rig.solve.system import System
 from rig.study.averaged import averaged, fast_motion
 from rig.study.map.job import Arrays, Job

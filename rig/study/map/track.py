@@ -18,7 +18,8 @@ from rig.errors import NumericsError
 from rig.scenes.scene import Scene, plant_module
 from rig.solve.carry import EVENTS, KEY, PENDING, TRY
 from rig.solve.linear import Steady, sliding_key, steady
-from rig.solve.motion import Motion, chosen
+from rig.solve.method import chosen
+from rig.solve.motion import Motion
 from rig.solve.settle import START
 from rig.solve.system import CLOSED, STICK, System
 from rig.study.axis import Axis

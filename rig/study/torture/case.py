@@ -14,7 +14,7 @@ from rig import scenes
 from rig.errors import SceneError, UsageError
 from rig.quantities import Nanoseconds, Section
 from rig.scenes import faults
-from rig.solve.slots import UNROLLED
+from rig.solve.tables import UNROLLED
 
 FOLDER = Path(__file__).parent / "cases"
 Share = Annotated[float, Gt(0.0)]

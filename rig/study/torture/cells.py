@@ -8,7 +8,7 @@ from typing import Any
 
 from rig.errors import NumericsError, RigError, SceneError, UsageError
 from rig.solve import kick
-from rig.solve.motion import chosen
+from rig.solve.method import chosen
 from rig.solve.verdict import verdict
 from rig.study.torture import case as cases
 from rig.study.torture import sign

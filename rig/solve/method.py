@@ -1,0 +1,42 @@
+"""Which method carries a system on, and how each of them sees it."""
+
+from __future__ import annotations
+
+from rig.solve import kick, smooth
+from rig.solve.system import System
+
+METHODS = ("exact", "dopri5", "rk4", "kick", "smooth")
+MANY = 1 << 22
+"""Mode sets that can be told apart; of more contacts opening is no event (kick)."""
+
+
+def chosen(method: str, system: System) -> str:
+    """The method that "auto" stands for: exact where the motion is linear in every mode set, else dopri5.
+
+    kick where so many contacts open and close that their mode sets cannot be numbered.
+    """
+    if method != "auto":
+        return method
+    if system.keys > MANY and not kick.refusal(system):
+        return "kick"
+    return "exact" if system.linear else "dopri5"
+
+
+def seen(system: System, method: str, smoothing: float) -> System:
+    """The system as a method sees it; `smoothing` [m/s] of the method smooth. Raises ValueError if it cannot serve."""
+    if method not in METHODS:
+        raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
+    if method == "kick":
+        why = kick.refusal(system)
+        if why:
+            raise ValueError(f"kick: {why}")
+        system = kick.pressed(system)
+    elif method == "smooth":
+        system = smooth.smoothed(system, smoothing)
+    if system.keys > MANY:
+        raise ValueError(f"{method} cannot tell {system.keys:.3g} mode sets apart: use kick")
+    if method == "exact" and not system.linear:
+        bent = [p.name for i, p in enumerate(system.patches) if any(not law.constant for law in system.laws(i))]
+        bent += [product.name for product in system.products]
+        raise ValueError(f"exact needs motion that is linear in every mode set; not so {', '.join(bent)}: use dopri5")
+    return system
