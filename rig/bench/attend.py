@@ -36,6 +36,7 @@ class Attendant:
         self._passed_ns: list[int] = []
         self._asleep = pace.asleep_ns()
         self._begun, self._stolen = 0, 0
+        self._counted = False
 
     def begin(self, now: int, pacer: pace.Pacer | None) -> None:
         """The first frame begins now."""
@@ -52,9 +53,12 @@ class Attendant:
         self._hub.serve_scene()
         if now < self._health_due:
             return False
-        self._health_due = now + HEALTH_NS
+        if not self._counted:  # in two turns, since one frame has no time for both
+            self._count(now)
+            return False
+        self._health_due = now + HEALTH_NS - ATTEND_NS
         self.gone = self.orphaned()
-        self.tell_health(now)
+        self._publish(now)
         return True
 
     def _tell_passed(self, late_ns: int) -> None:
@@ -91,13 +95,20 @@ class Attendant:
 
     def tell_health(self, now: int) -> None:
         """Publish how things stand."""
-        timing, statistics = self._timing, self._stand.statistics()
+        self._count(now)
+        self._publish(now)
+
+    def _count(self, now: int) -> None:
+        timing, self._counted = self._timing, True
         self._hub.fold()
         if self.pacer is not None:
             self._count_given_up(self.pacer)
             timing.fold()
             whole = (now - self._begun) * (os.cpu_count() or 1)
             timing.stolen_share = (pace.stolen_ns() - self._stolen) / whole if whole else 0.0
+
+    def _publish(self, now: int) -> None:
+        timing, statistics, self._counted = self._timing, self._stand.statistics(), False
         wall, t_ns = now - self._marked[0], self._stand.t_ns
         rate = (t_ns - self._marked[1]) / wall if wall else 0.0
         self._marked = (now, t_ns)

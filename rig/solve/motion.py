@@ -42,7 +42,7 @@ from rig.solve.emit import empty_segments
 from rig.solve.method import seen
 from rig.solve.settle import CHATTER, DONE, JAM, LOOK, LOST, NEED, OVERFULL, SETTLE, START
 from rig.solve.slots import Slots
-from rig.solve.system import STICK, System
+from rig.solve.system import System
 from rig.solve.tables import UNROLLED
 
 Array = NDArray[np.float64]
@@ -221,8 +221,7 @@ class Motion:
     def stick_share(self) -> float:
         """Share of the ticks so far in which every loaded patch was stuck."""
         tally = self.state.tally[: len(self.slots.sets)]
-        stuck = [all(m == STICK for m in self.system.modes(s.key)[0]) for s in self.slots.sets[:TALLIED]]
-        return float(tally[stuck].sum() / max(int(self.state.tally.sum()), 1))
+        return float(tally[self.slots.sticks[:TALLIED]].sum() / max(int(self.state.tally.sum()), 1))
 
     def write(self, index: int, value: float) -> None:
         """Put state `index` to `value` now; modes are settled before the next step.

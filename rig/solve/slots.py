@@ -41,6 +41,8 @@ class Slots:
         self.step = step
         self.rows = signals
         self.sets: list[ModeSet] = []
+        self.sticks: list[bool] = []
+        """Whether every patch sticks, by slot."""
         self.tables = empty(system, step, len(signals), read, kicks)
         self.handle = bundle(self.tables)
 
@@ -140,6 +142,7 @@ class Slots:
         self.tables = t._replace(slot_of=slot_of, **stacked)
         self.handle = bundle(self.tables)
         self.sets.append(modes)
+        self.sticks.append(all(mode == STICK for mode in patch_modes))
         return modes
 
     def take(self) -> Array:
