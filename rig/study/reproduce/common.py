@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from rig.record.run import Run
     from rig.scenes.scene import Scene
     from rig.solve.laws import Law
@@ -41,3 +45,19 @@ def value(scene: Scene, key: str) -> float:
 def law_of(scene: Scene) -> Law:
     """The friction law of the scene's first contact."""
     return scene.assemble().system().patches[0].law  # type: ignore[no-any-return]
+
+
+def dither_boundary(scene: Scene, rate: float, fast: float, shares: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Largest dither that loses sliding, over the one that shakes the slider of mass one with `fast` [m/s].
+
+    Leading order, averaged, simulated. `rate` of the dither [rad/s]; `shares`: amplitudes to look at, in that measure.
+    """
+    from rig.study.axis import Axis
+    from rig.study.map.dither import boundary
+    from rig.study.map.job import Job, Settings
+
+    frequencies = Axis.of("dither.frequency", [rate / (2.0 * math.pi), rate], scene)
+    amplitudes = Axis.of("dither.amplitude", shares * fast * rate, scene)
+    found = boundary(Job(scene, frequencies, amplitudes, Settings("displacement")), 0)
+    leading, averaged, simulated = (float(found[name].mean()) for name in ("leading", "averaged", "simulated"))
+    return leading / (fast * rate), averaged / (fast * rate), simulated / (fast * rate)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.study.reproduce.common import BLUE, GREEN, RED, load, quiet, run
+from rig.study.reproduce.common import BLUE, GREEN, RED, dither_boundary, load, quiet, run
 from rig.study.reproduce.entry import Comparison, Entry
 
 if TYPE_CHECKING:
@@ -177,9 +177,9 @@ def quenched(figure: Figure) -> Iterator[Comparison]:
 
 
 def boundary(figure: Figure) -> Iterator[Comparison]:
-    """Amplitude above which dither stabilises, averaged, beside independent simulations."""
+    """Amplitude above which dither stabilises, averaged and simulated, beside independent simulations."""
     left, right = figure.subplots(1, 2)
-    simulated = {
+    told = {
         "b": {3: 0.8859, 5: 0.9578, 10: 0.9859, 20: 0.9953},
         "c": {3: 1.1422, 5: 1.2047, 10: 1.2297, 20: 1.2328},
     }
@@ -188,9 +188,17 @@ def boundary(figure: Figure) -> Iterator[Comparison]:
         found = _largest(case, speed)
         yield Comparison(f"case {case}: averaged, a / V", "", found, expected, "reference", relative=1e-6)
         axis.plot([0.0, 22.0], [0.0, 22.0 * found * V * RATE * 1e-3], color=BLUE, label="averaged")
-        ratios = np.array(list(simulated[case]))
-        told = np.array(list(simulated[case].values()))
-        axis.plot(ratios, told * V * RATE * ratios * 1e-3, "o", color=RED, label="reference, simulated")
+        ratios = np.array(list(told[case]))
+        simulated = np.array(list(told[case].values()))
+        axis.plot(ratios, simulated * V * RATE * ratios * 1e-3, "o", color=RED, mfc="none", ms=9.0,
+                  label="reference, simulated")  # fmt: skip
+        shaken = at(case, 100.0, speed, "disc_slider_dither")
+        for ratio in (10, 20):
+            _, averaged, lost = dither_boundary(shaken, ratio * RATE, V, np.linspace(0.8, 1.45, 6))
+            axis.plot([ratio], [lost * V * RATE * ratio * 1e-3], "x", color="black",
+                      label="simulated" if ratio == 10 else "")  # fmt: skip
+            what = f"case {case}: simulated at ratio {ratio}, over averaged"
+            yield Comparison(what, "", lost / averaged, 1.0, "theory", absolute=0.05)
         axis.set(title=f"case {case}, {speed:g} rad/s", xlabel="frequency of the dither over sqrt(kc / m)",
                  ylabel="amplitude of the dither [kN]", xlim=(0.0, 22.0), ylim=(0.0, None))  # fmt: skip
         axis.legend(loc="upper left")
@@ -240,7 +248,8 @@ ENTRIES = (
     Entry("liu000-10", "liu000", "Figure 10", "the same under dither", ("disc_slider_dither",), quenched,
           size=(9.6, 5.6)),
     Entry("liu000-11", "liu000", "Figure 11", "dither that stabilises, over its frequency", ("disc_slider_dither",),
-          boundary, "Stable above the lines. The simulated points are the reference's."),
+          boundary, "Stable above the lines. Crosses: runs pushed along the least stable motion; circles: runs of the "
+          "reference."),
     Entry("liu000-12", "liu000", "Figure 12", "where sliding is unstable under dither", ("disc_slider_dither",),
           instability_shaken, f"Averaged to leading order. {_GAPS}", (9.6, 7.2)),
 )  # fmt: skip

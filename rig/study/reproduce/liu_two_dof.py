@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rig.study.reproduce.common import BLUE, GREEN, GREY, RED, load, quiet, run
+from rig.study.reproduce.common import BLUE, GREEN, GREY, RED, dither_boundary, load, quiet, run
 from rig.study.reproduce.entry import Comparison, Entry
 
 if TYPE_CHECKING:
@@ -119,7 +119,8 @@ def _boundaries(
         told = label.format(mu=mu, V=V)
         axis.plot([0.0, 22.0], [0.0, 22.0 * averaged * V * RATE], color=colour, label=f"{told}: averaged")
         for ratio, expected in simulated.items():
-            leading, found = dither_boundary(mu, V, ratio)
+            scene = load("two_dof_dither", friction__mu=mu, drive__speed=V)
+            leading, _, found = dither_boundary(scene, ratio * RATE, V, np.linspace(0.85, 1.65, 9))
             first = ratio == min(simulated)
             axis.plot(
                 [ratio], [found * V * RATE * ratio], mark, color=colour, label=f"{told}: simulated" if first else ""
@@ -132,20 +133,6 @@ def _boundaries(
     axis.set(xlabel="frequency of the dither over sqrt(k1 / m)", ylabel="amplitude of the dither [N]",
              xlim=(0.0, 22.0), ylim=(0.0, None))  # fmt: skip
     axis.legend(loc="upper left")
-
-
-def dither_boundary(mu: float, V: float, ratio: int) -> tuple[float, float]:
-    """Critical a / V of the two_dof rig: averaged to leading order, and simulated."""
-    from rig.study.axis import Axis
-    from rig.study.map.dither import boundary
-    from rig.study.map.job import Job, Settings
-
-    scene = load("two_dof_dither", friction__mu=mu, drive__speed=V)
-    omega = ratio * RATE
-    frequencies = Axis.of("dither.frequency", [omega / (2.0 * math.pi), omega], scene)
-    amplitudes = Axis.of("dither.amplitude", np.linspace(0.85, 1.65, 9) * V * omega, scene)
-    found = boundary(Job(scene, frequencies, amplitudes, Settings("displacement")), 0)
-    return float(found["leading"]) / (V * omega), float(found["simulated"].mean()) / (V * omega)
 
 
 ENTRIES = (
