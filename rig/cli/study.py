@@ -9,7 +9,7 @@ import typer
 
 from rig.cli import tell
 from rig.cli.options import Changes, Json, SceneName, changes, seconds
-from rig.errors import SceneError, UsageError
+from rig.errors import NumericsError, SceneError, UsageError
 
 if TYPE_CHECKING:
     from rig.scenes.scene import Scene
@@ -83,6 +83,20 @@ def modes(
         tell.report(found.to_json())
     else:
         tell.line(found.text())
+    _refused(loaded, found)
+
+
+def _refused(scene: Scene, found: Modes | Loop | Sweep) -> None:
+    """Say so where a run of the scene would be refused: nothing limits what grows."""
+    from rig.study.modes import Modes
+
+    errors = [one for one in found.findings if one.level == "error"] if isinstance(found, Modes) else []
+    if not errors or scene.clock.unstable == "run":
+        return
+    more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
+    tell.note(f"{scene.name}: a run is refused{more}: {errors[0].what}\n  {errors[0].remedy}\n"
+              '  clock.unstable = "run" runs it all the same, up to clock.limit')  # fmt: skip
+    raise typer.Exit(NumericsError.exit_code)
 
 
 def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
@@ -110,7 +124,14 @@ def cycle(scene: SceneName, p: Changes = None, as_json: Json = False) -> None:
     from rig.scenes import load
     from rig.study.cycle import limit_cycle
 
-    found = limit_cycle(load(scene, changes(p)))
+    status = tell.Status()
+    try:
+        found = limit_cycle(
+            load(scene, changes(p)),
+            watch=lambda now, drift: status.show(f"{now:.3g} s simulated, repeats to {drift:.0e} of a period"),
+        )
+    finally:
+        status.done()
     if as_json:
         tell.report(found.to_json())
         return

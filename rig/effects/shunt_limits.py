@@ -64,8 +64,9 @@ def _static(system: System, stack: Stack, delta: float) -> Iterator[Finding]:
     limit = static_limit(system, stack)
     where = f"the limit is -k_b/(k_b + kappa) = {limit:.4f} (k_b {k_b:.4g} N/m, kappa {kappa:.4g} N/m)"
     if delta <= limit:
-        left = k_b + kappa * delta / (1.0 + delta) if delta > -1.0 else -math.inf
-        what = f"shunt: with delta {delta:g} the stack gives way statically, stiffness left {left:.4g} N/m; {where}"
+        held = delta <= -1.0
+        left = "even held at its ends" if held else f"stiffness left {k_b + kappa * delta / (1.0 + delta):.4g} N/m"
+        what = f"shunt: with delta {delta:g} the stack gives way statically, {left}; {where}"
         yield Finding(
             "error", what, delta - limit, f"delta above {limit:.4f}, {limit / (1.0 + TOLERANCE):.2f} to be safe"
         )

@@ -27,6 +27,7 @@ Contact = Callable[[int, float, float], tuple[float, float, float]]
 _ROUNDS = 60
 _TOLERANCE = 1e-12
 _LEAST = 1e-3
+_ROUNDING = 2.0**-52
 
 
 @dataclass(frozen=True)
@@ -136,20 +137,22 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
     x = system.start.copy()
     x[: system.one] = 0.0
     free = np.union1d(moving, settling(system, modes.A, moving))
+    nq = len(system.coordinates)
+    rows, columns = free[free >= nq], free[(free < nq) | (free >= 2 * nq)]  # q' = v is solved by v = 0
     stuck = STICK in system.modes(key)[0]
     law = contact if contact is not None else own_law(system, modes)
     A, T, load = linearised(system, modes, x, law)
-    residual, scale = _rest(modes, free, x, T)
+    residual, scale = _rest(system, modes, free, x, T)
     for _ in range(0 if stuck else _ROUNDS):
         if residual <= _TOLERANCE * scale:
             break
-        step = np.linalg.lstsq(A[np.ix_(free, free)], (modes.A @ x + modes.b @ T)[free], rcond=1e-14)[0]
+        step = np.linalg.lstsq(A[np.ix_(rows, columns)], (modes.A @ x + modes.b @ T)[rows], rcond=1e-14)[0]
         before, share = residual, 1.0
         while share > _LEAST:  # near a speed at which the structure gives way the full step leads astray
             y = x.copy()
-            y[free] -= share * step
+            y[columns] -= share * step
             found = linearised(system, modes, y, law)
-            residual, scale = _rest(modes, free, y, found[1])
+            residual, scale = _rest(system, modes, free, y, found[1])
             if residual < before:
                 break
             share *= 0.5
@@ -157,8 +160,7 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
             residual = before
             break
         x, (A, T, load) = y, found
-    nq = len(system.coordinates)
-    x[nq : 2 * nq] = 0.0  # q' = v: what Newton leaves there is rounding
+    x[columns[np.abs(x[columns]) <= _ROUNDING * np.linalg.norm(x[columns])]] = 0.0  # lstsq tells them no further apart
     speed = system.slip_rows @ x
     friction = modes.friction @ x + modes.friction_t @ T
     agrees = bool(np.all(modes.sigma * speed > 0.0)) and bool(np.all(load[modes.sigma != 0.0] > 0.0))
@@ -166,11 +168,17 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
     return Steady(system, modes, exists, x, A, moving, speed, load, friction, T)
 
 
-def _rest(modes: ModeSet, free: NDArray[np.int64], x: Array, T: Array) -> tuple[float, float]:
-    """Largest rate of the states `free` at x, and the largest sum of the sizes of its terms."""
-    rate = modes.A[free] @ x + modes.b[free] @ T
-    terms = np.abs(modes.A[free]) @ np.abs(x) + np.abs(modes.b[free]) @ np.abs(T)
-    return float(np.abs(rate).max(initial=0.0)), float(terms.max(initial=0.0)) or 1.0
+def _rest(system: System, modes: ModeSet, free: NDArray[np.int64], x: Array, T: Array) -> tuple[float, float]:
+    """Largest rate of the states `free` at x, and the largest sum of the sizes of its terms.
+
+    Preloads are among the terms, each by itself: in the matrix they have met the contact forces that they balance.
+    """
+    rate = modes.A @ x + modes.b @ T
+    terms = np.abs(modes.A) @ np.abs(x) + np.abs(modes.b) @ np.abs(T)
+    nq = len(system.coordinates)
+    if nq:
+        terms[nq : 2 * nq] += np.abs(np.linalg.inv(system.mass)) @ np.abs(system.force) @ np.abs(x)
+    return float(np.abs(rate[free]).max(initial=0.0)), float(terms[free].max(initial=0.0)) or 1.0
 
 
 def own_law(system: System, modes: ModeSet) -> Contact:

@@ -9,6 +9,7 @@ output: extremes inside steps and at events alike. What it does with a small dis
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.scenes.scene import Scene
-from rig.solve.linear import sliding_key, steady
+from rig.solve.linear import Steady, sliding_key, steady
 from rig.solve.method import chosen
 from rig.solve.motion import Event
 from rig.solve.system import System
@@ -28,7 +29,9 @@ Array = NDArray[np.float64]
 REPEAT = 1e-9
 TIGHT = 1e-10
 LONGEST = 120.0  # s
+CHANGES = 500_000  # mode changes: over a minute of a squeal at 3.4 kHz
 QUIET = 40.0  # periods of the slowest mode without an event, after which it is asked whether the motion dies away
+_AGAIN = 1.01  # times the time at which it was asked last whether the motion repeats
 _BETTER = 1e-2
 _MOST = 24  # mode changes in one cycle
 
@@ -113,11 +116,17 @@ class Cycle:
         return "\n".join(lines)
 
 
-def limit_cycle(scene: Scene, tolerance: float = TIGHT, longest: float = LONGEST) -> Cycle:
+def _nobody(now: float, drift: float) -> None:
+    """Nobody watches."""
+
+
+def limit_cycle(
+    scene: Scene, tolerance: float = TIGHT, longest: float = LONGEST, watch: Callable[[float, float], object] = _nobody
+) -> Cycle:
     """The limit cycle of `scene` with every actuator held at its value at the start, no controller, no sensor.
 
-    `tolerance`: of dopri5. `longest`: simulated seconds until it must have settled. Raises rig.errors.NumericsError
-    where the motion has to stop.
+    `tolerance`: of dopri5. `longest`: simulated seconds until it must have settled. `watch` is told the simulated time
+    [s] and to what share of its period the motion repeats. Raises rig.errors.NumericsError where it has to stop.
     """
     assembly = scene.assemble()
     system = assembly.system()
@@ -131,13 +140,24 @@ def limit_cycle(scene: Scene, tolerance: float = TIGHT, longest: float = LONGEST
     turning = np.abs(sliding.eigenvalues())
     quiet = QUIET * 2.0 * math.pi / float(turning[turning > 1e-6 * turning.max()].min())
     step = scene.step_ns * 1e-9
-    events: list[Event] = []
-    since = 0.0
-    while (now := orbit.motion.tick * step) < longest:
+    round_s = _round(sliding)
+    events: list[Event] = []  # the last, as many as are compared
+    changes, begun, before = 0, 0.0, 0  # mode changes; when this turn of the surface began, and how many there were
+    since = asked = 0.0
+    while (now := orbit.motion.tick * step) < longest and changes < CHANGES:
+        if now - begun >= round_s:
+            if begun and changes - before > _MOST:
+                return Cycle(scene.name, method, False, _uneven(round_s, changes - before), now)
+            begun, before = now, changes
         if met := orbit.block():
             turns.clear()
-            events, since = events + met, now
+            events, since = [*events, *met][-3 * _MOST :], now
+            changes += len(met)
+            if now < _AGAIN * asked:
+                continue
+            asked = now
             count, drift = repeating(events, step, repeat)
+            watch(now, drift)
             if count and drift <= repeat:
                 last = events[-count - 1 :]
                 times = [_time(event, last[0].tick, step) for event in last]
@@ -151,7 +171,21 @@ def limit_cycle(scene: Scene, tolerance: float = TIGHT, longest: float = LONGEST
             if turns.dying(since):
                 return Cycle(scene.name, method, False, "sliding: no limit cycle", now)
             since = now
-    return Cycle(scene.name, method, False, f"does not repeat within {longest:g} s", longest)
+    why = f"does not repeat within {now:.4g} s and {changes} mode changes"
+    return Cycle(scene.name, method, False, why, now)
+
+
+def _round(sliding: Steady) -> float:
+    """Time [s] in which the surface comes round, where it is not alike everywhere; else infinite."""
+    rates = [sector.row @ sliding.modes.A @ sliding.x / sector.period for sector in sliding.system.sectors]
+    return 1.0 / max((abs(float(rate)) for rate in rates), default=0.0) if any(rates) else math.inf
+
+
+def _uneven(round_s: float, changes: int) -> str:
+    return (f"no limit cycle: the surface is not alike all round, and in a turn of {round_s:.4g} s there are {changes} "
+            "mode changes: the motion swings with the turn and does not come back to where it was. What is in the way "
+            "can be taken out (-p inhomogeneity=none, -p sector=none); the swing itself is told by rig simulate and "
+            "rig sound")  # fmt: skip
 
 
 def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[str, float]) -> Cycle:

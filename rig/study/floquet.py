@@ -24,6 +24,7 @@ from rig.study.orbit import BLOCK, Orbit, Round
 
 Array = NDArray[np.float64]
 STEPS = (1e-3, 1e-4, 1e-5)  # of the size of each state
+_MANY, _SHOWN = 10, 6  # multipliers: more than these are cut down to so many
 RUNS = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
 
 
@@ -47,10 +48,13 @@ class Floquet:
         if self.why:
             return self.why
         small = 10.0 * (self.error if math.isfinite(self.error) else 0.0)
-        shown = (
+        most = len(self.multipliers) if len(self.multipliers) <= _MANY else _SHOWN
+        shown = [
             "0" if abs(v) <= small else f"{v.real:.6g}" if v.imag == 0.0 else f"{v.real:.6g} {v.imag:+.6g}i"
-            for v in self.multipliers
-        )
+            for v in self.multipliers[:most]
+        ]
+        if left := self.multipliers[most:]:
+            shown.append(f"{len(left)} more of size {abs(left[0]):.6g} and less")
         return f"{', '.join(shown)} (to {self.error:.1e})" if math.isfinite(self.error) else ", ".join(shown)
 
 
@@ -60,10 +64,12 @@ def floquet(orbit: Orbit, around: Round, period: float) -> Floquet:
     at = _start(orbit, around)
     x = around.states[at]
     probe = orbit.moving(x, orbit.scene.step_ns, 1)
-    moving = moving_states(system, assemble(system, probe.key).A)
+    modes = assemble(system, probe.key)
+    moving = moving_states(system, modes.A)
+    moving = moving[np.any(modes.landing[:, moving] != 0.0, axis=0)]  # not the current of an open circuit: it is zero
     size = around.states.max(axis=0) - around.states.min(axis=0)
     driven = bool(np.any(np.delete(size, moving) > 0.0))
-    size = np.maximum(size, 1e-3 * size[moving].max())
+    size = _sizes(size, len(system.coordinates))
     rows = [p for p, mode in enumerate(system.modes(probe.key)[0]) if mode == STICK]
     basis = _free(system.slip_rows[rows][:, moving] * size[moving])
     whole, names = _carried(orbit, x, period)
@@ -103,6 +109,15 @@ def _start(orbit: Orbit, around: Round) -> int:
     ]
     *_, middle = min(stretches)
     return min(round(middle / step), ticks)
+
+
+def _sizes(span: Array, nq: int) -> Array:
+    """What each state is displaced by, before the step: its span, or a little of the largest of its kind."""
+    out = span.copy()
+    for kind in (slice(nq), slice(nq, 2 * nq), slice(2 * nq, None)):  # metres, metres per second, volts and the like
+        if span[kind].size:
+            out[kind] = np.maximum(span[kind], 1e-3 * span[kind].max())
+    return np.where(out > 0.0, out, 1.0)
 
 
 def _free(rows: Array) -> Array:

@@ -126,6 +126,17 @@ def test_all_faults_of_a_scene_are_told_at_once(rig):
     ]
 
 
+@pytest.mark.parametrize(("delta", "left"), [("-0.98", "stiffness left -4.49"), ("-1.2", "even held at its ends")])
+def test_modes_of_a_rig_that_gives_way_name_the_limit_and_leave_with_4(rig, delta, left):
+    code, out, err = rig("modes", "brake_shunt", "-p", f"shunt.delta={delta}")
+    assert code == 4
+    assert "flutter" in out
+    assert f"with delta {delta} the stack gives way statically, {left}" in err
+    assert "delta above -0.97" in err
+    assert rig("modes", "brake_shunt", "-p", f"shunt.delta={delta}", "-p", "clock.unstable=run")[0] == 0
+    assert rig("modes", "brake_shunt")[0] == 0  # flutter is what the scene is there for
+
+
 def test_simulate_modes_and_cycle_report_in_json(rig, tmp_path):
     log, figure = tmp_path / "run.mcap", tmp_path / "run.png"
     code, out, err = rig("simulate", "belt_c", "--duration", "0.5", "--json", "--out", log, "--figure", figure)

@@ -98,3 +98,46 @@ def test_a_belt_that_runs_backwards_mirrors_the_cycle():
     assert back.period == pytest.approx(forth.period, rel=1e-10)
     low, high = forth.extremes["displacement"]
     assert back.extremes["displacement"] == pytest.approx((-high, -low), rel=1e-8)
+
+
+def test_a_squeal_that_lift_off_bounds_is_a_cycle_that_attracts():
+    """Its slowest disturbance dies away with 1.6 1/s, 2000 times in a period: the search has to wait for it."""
+    told = []
+    found = limit_cycle(rig.load("brake_3400"), watch=lambda now, drift: told.append((now, drift)))
+    assert found.found
+    assert found.frequency == pytest.approx(3398.58, abs=0.01)
+    assert found.amplitude["velocity"] == pytest.approx(0.17576, rel=1e-4)
+    assert found.stick_time == {"inner_pad": 0.0, "outer_pad": 0.0}
+    assert abs(found.extremes["normal_force_inner_left"][0]) < 1e-6  # it lifts off there, and only there
+    assert found.extremes["normal_force_inner_right"][0] > 200.0
+    assert math.log(found.multiplier) / found.period == pytest.approx(-1.6, abs=0.1)
+    assert "more of size" in found.floquet.text()
+    times, drifts = zip(*told)
+    assert list(times) == sorted(times)
+    assert drifts[-1] <= 1e-9 < drifts[len(drifts) // 2]
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_the_charge_of_an_open_stack_is_free():
+    found = limit_cycle(rig.load("brake_shunt"))
+    assert found.frequency == pytest.approx(3399.62, abs=0.01)
+    assert found.amplitude["velocity"] == pytest.approx(0.17768, rel=1e-3)
+    assert found.floquet.multipliers[0] == pytest.approx(1.0, abs=1e-9)
+    assert abs(found.floquet.multipliers[1]) < 1.0
+
+
+def test_a_disc_that_is_not_alike_all_round_has_no_cycle_and_says_so_at_once():
+    found = limit_cycle(rig.load("brake_shunt_sound"))
+    assert not found.found
+    assert "not alike all round, and in a turn of 2.609 s" in found.why
+    assert "-p inhomogeneity=none" in found.why
+    assert found.after < 5.3
+
+
+def test_what_does_not_repeat_ends_after_so_many_mode_changes(monkeypatch):
+    monkeypatch.setattr("rig.study.cycle.CHANGES", 1000)
+    found = limit_cycle(rig.load("brake"))
+    assert not found.found
+    assert found.why.startswith("does not repeat within 0.19")
+    assert "s and 10" in found.why

@@ -162,3 +162,11 @@ def test_beyond_divergence_the_growth_is_still_told():
     mode = modes(rig.load("north_divergence", {"friction.mu": 1.2})).sliding.modes[0]
     assert (mode.kind, mode.frequency) == ("divergence", 0.0)
     assert mode.growth > 0.0
+
+
+@pytest.mark.parametrize("name", ["brake", "brake_3400", "brake_shunt", "brake_shunt_sound", "belt_shunt"])
+def test_an_equilibrium_tells_no_rounding(name):
+    """Preloads balance contact forces, and nothing flows: what is left there is not told as 1e-23 m."""
+    told = modes(rig.load(name)).sliding.equilibrium
+    assert not [key for key, value in told.items() if value and abs(value) < 1e-9]
+    assert told["slip_speed"] > 0.01

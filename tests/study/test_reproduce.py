@@ -36,6 +36,13 @@ def test_a_number_agrees_within_its_bound_only():
     assert not Comparison("x", "", float("nan"), 0.0, "reference", absolute=0.2).agrees
 
 
+def test_a_floor_may_be_exceeded_but_not_missed():
+    assert Comparison("x", "dB", 22.0, 20.0, "paper", floor=True).agrees
+    assert not Comparison("x", "dB", 19.9, 20.0, "paper", floor=True).agrees
+    assert not Comparison("x", "dB", float("nan"), 20.0, "paper", floor=True).agrees
+    assert Comparison("x", "dB", 22.0, 20.0, "paper", floor=True).bound == "at least"
+
+
 def test_what_is_made_is_a_picture_and_a_page(tmp_path):
     entry = Entry("kroeger-x", "kroeger", "Figure x", "two numbers", ("belt",), drawn)
     made = reproduce.make(entry, tmp_path / "gallery")

@@ -48,7 +48,7 @@ Source = Literal["paper", "reference", "theory"]
 class Comparison:
     """One number beside ours. `source`: printed in the paper, an independent computation, or a closed form.
 
-    It agrees within `absolute` + `relative` times the expected one.
+    It agrees within `absolute` + `relative` times the expected one; a `floor` is to be reached and may be exceeded.
     """
 
     what: str
@@ -58,15 +58,20 @@ class Comparison:
     source: Source
     relative: float = 0.0
     absolute: float = 0.0
+    floor: bool = False
 
     @property
     def agrees(self) -> bool:
         """Whether ours is near enough."""
+        if self.floor:
+            return bool(self.ours >= self.expected)
         return bool(abs(self.ours - self.expected) <= self.absolute + self.relative * abs(self.expected))
 
     @property
     def bound(self) -> str:
         """How near is near enough, in words."""
+        if self.floor:
+            return "at least"
         parts = [f"{self.relative:.2g} relative"] if self.relative else []
         return " + ".join(parts + ([f"{self.absolute:.2g} {self.unit}".strip()] if self.absolute else [])) or "equal"
 

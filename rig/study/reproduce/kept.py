@@ -42,5 +42,5 @@ def _kept(folder: Path) -> list[Result]:
 
 
 def _compared(told: dict[str, Any]) -> Comparison:
-    values = {field.name: told[field.name] for field in fields(Comparison)}
+    values = {field.name: told[field.name] for field in fields(Comparison) if field.name in told}
     return Comparison(**values | {"ours": math.nan if told["ours"] is None else told["ours"]})
