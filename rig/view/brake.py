@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.solve.linear import sliding_key, steady
 from rig.solve.system import System
@@ -101,8 +102,24 @@ def motion_of(system: System, probe: Mapping[str, float]) -> Motion:
 
     swing = [float(abs(normal.row[:count] @ vector)) for normal in system.normals]
     opens = min(float(normal.row @ at.x) / one for normal, one in zip(system.normals, swing))
-    shape = {body: (of(body, "x"), of(body, "z"), of(body, "phi")) for body in BODIES}
+    shape = {body: (of(body, "x"), of(body, "z"), of(body, "phi")) for body in BODIES if body != "disc"}
+    shape["disc"] = (of("disc", "x"), *_disc(system, vector))
     return Motion(shape, float(rates[best].imag), opens)
+
+
+def _disc(system: System, vector: NDArray[np.complex128]) -> tuple[complex, complex]:
+    """Amplitudes z [m] and phi [rad] of the disc between its contacts, be it rigid or bent: u_z = z - a phi at a."""
+    names = list(system.names[: len(vector)])
+    of_disc = np.array([name.startswith("disc.") for name in names])
+    places, heights = [], []
+    for normal in system.normals:
+        for pad in ("inner_pad", "outer_pad"):
+            towards = normal.direction[names.index(f"{pad}.z")]
+            if towards:
+                places.append(-normal.direction[names.index(f"{pad}.phi")] / towards)
+                heights.append(-normal.direction[of_disc] @ vector[of_disc] / towards)
+    slope, height = np.polynomial.polynomial.polyfit(places, heights, 1)[::-1]
+    return complex(height), complex(-slope)
 
 
 class Brake(Picture):

@@ -120,6 +120,20 @@ def test_the_brake_is_drawn_under_a_stroboscope():
     assert [tuple(np.unique(one)) for one in colours] == [(_packed("#e08b3c"),), (_packed("#9a9a9a"),)]
 
 
+def test_a_disc_of_a_brake_is_drawn_as_its_contacts_feel_it():
+    """One that bends has no coordinates z and phi; for a rigid one the contacts tell just those."""
+    from rig.view.brake import _disc
+
+    rigid = rig.load("brake").assemble().system()
+    vector = np.random.default_rng(1).normal(size=len(rigid.coordinates)) + 0j
+    own = [vector[rigid.names.index(f"disc.{axis}")] for axis in ("z", "phi")]
+    assert _disc(rigid, vector) == pytest.approx(own, rel=1e-12)
+    scene = rig.load("brake_disc_modes")
+    bent = picture_of(scene.assemble().system(), outputs(scene)).motion
+    assert bent.omega / (2.0 * math.pi) == pytest.approx(rig.modes(scene).sliding.modes[0].frequency, rel=1e-9)
+    assert abs(bent.shape["disc"][2]) > abs(bent.shape["inner_pad"][2])
+
+
 def _packed(colour):
     """Four bytes of rerun: red, green, blue, opaque."""
     return int(colour[1:] + "ff", 16)
