@@ -56,6 +56,8 @@ class Exchange:
         self._owner: dict[str, str] = {}
         self._asked = {name: one.value for name, one in stand.inputs.items()}
         self._moves: dict[str, tuple[float, float, int, int]] = {}
+        self._stairs: set[str] = set()
+        """Of these, actuators that run in steps, one in each frame: no state of theirs has a slope."""
         self._in_force: dict[str, float] = {}
         self._order: list[Line] = []
         self._changed: list[Line] = []
@@ -124,11 +126,13 @@ class Exchange:
                 if tick - line.last >= line.period + self._hold:
                     self._step_in(line, tick)
                     changed.append(line)
+        if self._stairs:
+            self._climb()
         return changed
 
     def until(self) -> int | None:
         """The first tick after this one at which `take_over` has something to do if nobody commands; None: never."""
-        found = None
+        found = self._stand.tick + 1 if self._stairs else None
         for line in self._order:
             tick = line.queue[0][0] if line.queue else None
             if line.values and line.status != SAFE:
@@ -191,6 +195,7 @@ class Exchange:
         value = min(max(value, one.low), one.high)
         self._asked[name] = value
         self._moves.pop(name, None)
+        self._stairs.discard(name)
         if not self._overruled(name):
             self._write(name, value)
 
@@ -219,6 +224,7 @@ class Exchange:
             line.queue.clear()
             line.values = ()
         self._moves.clear()
+        self._stairs.clear()
         for name, one in self._stand.inputs.items():
             self._asked[name] = one.safe
             if one.slope:
@@ -260,8 +266,18 @@ class Exchange:
             self._stand.apply(name, value)
 
     def _ramp(self, name: str, to: float, ticks: int) -> None:
-        self._in_force[name] = nan
-        self._stand.ramp(name, to, ticks)
+        if self._stand.inputs[name].slope:
+            self._in_force[name] = nan
+            self._stand.ramp(name, to, ticks)
+        else:
+            self._stairs.add(name)
+
+    def _climb(self) -> None:
+        """The next step of what runs in steps; a controller that drives it goes before."""
+        for name in self._stairs:
+            owner = self._owner.get(name)
+            if owner is None or not self.lines[owner].values:
+                self._write(name, self._asked_now(name))
 
     def counters(self) -> dict[str, dict[str, Any]]:
         """What was counted, controller by controller; strangers under "refused"."""
@@ -281,7 +297,8 @@ class Playback(Exchange):
 
     def until(self) -> int | None:
         """The tick of the next recorded command; None if there is none."""
-        return min((recorded[0][0] for recorded in self._recorded.values() if recorded), default=None)
+        due = [self._stand.tick + 1] if self._stairs else []
+        return min((*due, *(recorded[0][0] for recorded in self._recorded.values() if recorded)), default=None)
 
     def take_over(self) -> list[Line]:
         """Put into force what took effect at this tick."""
@@ -293,4 +310,6 @@ class Playback(Exchange):
                 _, answered, status, values = recorded.popleft()
                 self.impose(line, answered, status, tuple(values))
                 changed.append(line)
+        if self._stairs:
+            self._climb()
         return changed

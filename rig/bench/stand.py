@@ -16,7 +16,7 @@ from pydantic import BaseModel, ValidationError
 from rig.bench.audit import Witness, audit
 from rig.bench.measurements import Measurements
 from rig.bench.truth import ROWS, Truth
-from rig.errors import SceneError, UsageError
+from rig.errors import SceneError
 from rig.scenes.scene import Scene
 from rig.solve.assembly import Input
 from rig.solve.method import chosen
@@ -121,10 +121,11 @@ class Stand:
             self.set_parameter(name, value)
 
     def ramp(self, name: str, to: float, ticks: int) -> None:
-        """Let an actuator run linearly to `to` within `ticks` frames; `apply` at the end stops it exactly there."""
+        """Let an actuator run linearly to `to` within `ticks` frames; `apply` at the end stops it exactly there.
+
+        For actuators with a slope: those that the protocol of the scene ramps.
+        """
         one = self.inputs[name]
-        if not one.slope:
-            raise UsageError(f"{name} cannot be ramped in this scene: nothing in its protocol asks for it")
         start = float(self.motion.x[self._index[one.state]])
         self.values[name] = to
         self.motion.write(self._index[one.slope], (to - start) / (ticks * self.frame_ns * 1e-9))

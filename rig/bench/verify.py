@@ -78,7 +78,9 @@ def verify(log: Path) -> Verification:
             size = max(size, 0.0) / (float(np.nanmax(np.abs(recorded))) or 1.0)
             if not first:
                 at = int(np.argmax(apart))
-                first = f"{name} parts at t = {t_ns[at] * 1e-9:.9g} s: {recorded[at]!r} and {simulated[at]!r}"
+                first = (
+                    f"{name} parts at t = {t_ns[at] * 1e-9:.9g} s: {float(recorded[at])!r} and {float(simulated[at])!r}"
+                )
             deviation = max(deviation, size if np.isfinite(size) else np.inf)
     identical = not first
     faults = list(_gaps(run, again))

@@ -6,7 +6,7 @@ Every check yields (dotted key, line), as `faults.lines` does.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from math import ceil, floor
+from math import ceil, floor, inf
 from typing import Any
 
 from controllers import KINDS
@@ -148,6 +148,25 @@ def hands_off(protocol: Iterable[Any], controllers: Mapping[str, Any]) -> Iterat
             elif isinstance(inner, Load | Ramp | Set) and owners.get(inner.target) in connected:
                 key = f"protocol[{i}].{inner.step}"
                 yield key, f"{key}: {inner.target} is driven by controllers.{owners[inner.target]} at this point"
+
+
+def commanded(protocol: Iterable[Any], inputs: Mapping[str, Any]) -> Iterator[Fault]:
+    """The protocol asks of an actuator what it can take, and for a ramp where it can run."""
+    for i, step in enumerate(protocol, 1):
+        for inner in flat([step]):
+            if not isinstance(inner, Load | Ramp | Set) or inner.target not in inputs:
+                continue
+            one, key = inputs[inner.target], f"protocol[{i}].{inner.step}"
+            value = inner.force if isinstance(inner, Load) else inner.to
+            if not one.low <= value <= one.high:
+                unit = "" if one.unit == "1" else f" {one.unit}"
+                ends = f"at least {one.low:g}" if one.high == inf else f"{one.low:g} to {one.high:g}"
+                yield key, f"{key}: {inner.target} takes {ends}{unit}, not {value:g}{unit}"
+            if not isinstance(inner, Set) and inner.over and not one.slope and one.write is None:
+                remedy = "set steps, one value after the other"
+                if inner.target == "shunt.inductance":
+                    remedy += ", or a bank of coils for it to run through (shunt.bank)"
+                yield key, f"{key}: {inner.target} cannot run, every value of it makes new matrices; {remedy}"
 
 
 def _raw(raw: Mapping[str, Any], *path: str, default: Any) -> str:

@@ -25,6 +25,7 @@ BOUNDS = {
     "less_than_equal": ("at most", "le"),
 }
 TAGS = ("law", "kind", "step", "direction")
+_MANY = 24  # names: more than a reader looks through
 Loc = tuple[int | str, ...]
 
 
@@ -51,7 +52,8 @@ def lines(error: ValidationError, model: Any, raw: Any, prefix: str = "") -> Ite
         elif kind == "literal_error" and path and path[-1] in TAGS:
             yield key, unknown_choice(key, given, [str(c) for c in get_args(annotation)])
         else:
-            yield key, f"{_given(key, given)}: {_told(kind, context, fault['msg'], given, unit)}"
+            told = _told(kind, context, fault["msg"], given, unit)
+            yield key, f"{_given(key, given)}: {told}" if key else told  # no key: it is of the scene as a whole
 
 
 def _told(kind: str, context: Mapping[str, Any], message: str, given: Any, unit: str) -> str:
@@ -103,6 +105,8 @@ def near(what: str, known: Iterable[str]) -> str:
     likely = close(what, names)
     if likely:
         return f"did you mean {' or '.join(likely)}?"
+    if len(names) > _MANY:
+        return f"none of the {len(names)} known names is like it; rig explain SCENE --all lists them"
     return f"known: {', '.join(names)}" if names else "there is none in this scene"
 
 

@@ -15,7 +15,7 @@ from rig.errors import SceneError
 from rig.plants import PLANTS
 from rig.quantities import Section, si
 from rig.scenes import checks, faults, source
-from rig.scenes.protocol import UNKNOWN, Known, Mark, Step
+from rig.scenes.protocol import UNKNOWN, Known, Load, Mark, Ramp, Step, flat
 from rig.scenes.scene import STEP, STEPS, Clock, Origin, Scene, known, plant_module
 from rig.scenes.shelf import path as path_of
 from sensors import KINDS as SENSORS
@@ -74,6 +74,10 @@ class _Reading:
         if told.whole:
             self._report(checks.wiring(controllers, sensors, told.inputs, plant))
             self._report(checks.hands_off(protocol, controllers))
+            ramped = {step.target: "ramped" for step in flat(protocol) if isinstance(step, Load | Ramp)}
+            if parameters is not None and assembly is not None:
+                inputs = plant_module(plant).assemble(parameters, ramped).inputs if ramped else assembly.inputs
+                self._report(checks.commanded(protocol, inputs))
         if self.faults or clock is None or parameters is None:
             return None
         return Scene(
