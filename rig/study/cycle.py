@@ -149,7 +149,10 @@ def limit_cycle(
             if begun and changes - before > _MOST:
                 return Cycle(scene.name, method, False, _uneven(round_s, changes - before), now)
             begun, before = now, changes
-        if met := orbit.block():
+        met = orbit.block()
+        if beyond := orbit.beyond():
+            return Cycle(scene.name, method, False, f"no limit cycle: {beyond} at {now:.4g} s", now)
+        if met:
             turns.clear()
             events, since = [*events, *met][-3 * _MOST :], now
             changes += len(met)

@@ -55,6 +55,7 @@ class Orbit:
             cap=clock.events_per_frame,
             limit=clock.limit,
             longest=longest,
+            bounds={self.outputs.index(name): limit for name, limit in self.scene.limits.items()},
         )
 
     @property
@@ -69,6 +70,13 @@ class Orbit:
         ticks = min(ticks, self.longest)
         self.motion.advance(ticks)
         return self.motion.events()
+
+    def beyond(self) -> str:
+        """What has left the limit that the scene sets for it, in words; "" if nothing has."""
+        if self.motion.beyond < 0:
+            return ""
+        name = self.outputs[self.motion.beyond]
+        return f"{name} leaves its limit of {self.scene.limits[name]:g} {self.units[name]}"
 
     def round(self, period: float) -> Round:
         """Carry the plant on by `period` [s] and write everything down."""

@@ -141,3 +141,9 @@ def test_what_does_not_repeat_ends_after_so_many_mode_changes(monkeypatch):
     assert not found.found
     assert found.why.startswith("does not repeat within 0.19")
     assert "s and 10" in found.why
+
+
+def test_a_motion_that_leaves_the_limits_of_its_scene_is_no_cycle():
+    found = limit_cycle(rig.load("disc_slider"))
+    assert not found.found
+    assert found.why.startswith("no limit cycle: height leaves its limit of 0.01 m at 1.0")
