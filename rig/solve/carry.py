@@ -13,12 +13,13 @@ from rig.solve.emit import emit_linear
 from rig.solve.forces import dot, inputs
 from rig.solve.lanes import multiply
 from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
-from rig.solve.settle import CHATTER, DONE, LOST, OVERFULL, READY, SETTLE, digit, of_sector, settle
+from rig.solve.settle import BEGUN, CHATTER, DONE, LOST, OVERFULL, READY, SETTLE, digit, of_sector, settle
 from rig.solve.system import G_NEXT, System
 from rig.solve.wide import quiet
 
 Array = NDArray[np.float64]
-TICK, KEY, PENDING, EVENTS, OPENED, TRIALS, REPEAT, BEYOND, PAST, REACHED, COUNTERS = range(11)  # of State.ic
+TICK, KEY, PENDING, EVENTS, OPENED, TRIALS, REPEAT, BEYOND, PAST, REACHED = range(10)  # of State.ic, and
+COUNTERS = BEGUN + 1
 PLACE, TRY = range(2)  # of State.fc
 TALLIED = 256
 _FLUSH = 1e-150

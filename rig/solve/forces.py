@@ -16,7 +16,7 @@ from rig.solve.laws import mu
 from rig.solve.products import Products, early, late
 
 Array = NDArray[np.float64]
-_ROUND = 64.0 * 2.2e-16
+ROUND = 64.0 * 2.2e-16
 
 
 @inner
@@ -34,7 +34,7 @@ def rounding(row, x):
     s = 0.0
     for j in range(row.shape[0]):
         s += abs(row[j] * x[j])
-    return s * _ROUND
+    return s * ROUND
 
 
 class Field(NamedTuple):

@@ -7,6 +7,11 @@ their composition is symplectic: of second order, and the energy of a contact th
 dies. A force that is held over the step instead feeds the vibration at any step. No lift-off is located: a contact is
 what is positive of its row. The end of slip and of stick are seen at the ends of steps.
 
+What a step costs is four products with tables in the processor's vectors (rig.solve.lanes): the structure's step; what
+every point would press, and the guards; what that pushes (to pass over points that are open costs more than it saves);
+and x x^T for the ledger, whose forms are worked out when somebody asks, as in rig.solve.wide. The two half kicks at one
+instant are of the same forces, which are found once.
+
 Source: Strang, SIAM J. Numer. Anal. 5 (1968) 506; Hairer, Lubich and Wanner, Geometric Numerical Integration, II.5.
 """
 
@@ -18,13 +23,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import inner
+from rig.kernel import inlined, inner
 from rig.solve import expm, ledger
 from rig.solve.books import lend_books
-from rig.solve.forces import dot, forces, lend
+from rig.solve.forces import ROUND, lend, rounding
 from rig.solve.formulation import ModeSet
+from rig.solve.lanes import BLOCK, blocks, gather, multiply, zeros
 from rig.solve.products import PRESS, Factor, Product
-from rig.solve.rk4 import fell, observe
+from rig.solve.rk4 import observe
 from rig.solve.settle import passed
 from rig.solve.system import Normal, System
 
@@ -32,10 +38,23 @@ Array = NDArray[np.float64]
 
 
 class Flow(NamedTuple):
-    """What the structure does by itself over one step: tables stacked by slot."""
+    """Tables stacked by slot, and scratch. Rows: the slot's guards, then surface and slip speeds of the patches.
 
-    E: Array  # [slot, n, n] propagator less one, landing folded in
-    work: Array  # [slot, term, n, n] integrals of the powers
+    Columns of `push`, what a newton at a point does: accelerations | the rows' change in a second | the guards', at
+    once | friction of the patches | forces along the coordinates.
+    """
+
+    step: Array  # [slot, block, n, BLOCK] propagator less one, landing folded in
+    look: Array  # [slot, block, n, BLOCK] what presses at each point, then the rows
+    push: Array  # [slot, block, point, BLOCK]
+    work: Array  # [slot, term, n, n] integrals of the powers over a step
+    whole: Array  # [slot, n, n and what fills the block] sum of x x^T over the steps, after the first half kick
+    moved: Array  # scratch [what `step` gives]
+    seen: Array  # scratch [what `look` gives]
+    given: Array  # scratch [what `push` gives]
+    filled: Array  # scratch [n and what fills the block]
+    force: Array  # scratch [point]
+    before: Array  # scratch [guard]
 
 
 def refusal(system: System) -> str:
@@ -72,80 +91,149 @@ def pressed(system: System) -> System:
     return replace(system, normals=(*kept, *loads), products=products, force_t=force_t)
 
 
-def empty(n: int) -> Flow:
-    """Tables without a slot."""
-    return Flow(np.zeros((0, n, n)), np.zeros((0, ledger.TERMS, n, n)))
+def _whole(columns: int) -> int:
+    return -(-columns // BLOCK) * BLOCK
 
 
-def flow(modes: ModeSet, forms: Array, step: float) -> tuple[Array, Array]:
-    """The tables of one slot: E and the integrals of the powers `forms` over `step` [s]."""
+def empty(system: System, guards: int) -> Flow:
+    """Tables without a slot, for a system of `pressed` with at most so many guards."""
+    n, P, points = system.n, len(system.patches), len(system.products)
+    rows = guards + 2 * P
+    width = _whole(2 * len(system.coordinates) + rows + guards + P)
+    return Flow(
+        step=zeros((0, _whole(n) // BLOCK, n, BLOCK)),
+        look=zeros((0, _whole(points + rows) // BLOCK, n, BLOCK)),
+        push=zeros((0, width // BLOCK, points, BLOCK)),
+        work=zeros((0, ledger.TERMS, n, n)),
+        whole=zeros((0, n, _whole(n))),
+        moved=zeros(_whole(n)),
+        seen=zeros(_whole(points + rows)),
+        given=zeros(width),
+        filled=zeros(_whole(n)),
+        force=zeros(points),
+        before=zeros(guards),
+    )
+
+
+def tables(system: System, modes: ModeSet, forms: Array, step: float, guards: int) -> dict[str, Array]:
+    """The tables of one slot. `forms`: of the powers; `step` [s]; `guards`: what all slots have room for."""
+    P, points = len(system.patches), len(system.products)
     E = expm.ladder(modes.A, step)
     nodes = ledger.at_nodes(modes.A, modes.landing, step / 2.0 ** (len(E) - 1))
     E = (modes.landing - np.eye(len(modes.A))) + modes.landing @ E @ modes.landing
-    return E[0], ledger.work(nodes, forms, step, E)[0]
+    press = np.array([product.factors[0].row for product in system.products])
+    rows = np.zeros((guards + 2 * P, system.n))
+    at_once = np.zeros((guards, points))
+    rows[: len(modes.guards)], at_once[: len(modes.guards)] = modes.guards, modes.guards_t[:, P:]
+    rows[guards:] = np.concatenate([ledger.supplied(system), system.slip_rows])
+    b = modes.b[:, P:]
+    nq = len(system.coordinates)
+    push = np.concatenate([b[nq : 2 * nq], rows @ b, at_once, modes.friction_t[:, P:], system.force_t])
+    return {
+        "step": blocks(E[0]),
+        "look": blocks(np.concatenate([press, rows])),
+        "push": blocks(push),
+        "work": ledger.work(nodes, forms, step, E)[0],
+        "whole": np.zeros((system.n, _whole(system.n))),
+    }
+
+
+@inlined
+def press(own, slot, x):
+    """What presses at x, its rows in own.seen, and what that pushes in own.given."""
+    multiply(own.look[slot], x, 0, own.look.shape[1], own.seen)
+    for k in range(own.force.shape[0]):
+        own.force[k] = max(own.seen[k], 0.0)
+    multiply(own.push[slot], own.force, 0, own.push.shape[1], own.given)
+
+
+@inlined
+def book(own, nq, patches, x, scale, shift, energy):
+    """Add `scale` [s] times the powers of what pushes at x, its speeds those `shift` [s] later."""
+    rows = own.before.shape[0] + 2 * patches
+    seen = own.force.shape[0] + own.before.shape[0]
+    change = nq + own.before.shape[0]
+    friction = nq + rows + own.before.shape[0]
+    for p in range(patches):
+        force = scale * own.given[friction + p]
+        energy[0] += force * (own.seen[seen + p] + shift * own.given[change + p])
+        energy[1] += force * (own.seen[seen + patches + p] + shift * own.given[change + patches + p])
+    s = 0.0
+    for i in range(nq):
+        s += own.given[friction + patches + i] * (x[nq + i] + shift * own.given[i])
+    energy[3] += scale * s
 
 
 @inner
-def kick(f, b, x, time, copy, booking, energy):
-    """Let the inputs f.T push for `time` [s]: x changes its velocities; the work is that of their mean."""
-    nq, patches = b.damping.shape[0], b.slip.shape[0]
-    for i in range(nq, 2 * nq):
-        s = 0.0
-        for p in range(patches, f.T.shape[0]):
-            s += f.b[i, p] * f.T[p]
-        copy[i] = x[i] + 0.5 * time * s
-        x[i] += time * s
-    if not booking:
-        return
-    for i in range(x.shape[0]):
-        if i < nq or i >= 2 * nq:
-            copy[i] = x[i]
-    for p in range(patches):
-        force = time * dot(b.friction_t[p], f.T)
-        energy[0] += force * dot(b.surface[p], copy)
-        energy[1] += force * dot(b.slip[p], copy)
-    for i in range(nq):
-        energy[3] += time * copy[nq + i] * dot(b.force_t[i], f.T[patches:])
+def noise(own, t, slot, g, x):
+    """Size of the rounding error of guard g at x."""
+    size, patches = rounding(t.G[slot, g], x), t.slip.shape[0]
+    for k in range(own.force.shape[0]):
+        size += ROUND * abs(t.GT[slot, g, patches + k] * own.force[k])
+    return size
+
+
+@inlined
+def fell(own, t, slot, nq, x):
+    """The first guard that is no longer positive at x, or has clearly fallen; -1 if none. Keeps them in own.before."""
+    fallen = -1
+    points, at_once = own.force.shape[0], nq + own.before.shape[0] + 2 * t.slip.shape[0]
+    for g in range(t.guards[slot]):
+        value = own.seen[points + g] + own.given[at_once + g]
+        if fallen < 0 and value <= 0.0:
+            rounded = noise(own, t, slot, g, x)
+            if own.before[g] > rounded or value < -rounded:
+                fallen = g
+        own.before[g] = value
+    return fallen
 
 
 @inner
 def stretch(shape, t, own, slot, ic, fc, x, w, origin, ticks, substeps, out, modes, energy, booking, emitting, seg):
     """Carry x until an event or the end of the ticks asked for, `substeps` steps a tick. Returns the guard or -1."""
-    n = x.shape[0]
+    n, nq, patches, points = x.shape[0], t.force.shape[0], t.slip.shape[0], own.force.shape[0]
     h = t.step[0] / substeps
     f, b = lend(t, slot, w.T, w.scratch), lend_books(t, slot, w.T)
-    E, work = own.E[slot], own.work[slot]
+    given, seen, moved = own.given, own.seen, own.moved
     tick, done, fallen = ic[0], int(fc[0] * substeps + 0.5), -1
-    forces(f, x)
+    press(own, slot, x)
+    fell(own, t, slot, nq, x)  # where the guards begin
+    if booking:
+        book(own, nq, patches, x, 0.5 * h, 0.25 * h, energy)
     while tick < ticks and fallen < 0:
-        for i in range(n):
-            w.x0[i] = x[i]
-        kick(f, b, x, 0.5 * h, w.copy, booking, energy)
-        if booking:
-            ledger.book(work, t.active[slot], x, energy)
-        for i in range(n):
-            s = 0.0
-            for j in range(n):
-                s += E[i, j] * x[j]
-            w.y[i] = x[i] + s
-        for i in range(n):
-            x[i] = w.y[i]
-        forces(f, x)  # they serve the next step too: a kick moves nothing
-        kick(f, b, x, 0.5 * h, w.copy, booking, energy)
-        for i in range(n):
-            w.y[i] = x[i]
         if emitting:
+            for i in range(n):
+                w.x0[i] = x[i]
+        for i in range(nq):
+            x[nq + i] += 0.5 * h * given[i]
+        if booking:
+            for i in range(n):
+                own.filled[i] = x[i]
+            gather(own.whole[slot], own.filled, 1.0)
+        multiply(own.step[slot], x, 0, own.step.shape[1], moved)
+        for i in range(n):
+            x[i] += moved[i]
+        press(own, slot, x)  # serves both the kick that ends this step and the one that begins the next
+        for i in range(nq):
+            x[nq + i] += 0.5 * h * given[i]
+        for r in range(own.before.shape[0] + 2 * patches):
+            seen[points + r] += 0.5 * h * given[nq + r]
+        if booking:
+            book(own, nq, patches, x, h, 0.0, energy)
+        if emitting:
+            for i in range(n):
+                w.y[i] = x[i]
             start = (tick - origin) * t.step[0] + done * h
             observe(shape, f, b, True, w.x0, h, w, start, False, energy, emitting, seg)
-        fallen = fell(shape, f, True, w.x0, w.y)
-        if emitting or t.stuck[slot]:  # these have asked for forces at other places
-            forces(f, x)
+        fallen = fell(own, t, slot, nq, x)
         done += 1
         if done == substeps:
             for i in range(n):
                 out[tick, i] = x[i]
             modes[tick] = slot
             tick, done = tick + 1, 0
+    if booking:  # the kick that begins the next step is not of this stretch
+        book(own, nq, patches, x, -0.5 * h, 0.25 * h, energy)
     ic[0], fc[0] = tick, done / substeps
     if fallen >= 0:
         passed(t, slot, fallen, ic, x)

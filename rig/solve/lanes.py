@@ -10,12 +10,31 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
 from numba.core import cgutils, types
 from numba.extending import intrinsic
+from numpy.typing import NDArray
 
+Array = NDArray[np.float64]
 BLOCK = 16
 _LANE = 8
+
+
+def zeros(shape: int | tuple[int, ...]) -> Array:
+    """Zeros that begin where a line of the processor's cache does: half the time of vectors that lie across two."""
+    count = int(np.prod(shape))
+    room = np.zeros(count + _LANE)
+    first = -(room.ctypes.data // room.itemsize) % _LANE
+    return room[first : first + count].reshape(shape)
+
+
+def blocks(rows: Array) -> Array:
+    """Rows [row, n] as blocks of columns [block, n, BLOCK], zeros behind the last."""
+    count, n = -(-len(rows) // BLOCK), rows.shape[1]
+    padded = np.zeros((count * BLOCK, n))
+    padded[: len(rows)] = rows
+    return np.ascontiguousarray(padded.reshape(count, BLOCK, n).transpose(0, 2, 1))
 
 
 class _Lanes:
@@ -112,18 +131,18 @@ def _gather(typing: Any, total: Any, x: Any, weight: Any) -> Any:
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         total, x, weight = _arrays(context, builder, signature, arguments)
         lanes = _Lanes(context, builder)
-        width = builder.extract_value(total.shape, 1)
-        with cgutils.for_range(builder, builder.extract_value(total.shape, 0)) as row:  # type: ignore[no-untyped-call]
-            own = builder.load(builder.gep(x.data, [row.index]))
-            factor = lanes.alike(builder.fmul(weight, own))
-            begin = builder.mul(row.index, width)
-            with cgutils.for_range(builder, builder.udiv(width, lanes.whole(BLOCK))) as block:  # type: ignore[no-untyped-call]
-                for k in range(BLOCK // _LANE):
-                    at = builder.add(builder.mul(block.index, lanes.whole(BLOCK)), lanes.whole(_LANE * k))
-                    place = builder.add(begin, at)
-                    lanes.store(
-                        lanes.more(factor, lanes.load(x.data, at), lanes.load(total.data, place)), total.data, place
-                    )
+        rows, width = (builder.extract_value(total.shape, axis) for axis in range(2))
+        with cgutils.for_range(builder, builder.udiv(width, lanes.whole(BLOCK))) as block:  # type: ignore[no-untyped-call]
+            begin = builder.mul(block.index, lanes.whole(BLOCK))
+            places = [builder.add(begin, lanes.whole(_LANE * k)) for k in range(BLOCK // _LANE)]
+            columns = [lanes.load(x.data, at) for at in places]
+            with cgutils.for_range(builder, rows) as row:  # type: ignore[no-untyped-call]
+                own = builder.load(builder.gep(x.data, [row.index]))
+                factor = lanes.alike(builder.fmul(weight, own))
+                first = builder.mul(row.index, width)
+                for at, column in zip(places, columns):
+                    place = builder.add(first, at)
+                    lanes.store(lanes.more(factor, column, lanes.load(total.data, place)), total.data, place)
         return context.get_dummy_value()
 
     return types.none(total, x, types.float64), lay

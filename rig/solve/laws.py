@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import inlined, inner
+from rig.kernel import inlined, inner, kernel
 
 COULOMB, STRIBECK, FALLING, TABLE, SEAL, SMOOTH = range(6)
 
@@ -45,6 +45,12 @@ class Law:
     def mu(self, speed: float) -> float:
         """Coefficient at slip speed `speed` >= 0 [m/s]."""
         return float(coefficient(self.code, np.array(self.numbers), speed))
+
+    def over(self, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Coefficients at many slip speeds >= 0 [m/s]."""
+        values = np.zeros(len(speeds))
+        coefficients(self.code, np.array(self.numbers), speeds, values)
+        return values
 
     def slope(self, speed: float) -> float:
         """D mu / d speed [s/m] at `speed` > 0."""
@@ -169,6 +175,13 @@ def mu(code, p, v):
 def coefficient(code, p, v):
     """`mu` as a function of its own."""
     return mu(code, p, v)
+
+
+@kernel
+def coefficients(code, p, speeds, values):
+    """values[i] = `mu` at speeds[i]."""
+    for i in range(values.shape[0]):
+        values[i] = mu(code, p, speeds[i])
 
 
 @inner

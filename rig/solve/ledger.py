@@ -116,6 +116,19 @@ def work(nodes: Array, forms: Array, step: float, E: Array) -> Array:
     return out
 
 
+def gathered(forms: Array, sums: Array, count: int) -> Array:
+    """What sums of x x^T, [slot, n, n or wider], come to under `forms` [slot, term, n, n]: [term]; empties them.
+
+    Of the first `count` slots; few of many have been met since the last call.
+    """
+    total, n = np.zeros(forms.shape[1]), forms.shape[2]
+    sizes = np.einsum("sii->s", sums[:count, :, :n])
+    for slot in np.flatnonzero(sizes).tolist():
+        total += forms[slot].reshape(len(total), -1) @ sums[slot, :, :n].ravel()
+        sums[slot] = 0.0
+    return total
+
+
 @inner
 def held(H, x):
     """Energy stored in the network, from twice its form."""

@@ -40,7 +40,7 @@ from rig.solve.carry import (
 )
 from rig.solve.emit import empty_segments
 from rig.solve.method import seen
-from rig.solve.settle import CHATTER, DONE, JAM, LOOK, LOST, NEED, OVERFULL, SETTLE, START
+from rig.solve.settle import BEGUN, CHATTER, DONE, JAM, LOOK, LOST, NEED, OVERFULL, SETTLE, START
 from rig.solve.slots import Slots
 from rig.solve.system import System
 from rig.solve.tables import UNROLLED
@@ -126,7 +126,7 @@ class Motion:
             watched=np.array(list(bounds or {}), dtype=np.int64),
             bound=np.array(list((bounds or {}).values()), dtype=np.float64),
         )
-        self.state.ic[PENDING] = START
+        self.state.ic[PENDING], self.state.ic[BEGUN] = START, -1
         at_start = system.key([0] * len(system.patches), [0] * len(system.normals), [0] * len(system.limiters))
         self._stored = ledger.stored(system, self.state.x, at_start)
         self._room(longest, self._block or longest)

@@ -10,7 +10,7 @@ here; what the network then stores less is booked.
 from __future__ import annotations
 
 from rig.kernel import inlined, inner
-from rig.solve.forces import dot, inputs, rounding
+from rig.solve.forces import ROUND, dot, inputs, rounding
 from rig.solve.laws import SMOOTH
 from rig.solve.ledger import SWITCH, held
 from rig.solve.system import (
@@ -28,6 +28,7 @@ from rig.solve.system import (
 
 DONE, NEED, CHATTER, JAM, LOST, OVERFULL, LOOK = range(7)  # what a kernel returns; LOOK: done, maybe early
 READY, SETTLE, LAND, START, THROWN = range(5)  # what a run has to do first
+BEGUN = 10  # of ic (see carry.State): the mode set of which settling has begun, -1 when it is done
 
 _SLACK = 1e-9  # a contact that slips and sticks in the same instant may hold this much more
 
@@ -156,13 +157,27 @@ def place(t, key, x):
     return key
 
 
+@inner
+def turns_back(t, slot, p, sign, x, T):
+    """Whether dw/dt of patch p, which is to slip along `sign` from w = 0, clearly points the other way."""
+    rate, size = 0.0, 0.0
+    for i in range(x.shape[0]):
+        if t.slip[p, i] != 0.0:
+            rate += t.slip[p, i] * (dot(t.A[slot, i], x) + dot(t.b[slot, i], T))
+            size += abs(t.slip[p, i]) * (rounding(t.A[slot, i], x) + rounding(t.b[slot, i], T))
+    return sign * rate < -_SLACK / ROUND * size
+
+
 @inlined
-def disagreement(t, slot, key, x, size, T, slack):
+def disagreement(t, slot, key, begun, x, size, T, slack):
     """The first mode that the state contradicts, as the key that mends it; -1 when all agree.
 
-    A patch that slips with w inside rounding agrees: it has just been released. Friction is asked before the normal
-    forces: where N depends on the acceleration, a stuck contact that would pull lets go and then presses; opened first,
-    it would press in the open, stick again, and never be done.
+    A patch that slips with w inside rounding agrees: it has just been released, or an event of its own will end that.
+    If it was put there since the modes were `begun`, w has to grow. Contacts are asked in their order, from the first
+    again after every change: several that change together at one instant are a complementarity problem, and this is
+    Murty's rule of the least index, which does not go round in circles where other orders do (Opsearch 11 (1974) 123).
+    Friction is asked before the normal forces: where N depends on the acceleration, a stuck contact that would pull
+    lets go and then presses; opened first, it would press in the open, stick again, and never be done.
     """
     P, K = t.slip.shape[0], t.of_patch.shape[0]
     for p in range(P):
@@ -184,6 +199,9 @@ def disagreement(t, slot, key, x, size, T, slack):
                 return with_digit(key, base, 3, SLIP_PLUS if need > 0.0 else SLIP_MINUS)
         elif (w if mode == SLIP_PLUS else -w) < -noise:
             return with_digit(key, base, 3, SLIP_PLUS if w > 0.0 else SLIP_MINUS)
+        elif abs(w) <= noise and digit(begun, base, 3) != mode:
+            if turns_back(t, slot, p, 1.0 if mode == SLIP_PLUS else -1.0, x, T):
+                return with_digit(key, base, 3, STICK)
     for k in range(K):
         N = dot(t.normal[slot, k], x) + dot(t.normal_t[slot, k], T)
         noise = rounding(t.normal[slot, k], size)
@@ -220,11 +238,11 @@ def settle(t, ic, x, size, T, scratch, copy, repeat, energy):
     elif thrown(t, key, x) != key:
         energy[SWITCH] += held(t.store[t.slot_of[key]], x)
         key, pending = thrown(t, key, x), THROWN
-    slack = _SLACK if repeat else 0.0
+    slack, begun = _SLACK if repeat else 0.0, ic[BEGUN] if ic[BEGUN] >= 0 else key
     for _ in range(4 * (t.slip.shape[0] + t.of_patch.shape[0]) + 12):
         slot = t.slot_of[key]
         if slot < 0:
-            ic[1], ic[2] = key, pending
+            ic[1], ic[2], ic[BEGUN] = key, pending, begun
             return NEED
         if pending != SETTLE:
             if t.lands[slot]:
@@ -237,13 +255,13 @@ def settle(t, ic, x, size, T, scratch, copy, repeat, energy):
         else:
             for p in range(T.shape[0]):
                 T[p] = 0.0
-        new = disagreement(t, slot, key, x, size, T, slack)
+        new = disagreement(t, slot, key, begun, x, size, T, slack)
         if new < 0:
-            ic[1], ic[2] = key, READY
+            ic[1], ic[2], ic[BEGUN] = key, READY, -1
             return DONE
         for p in range(t.slip.shape[0]):  # a patch that has just begun to stick lands
             if digit(new, of_patch(p), 3) == STICK and digit(key, of_patch(p), 3) != STICK:
                 pending = LAND
         key = new
-    ic[1] = key
+    ic[1], ic[BEGUN] = key, -1
     return JAM

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from rig.kernel import bundle
 from rig.solve import expm, kick, laws, wide
 from rig.solve.formulation import ModeSet, assemble
-from rig.solve.kick import Flow
-from rig.solve.ledger import NODES, TERMS, at_nodes, damping, loss_rows, powers, store, work
+from rig.solve.lanes import zeros
+from rig.solve.ledger import NODES, TERMS, at_nodes, damping, gathered, loss_rows, powers, store, work
 from rig.solve.roots import DEGREE
 from rig.solve.signals import signal_rows
 from rig.solve.system import STICK, System
@@ -137,8 +137,8 @@ class Slots:
         if t.wide is not None:
             stacked["wide"] = t.wide._replace(**{name: _put(getattr(t.wide, name), at, broad[name]) for name in broad})
         if t.flow is not None:
-            E, integrals = kick.flow(modes, forms, self.step / self._kicks)
-            stacked["flow"] = Flow(_put(t.flow.E, at, E), _put(t.flow.work, at, integrals))
+            own = kick.tables(system, modes, forms, self.step / self._kicks, g)
+            stacked["flow"] = t.flow._replace(**{name: _put(getattr(t.flow, name), at, own[name]) for name in own})
         self.tables = t._replace(slot_of=slot_of, **stacked)
         self.handle = bundle(self.tables)
         self.sets.append(modes)
@@ -147,8 +147,12 @@ class Slots:
 
     def take(self) -> Array:
         """What kernels have booked as sums over states since the last call, [term]; the rest they have worked out."""
-        t, count = self.tables, len(self.sets)
-        return np.zeros(TERMS) if t.wide is None else wide.take(t.wide, count, t.work[:, 0], t.powers)
+        t, count, total = self.tables, len(self.sets), np.zeros(TERMS)
+        if t.wide is not None:
+            total += wide.take(t.wide, count, t.work[:, 0], t.powers)
+        if t.flow is not None:
+            total += gathered(t.flow.work, t.flow.whole, count)
+        return total
 
 
 def _padded(array: NDArray[Any], count: int) -> NDArray[Any]:
@@ -166,7 +170,7 @@ def _put(old: NDArray[Any], slot: int, new: Any) -> NDArray[Any]:
         room[0] = max(2 * slot, 4) if slot >= len(old) else len(old)
         if levels:
             room[1] = max(room[1], len(entry))
-        more = np.zeros(room, dtype=old.dtype)
+        more = zeros(tuple(room)) if old.dtype == np.float64 else np.zeros(room, dtype=old.dtype)
         more[tuple(map(slice, old.shape))] = old
         old = more
     if levels:

@@ -160,6 +160,6 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         change=change,
         products=products.pack(s.products, n, P, K),
         wide=wide.empty(n, g, read, S) if n > UNROLLED else None,
-        flow=kick.empty(n) if kicks else None,
+        flow=kick.empty(s, g) if kicks else None,
         step=np.array([step]),
     )

@@ -24,7 +24,8 @@ from rig.kernel import inner, kernel
 from rig.solve import expm
 from rig.solve.economy import bernstein, economy
 from rig.solve.forces import rounding
-from rig.solve.lanes import BLOCK, gather, multiply
+from rig.solve.lanes import BLOCK, blocks, gather, multiply, zeros
+from rig.solve.ledger import gathered
 from rig.solve.roots import DEGREE as ORDER
 from rig.solve.roots import NONE, first_fall
 from rig.solve.segments import DEGREE
@@ -81,22 +82,21 @@ def empty(n: int, guards: int, signals: int, outputs: int) -> Wide:
         "state": ORDER * n,
         "guard": guards * BLOCK,
     }
-    blocks = {name: -(-columns // BLOCK) for name, columns in count.items()}
+    needed = {name: -(-columns // BLOCK) for name, columns in count.items()}
     filled = -(-n // BLOCK) * BLOCK
-    z = np.zeros
     return Wide(
-        **{name: z((0, needed, n, BLOCK)) for name, needed in blocks.items()},
-        whole=z((0, n, filled)),
-        part=z((0, n, filled)),
+        **{name: zeros((0, many, n, BLOCK)) for name, many in needed.items()},
+        whole=zeros((0, n, filled)),
+        part=zeros((0, n, filled)),
         nodes=0.5 * (NODES + 1.0),
         weights=0.5 * WEIGHTS,
-        product=z(BLOCK * max(blocks.values())),
-        bound=z(BLOCK * blocks["margin"]),
-        poly=z(BLOCK),
-        size=z(n),
-        filled=z(filled),
-        path=z((filled // BLOCK, ORDER + 1, BLOCK)),
-        power=z(ORDER + 1),
+        product=zeros(BLOCK * max(needed.values())),
+        bound=zeros(BLOCK * needed["margin"]),
+        poly=zeros(BLOCK),
+        size=zeros(n),
+        filled=zeros(filled),
+        path=zeros((filled // BLOCK, ORDER + 1, BLOCK)),
+        power=zeros(ORDER + 1),
     )
 
 
@@ -106,7 +106,7 @@ def series(A: Array, length: float) -> Array:
     d = expm.balance(A)
     out = np.zeros((TERMS + 1, n, -(-n // BLOCK) * BLOCK))
     out[0, :, :n] = np.eye(n)
-    _powers(_blocks((A * d[:, None] / d[None, :] * length).T), out)
+    _powers(blocks((A * d[:, None] / d[None, :] * length).T), out)
     return np.asarray(out[:, :, :n] * d[None, None, :] / d[None, :, None])
 
 
@@ -145,37 +145,23 @@ def tables(
         quick = np.repeat(guards[:, None, :], QUICK + 1, axis=1)
         quick[:, 1:] += (guards @ E[0])[:, None, :]
     return {
-        "tick": _blocks(np.concatenate([E[0], quick.reshape(-1, n)])),
-        "signal": _blocks(over_signals.reshape(-1, n)),
-        "output": _blocks(outputs),
-        "margin": _blocks(margin),
-        "state": _blocks(polynomial.reshape(-1, n)),
-        "guard": _blocks(over_guards.reshape(-1, n)),
+        "tick": blocks(np.concatenate([E[0], quick.reshape(-1, n)])),
+        "signal": blocks(over_signals.reshape(-1, n)),
+        "output": blocks(outputs),
+        "margin": blocks(margin),
+        "state": blocks(polynomial.reshape(-1, n)),
+        "guard": blocks(over_guards.reshape(-1, n)),
         "whole": np.zeros((n, -(-n // BLOCK) * BLOCK)),
         "part": np.zeros((n, -(-n // BLOCK) * BLOCK)),
     }
 
 
-def _blocks(rows: Array) -> Array:
-    """Rows [row, n] as blocks of columns [block, n, BLOCK], zeros behind the last."""
-    count, n = -(-len(rows) // BLOCK), rows.shape[1]
-    padded = np.zeros((count * BLOCK, n))
-    padded[: len(rows)] = rows
-    return np.ascontiguousarray(padded.reshape(count, BLOCK, n).transpose(0, 2, 1))
-
-
 def take(t: Wide, count: int, work: Array, powers: Array) -> Array:
     """What `whole` and `part` of the first `count` slots come to, [term], and empties them.
 
-    work, powers [slot, term, n, n]: forms. Few of many slots have been met since the last call.
+    work, powers [slot, term, n, n]: forms.
     """
-    total, n = np.zeros(work.shape[1]), work.shape[2]
-    for forms, sums in ((work, t.whole), (powers, t.part)):
-        sizes = np.einsum("sii->s", sums[:count, :, :n])
-        for slot in np.flatnonzero(sizes).tolist():
-            total += forms[slot].reshape(len(total), -1) @ sums[slot, :, :n].ravel()
-            sums[slot] = 0.0
-    return total
+    return gathered(work, t.whole, count) + gathered(powers, t.part, count)
 
 
 def at(places: Array, terms: Array) -> Array:

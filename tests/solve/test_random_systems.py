@@ -105,6 +105,29 @@ def test_events_do_not_depend_on_the_step_in_many_systems(run, kind):
         assert coarse.times == pytest.approx(fine.times, abs=1e-11), seed
 
 
+@pytest.mark.parametrize(
+    ("seed", "event", "modes"),
+    [
+        (1120, "contact 2 slip ends", "contact 0 slip+, contact 1 stick, contact 2 slip+"),
+        (1211, "contact 1 slip ends", "contact 0 stick, contact 1 slip-, contact 2 slip+"),
+    ],
+)
+def test_a_contact_that_turns_round_leaves_the_others_in_stick(run, seed, event, modes):
+    """Tried in stick, it would need twenty times what it bears, and tear another contact off on the way.
+
+    That other one, once blamed, sticks again at once: settled one by one without a look at where slip is going, the two
+    took turns for ever in one instant.
+    """
+    system = random_system(seed, INERTIA)
+    coarse, fine = run(system, COARSE, DURATION, outputs=rows(system)), run(system, FINE, DURATION)
+    assert coarse.what == fine.what
+    assert coarse.times == pytest.approx(fine.times, abs=1e-12)
+    contacts_obey(system, coarse)
+    events = coarse.motion.events()
+    afterwards = [system.describe(one.before) for one in events[1:]] + [system.describe(coarse.motion.key)]
+    assert (event, modes) in zip(coarse.what, afterwards)
+
+
 @pytest.mark.parametrize("offset", [0.0, 1e-15, 1e-9])
 @pytest.mark.parametrize("step", [0.1, 1.0, 10.0])
 def test_two_oscillators_that_let_go_at_once(run, num, offset, step):

@@ -80,7 +80,8 @@ def test_verdicts():
     assert told(count=3) == ("red", "chatter")
     assert told(events=[(0.1, "contact slip-"), (0.2, "contact stick")]) == ("red", "order lost")
     assert told(events=[(0.1, "contact slip+"), (0.21, "contact stick")]) == ("amber", "order lost")
-    assert told(seconds=1.1) == ("amber", "overrun")
+    assert told(carrying=1.1) == ("amber", "overrun")
+    assert told(seconds=1.1, carrying=0.9) == ("green", "")  # looking at every step is no work of the plant
 
 
 def test_what_comes_at_one_instant_may_come_in_any_order():

@@ -5,10 +5,10 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from annotated_types import Gt
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from rig import scenes
 from rig.errors import SceneError, UsageError
@@ -68,8 +68,9 @@ class Expect(Section):
 class Case(Section):
     """One case. `scene`: a shipped one, "*" for each, or `rig`: one of rig.study.torture.rigs; `set` changes it.
 
-    `steps`: sample steps to try. `box`: ranges in which a random search looks for values that break it. `quick`: part
-    of the quick matrix, then over `quick_duration` if that is given. `seconds`: time box of a cell, of processor time.
+    `steps`: sample steps to try. `frame`: loop period, at whose begin modes are settled; a step where it is not given.
+    `box`: ranges in which a random search looks for values that break it. `quick`: part of the quick matrix, then over
+    `quick_duration` if that is given. `seconds`: time box of a cell, of processor time.
     """
 
     name: str
@@ -81,11 +82,18 @@ class Case(Section):
     duration: Nanoseconds
     quick_duration: Nanoseconds | None = None
     steps: tuple[Nanoseconds, ...] = (1_000_000, 100_000)
+    frame: Nanoseconds | None = None
     quick: bool = True
     seconds: Share = 2.0
     acts: tuple[Act, ...] = ()
     box: dict[str, tuple[float, float]] = Field(default_factory=dict)
     expect: Expect = Expect()
+
+    @model_validator(mode="after")
+    def _frames(self) -> Self:
+        if self.frame and any(act.do not in ("set", "knock", "blocks") or act.over for act in self.acts):
+            raise ValueError("acts that count frames go with frames of one step: leave `frame` out")
+        return self
 
 
 def read(path: Path, overrides: Mapping[str, Any] | None = None) -> Case:

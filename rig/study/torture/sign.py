@@ -50,6 +50,7 @@ def run(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
             raise OutOfTime
     found.slips = [np.abs(slips).max(axis=1)] if slips.size else []
     found.ticks, found.seconds = len(slips), time.process_time() - begin
+    found.carrying = found.seconds
     return found
 
 

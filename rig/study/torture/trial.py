@@ -54,6 +54,9 @@ class Found:
     trials: int = 0
     opened: int = 0
     seconds: float = 0.0
+    """Of processor time, all in all."""
+    carrying: float = 0.0
+    """Of these, what the plant has taken; the others built it and looked at what it did."""
     notes: list[str] = field(default_factory=list)
     slips: list[Array] = field(default_factory=list)
     """Of methods that have no mode for sticking: the largest slip speed of any contact at every step."""
@@ -94,6 +97,7 @@ class Trial:
         self.found.began = dict(zip(self.stand.outputs, values.tolist()))
         self._exchange: Exchange | None = None
         self._key, self._seen = self.motion.key, 0
+        self._last = 1  # ticks of the last frame
 
     def _set(self) -> None:
         """Columns of what the invariants look at."""
@@ -197,8 +201,11 @@ class Trial:
             if motion.kept >= ROWS - CHUNK:
                 self._look()
             ticks = min(next(self._blocks), until - motion.tick)
+            begin, kept = time.process_time(), motion.kept
             motion.advance(ticks, keep=True)
-            self.stand.tick = motion.tick
+            self.found.carrying += time.process_time() - begin
+            self._last = (motion.kept - kept - 1) % self.stand.steps + 1
+            self.stand.tick = motion.tick // self.stand.steps
             if motion.event_count:
                 self._note()
             if time.process_time() - self._begin > self._stop:
@@ -215,23 +222,29 @@ class Trial:
             at = (event.tick + event.place) * self._step * 1e-9
             changes += [(at, what) for what in self._changes(event.before, key)]
         self._key, self._seen = motion.key, motion.kept
+        self._remember(changes)
+
+    def _remember(self, changes: list[tuple[float, str]]) -> None:
+        """Count changes of modes, and keep them as far as there is room."""
+        found = self.found
         found.count += len(changes)
         if len(found.events) < KEPT:
             found.events += changes
 
     def _settled(self, key: int) -> list[tuple[float, str]]:
-        """The changes up to mode set `key` that came at the start of a tick and were no event: a command, a tie."""
+        """The changes up to mode set `key` that came at the start of a frame and were no event: a command, a tie."""
         motion, changes = self.motion, []
         if key != self._key or motion.kept - self._seen > 1:
-            slots = motion.log.modes[self._seen : motion.kept]
+            ended = (
+                motion.kept - self._last if motion.event_count else motion.kept
+            )  # events change modes within a frame
+            slots = motion.log.modes[self._seen : max(ended, self._seen)]
             keys = [one.key for one in motion.slots.sets]
             for at in np.flatnonzero(np.diff(slots, prepend=motion.slots.tables.slot_of[self._key])).tolist():
-                if at + 1 == len(slots) and motion.event_count:
-                    break  # that is what the events of this tick have made
-                began = (motion.tick - len(slots) + at) * self._step * 1e-9
+                began = (motion.tick - motion.kept + self._seen + at) * self._step * 1e-9
                 changes += [(began, what) for what in self._changes(self._key, keys[slots[at]])]
                 self._key = keys[slots[at]]
-            began = (motion.tick - 1) * self._step * 1e-9
+            began = (motion.tick - self._last) * self._step * 1e-9
             changes += [(began, what) for what in self._changes(self._key, key)]
         return changes
 
@@ -255,9 +268,7 @@ class Trial:
         motion, found, rows = self.motion, self.found, self.motion.kept
         if not rows:
             return
-        changes = self._settled(motion.key)
-        found.events += changes
-        found.count += len(changes)
+        self._remember(self._settled(motion.key))
         self._key = motion.key
         states, slots = motion.log.out[:rows], motion.log.modes[:rows]
         values = motion.outputs_at(states, slots)
@@ -283,11 +294,10 @@ class Trial:
             stuck = np.array([one[0][p] == STICK for one in modes])[slots]
             law = [motion.system.law(p, one[3]) for one in modes]
             most = np.array([one.static for one in law])[slots]
-            over = np.flatnonzero(~stuck & (np.abs(T) > most * load))
-            looked_at = over[:: max(1, len(over) // 256)]  # a film bears more the faster it slides
-            film = [law[slots[i]].mu(abs(float(w[i]))) for i in looked_at.tolist()]
-            most[over] = np.inf  # the others over the static limit are not judged
-            most[looked_at] = np.maximum(np.array([one.static for one in law])[slots[looked_at]], film)
+            for slot, one in enumerate(law):
+                if not one.constant:  # a film bears more the faster it slides
+                    here = np.flatnonzero(~stuck & (slots == slot))
+                    most[here] = np.maximum(one.static, one.over(np.abs(w[here])))
             outside = np.abs(T) - most * np.maximum(load, 0.0)
             found.outside_cone = max(found.outside_cone, float(outside.max()) / max(float(np.abs(T).max()), 1e-30))
             if stuck.any():

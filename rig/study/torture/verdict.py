@@ -74,8 +74,8 @@ def judge(case: Case, found: Found, reference: Found | None, simulated: float, s
             return one
     if found.burst * step > PAUSE * 1e-9:
         return red("overrun", f"{found.burst} frames in one burst after a pause")
-    if found.seconds > simulated:
-        return amber("overrun", f"{found.seconds / simulated:.3g} times slower than the clock")
+    if found.carrying > simulated:
+        return amber("overrun", f"{found.carrying / simulated:.3g} times slower than the clock")
     return Verdict("green", "", ", ".join(found.notes))
 
 

@@ -23,6 +23,12 @@ class Watched(Scene):
 
     rig: str = ""
     drives: tuple[tuple[str, str], ...] = ()
+    step: int = 0
+
+    @cached_property
+    def step_ns(self) -> int:
+        """Sample step [ns]: that of the case, there are no sensors that would ask for one."""
+        return self.step
 
     @cached_property
     def moved(self) -> dict[str, str]:
@@ -49,7 +55,7 @@ def _loaded(name: str, changes: tuple[tuple[str, Any], ...]) -> Scene:
 def watched(case: Case, method: str, step_ns: int, tolerance: float | None = None, unstable: str = "run") -> Watched:
     """The scene of a case under a method and a step. Raises SceneError where the case asks for what cannot be."""
     clock: dict[str, Any] = {
-        "frame": step_ns * 1e-9,
+        "frame": max((case.frame or 0) // step_ns, 1) * step_ns * 1e-9,
         "method": method,
         "rk4_step": step_ns * 1e-9,
         "unstable": unstable,
@@ -88,5 +94,6 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
         limits={},
         rig=case.rig,
         drives=tuple(drives.items()),
+        step=step_ns,
         **base,
     )
