@@ -36,7 +36,9 @@ Runs = Annotated[str, typer.Option(metavar="LIST", help="Some of up, down (carri
 Output = Annotated[
     str | None, typer.Option(metavar="NAME", help="Plant output to watch; the plant's first by default.")
 ]
-Longest = Annotated[str | None, typer.Option(metavar="TIME", help="Simulated time for one point; 480 slow periods.")]
+Longest = Annotated[
+    str | None, typer.Option(metavar="TIME", help="Simulated time for one point; at least 480 slow periods.")
+]
 Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one for each core by default.")]
 Eigenvalues = Annotated[
     bool, typer.Option("--eigenvalues", help="No runs: where sliding is unstable, by eigenvalues, over both axes.")

@@ -45,6 +45,7 @@ class Settings:
     output    plant output whose amplitude is told           kick     swing of the slip speed at a near start, over the
     runs      some of `RUNS`                                          speed of the surface
     refine    halvings of the gap in which a vibration ends  longest  simulated time for one point [s]; None: `PERIODS`
+                                                                      or more where the motion is slow to settle
     section   local maxima of the output to keep
     eigenvalues   no runs, nothing to judge: a row is what eigenvalues say of it
     """

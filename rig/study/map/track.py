@@ -37,6 +37,7 @@ _SAMPLES = 24  # of a period of the fastest motion
 _FEW, _MANY = 3, 30  # sticks in a window: it is made longer, or shorter for the next point
 _EVENTS = 40  # in ten ticks
 _LATEST = 20  # turns over sectors
+_ROUNDS = 4  # of watching, each for twice as long
 _ROOM = 200_000  # ticks in a window: a turn of a surface that creeps is watched in parts
 
 
@@ -194,10 +195,24 @@ class Track:
         self.value = value
 
     def settle(self, near: bool = False) -> Point:
-        """Watch until the motion has settled, or until the longest time is over."""
+        """Watch until the motion has settled, or until the longest time is over.
+
+        Where none is stated, a motion that still drifts then is watched for twice as long, by windows twice as long.
+        """
         turn = self._turn()
-        judge = Judge(self.settings.kick, near, turn > 0)
         longest = self.settings.longest or max(PERIODS * self.slowest, _LATEST * turn * self.step)
+        rounds = 1 if self.settings.longest else _ROUNDS
+        point = Point(UNDECIDED, BLANK, 0.0)
+        for _ in range(rounds):
+            judge = Judge(self.settings.kick, near, turn > 0)
+            found = self._judged(judge, longest, turn)
+            point = found._replace(spent=point.spent + found.spent)
+            if point.state != UNDECIDED:
+                break
+            longest, self._window = 2.0 * longest, 2 * self._window
+        return point
+
+    def _judged(self, judge: Judge, longest: float, turn: int) -> Point:
         window, spent = BLANK, 0.0
         try:
             while spent < longest:
