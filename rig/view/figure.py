@@ -3,12 +3,12 @@
 phases and marks of the protocol                        phase portrait, by controller or by time
 velocity of the body and of the surface
 friction and normal force                               close-up of some periods
+voltage of the stack, if there is one
 contact mode                                            what the run was, and how well it went
 """
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from rig.record.run import Integers, Reals, Run
 from rig.view import contact, story
+from rig.view.caption import caption, scene_of
 from rig.view.channels import channels
 
 if TYPE_CHECKING:
@@ -24,7 +25,11 @@ if TYPE_CHECKING:
 
 _COLUMNS = 2400
 _BODY, _SURFACE, _FRICTION, _NORMAL = "#1d4f91", "#d1802f", "#b5322f", "#5a5a5a"
+_VOLTAGE = "#7a5fb0"
+_STACK = "stack_voltage"
 _MEASURED = 0.35
+_FASTER = 5.0
+_SMALL = 5e-5  # m: below it a portrait is told in micrometres
 _SECTIONS = ("#1d4f91", "#c03a76", "#2a9d77", "#d1802f", "#7a5fb0")
 STYLE: dict[str, Any] = {
     "font.size": 10.5,
@@ -59,39 +64,38 @@ def draw(run: Run, path: Path | str) -> None:
 
 
 def _compose(figure: Figure, run: Run) -> None:
+    heights = (0.30, 1.6, 1.6, 1.2, 0.26) if _STACK in run.signals else (0.30, 2.2, 2.2, 0.26)
     grid = figure.add_gridspec(
-        4, 2, width_ratios=(2.35, 1), height_ratios=(0.30, 2.2, 2.2, 0.26), hspace=0.13, wspace=0.21,
+        len(heights), 2, width_ratios=(2.35, 1), height_ratios=heights, hspace=0.13, wspace=0.21,
         left=0.076, right=0.985, top=0.94, bottom=0.072,
     )  # fmt: skip
     right = grid[:, 1].subgridspec(3, 1, height_ratios=(2.3, 1.5, 0.85), hspace=0.42)
     times = figure.add_subplot(grid[1, 0])
-    modes = contact.Modes(contact.system_of(run.scene)).indices(run.mode)
+    system = contact.system_of(run.scene)
+    modes = contact.Modes(system).indices(run.mode)
     _phases(figure.add_subplot(grid[0, 0], sharex=times), run)
     _velocity(times, run)
-    forces = figure.add_subplot(grid[2, 0], sharex=times)
-    _forces(forces, run)
-    strip = figure.add_subplot(grid[3, 0], sharex=times)
+    curves = [times, *(figure.add_subplot(grid[row, 0], sharex=times) for row in range(2, len(heights) - 1))]
+    _forces(curves[1], run)
+    if len(curves) > 2:
+        _curves(curves[2], run, ((_STACK, _VOLTAGE),))
+        curves[2].set_ylabel(f"voltage [{run.units.get(_STACK, '')}]")
+    strip = figure.add_subplot(grid[-1, 0], sharex=times)
     _strip(strip, run, modes)
-    for axes in (times, forces):
+    closed = story.circuits(run, system)
+    for axes in curves:
         axes.tick_params(labelbottom=False)
-        _shade(axes, run)
+        _shade(axes, run, closed)
+    _name(curves[-1], closed)
     _portrait(figure.add_subplot(right[0]), run)
     _close_up(figure.add_subplot(right[1]), run, modes)
-    _caption(figure.add_subplot(right[2]), run)
-    figure.align_ylabels((times, forces))
-    about = _scene(run)
+    caption(figure.add_subplot(right[2]), run, modes)
+    figure.align_ylabels(curves)
+    about = scene_of(run)
     figure.text(0.076, 0.968, about.get("title") or about.get("name") or "run", fontsize=15, fontweight="bold")
     if run.fault:
         first = run.fault.partition("\n")[0]
         figure.text(0.985, 0.968, first[:110], color="#b5322f", ha="right", fontsize=10.5)
-
-
-def _scene(run: Run) -> dict[str, Any]:
-    try:
-        found = json.loads(run.scene)
-    except ValueError:
-        return {}
-    return found if isinstance(found, dict) else {}
 
 
 def thinned(t: Reals, v: Reals, columns: int = _COLUMNS) -> tuple[Reals, Reals]:
@@ -155,9 +159,23 @@ def _curves(axes: Axes, run: Run, outputs: tuple[tuple[str, str], ...]) -> None:
 
 
 def _velocity(axes: Axes, run: Run) -> None:
-    _curves(axes, run, (("surface_speed", _SURFACE), ("velocity", _BODY)))
+    fast = _beyond(run)
+    _curves(axes, run, (("surface_speed", _SURFACE), ("velocity", _BODY))[fast:])
+    if fast:
+        speed = f"surface speed: {_largest(run, 'surface_speed'):.3g} {run.units.get('surface_speed', '')}"
+        axes.text(0.995, 0.97, speed, transform=axes.transAxes, ha="right", va="top", fontsize=9.5, color=_SURFACE)
     axes.set_ylabel(f"velocity [{run.units.get('velocity', '')}]")
     axes.set_xlim(0.0, story.end_of(run) or 1.0)
+
+
+def _largest(run: Run, output: str) -> float:
+    v = run.signals.get(output, np.empty(0))
+    return float(np.nanmax(np.abs(v), initial=0.0)) if v.size else 0.0
+
+
+def _beyond(run: Run) -> bool:
+    """Whether the surface is so much faster than the body that its line would flatten the other."""
+    return _largest(run, "surface_speed") > _FASTER * _largest(run, "velocity") > 0.0
 
 
 def _forces(axes: Axes, run: Run) -> None:
@@ -165,12 +183,23 @@ def _forces(axes: Axes, run: Run) -> None:
     axes.set_ylabel(f"force [{run.units.get('friction_force', '')}]")
 
 
-def _shade(axes: Axes, run: Run) -> None:
-    """Where controllers work, and where something was marked."""
+def _shade(axes: Axes, run: Run, closed: list[story.Span]) -> None:
+    """Where controllers work, where a circuit is closed, and where something was marked."""
     for span in story.controlled(run):
         axes.axvspan(span.begin, span.end, color="#2a9d77", alpha=0.09, lw=0, zorder=0)
+    for span in closed:
+        axes.axvspan(span.begin, span.end, color=_VOLTAGE, alpha=0.13, lw=0, zorder=0)
     for mark in story.marks(run):
         axes.axvline(mark.time, color="#777777", lw=0.8, ls=(0, (4, 3)), zorder=1)
+
+
+def _name(axes: Axes, closed: list[story.Span]) -> None:
+    """What the closed circuits are, at the foot of the curves, where there is room."""
+    whole = axes.get_xlim()[1]
+    for span in closed:
+        if text := _fitting(span.text, 140.0 / whole * (span.end - span.begin) - 1):
+            axes.text((span.begin + span.end) / 2, 0.04, text, transform=axes.get_xaxis_transform(), ha="center",
+                      fontsize=8.5, color=_VOLTAGE)  # fmt: skip
 
 
 def _fitting(text: str, width: float) -> str:
@@ -225,10 +254,14 @@ def _portrait(axes: Axes, run: Run) -> None:
     """Velocity over displacement."""
     x, v = (run.signals.get(name, np.empty(0)) for name in ("displacement", "velocity"))
     axes.set_title("phase portrait")
-    axes.set_xlabel(f"displacement [{'mm' if run.units.get('displacement') == 'm' else ''}]")
+    small = _largest(run, "displacement") < _SMALL
+    factor, unit = (1e6, "um") if small else (1e3, "mm")
+    axes.set_xlabel(f"displacement [{unit if run.units.get('displacement') == 'm' else ''}]")
     axes.set_ylabel(f"velocity [{run.units.get('velocity', '')}]")
     if not x.size or not v.size:
         return
+    x = factor * x
+    axes.locator_params(axis="x", nbins=5)
     sections = story.sections(run)
     if len(sections) > 1:
         names = list(dict.fromkeys(section.text for section in sections))
@@ -237,12 +270,12 @@ def _portrait(axes: Axes, run: Run) -> None:
             inside = (run.time >= section.begin) & (run.time <= section.end)
             colour = _SECTIONS[names.index(section.text) % len(_SECTIONS)]
             label = section.text if section.text == "free" else f"with {section.text}"
-            axes.plot(1e3 * x[inside], v[inside], color=colour, lw=0.8, alpha=0.85,
+            axes.plot(x[inside], v[inside], color=colour, lw=0.8, alpha=0.85,
                       label=label if first[section.text] else None)  # fmt: skip
             first[section.text] = False
         _legend(axes, len(names))
     else:
-        _by_time(axes, run, 1e3 * x, v)
+        _by_time(axes, run, x, v)
 
 
 def _by_time(axes: Axes, run: Run, x: Reals, v: Reals) -> None:
@@ -272,10 +305,11 @@ def _close_up(axes: Axes, run: Run, modes: Integers) -> None:
         t = np.append(run.time[inside], end)
         for low, high in edges.reshape(-1, 2):
             axes.axvspan(t[low], t[high], color=contact.COLOURS[0], alpha=0.16, lw=0)
-    for name, colour in (("surface_speed", _SURFACE), ("velocity", _BODY)):
+    for name, colour in (("surface_speed", _SURFACE), ("velocity", _BODY))[_beyond(run) :]:
         if name in run.signals:
             axes.plot(run.time[inside], run.signals[name][inside], color=colour, lw=1.4)
     axes.set_xlim(begin, end)
+    axes.locator_params(axis="x", nbins=4)
 
 
 def _liveliest(run: Run, modes: Integers) -> tuple[float, float]:
@@ -299,35 +333,3 @@ def _typical(gaps: Reals) -> float:
     """The gap in which the run spent much of its time: neither chatter nor one long pause counts for much."""
     ordered = np.sort(gaps)
     return float(ordered[np.searchsorted(np.cumsum(ordered), 0.4 * ordered.sum())])
-
-
-def _caption(axes: Axes, run: Run) -> None:
-    axes.set_axis_off()
-    rows = [("scene", _scene(run).get("name", "")), *_told(run)]
-    for i, (name, text) in enumerate(rows):
-        y = 1.0 - i / 6.2
-        axes.text(-0.2, y, name, transform=axes.transAxes, va="top", fontsize=9.5, color="#777777")
-        axes.text(0.08, y, text, transform=axes.transAxes, va="top", fontsize=9.5, color="#111111")
-
-
-def _told(run: Run) -> list[tuple[str, str]]:
-    """What the run was and how it went, in words."""
-    summary = run.summary
-    plant = summary.get("plant", {}) if isinstance(summary.get("plant"), dict) else {}
-    steps = f"{run.step_ns / 1e6:g} ms"
-    rows = [("integration", f"{plant.get('method', 'unknown')}, {steps} samples, {plant.get('events', 0)} events")]
-    sticking = plant.get("stick_share")
-    if sticking is not None:
-        rows.append(("stick share", f"{sticking:.1%} of {story.end_of(run):g} s"))
-    if run.energy:
-        supplied = run.energy.get("drive", run.energy.get("supplied", 0.0))
-        rows.append(("energy", f"{supplied:.4g} J from the drive, closes to {abs(run.energy.get('error', 0.0)):.0e}"))
-    timing = summary.get("timing", {})
-    if "verdict" in summary:
-        worst = f", worst frame {timing['worst_us'] / 1e3:.3g} ms late" if timing else ""
-        rows.append(("timing", f"{summary['verdict']}{worst}"))
-    else:
-        rows.append(("timing", "simulated without a clock"))
-    if provenance := {k: run.provenance[k] for k in ("commit", "version") if run.provenance.get(k)}:
-        rows.append(("made with", ", ".join(f"{k} {v[:12]}" for k, v in provenance.items())))
-    return rows

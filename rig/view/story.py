@@ -7,7 +7,10 @@ from collections.abc import Iterable, Mapping
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from rig.record.run import Run
+from rig.solve.system import System
 
 
 class Span(NamedTuple):
@@ -94,3 +97,23 @@ def sections(run: Run) -> list[Span]:
         at_work = [span.text for span in spans if span.begin <= begin and stop <= span.end]
         found.append(Span(begin, stop, " + ".join(dict.fromkeys(at_work)) or "free"))
     return found
+
+
+def circuits(run: Run, system: System | None) -> list[Span]:
+    """When a switch of the rig's network was closed, and in which position."""
+    if system is None or not system.switches or not run.mode.size:
+        return []
+    known, inverse = np.unique(run.mode, return_inverse=True)
+    told = [_closed(system, int(key)) for key in known]
+    names = list(dict.fromkeys(told))
+    which = np.array([names.index(text) for text in told])[inverse.ravel()]
+    cuts = [0, *(np.flatnonzero(np.diff(which)) + 1).tolist(), which.size]
+    times = [float(run.time[cut]) for cut in cuts[:-1]] + [end_of(run)]
+    spans = zip(times, times[1:], (names[which[cut]] for cut in cuts[:-1]))
+    return [Span(begin, end, text) for begin, end, text in spans if text]
+
+
+def _closed(system: System, key: int) -> str:
+    """The switches that are closed in mode set `key`; their first position is open."""
+    positions = zip(system.switches, system.modes(key)[4])
+    return ", ".join(f"{switch.name} {switch.positions[where].name}" for switch, where in positions if where)

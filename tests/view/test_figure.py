@@ -1,6 +1,7 @@
 """The figure of a run, and the story that it tells."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ from hypothesis.extra.numpy import arrays
 import rig
 from rig.record.run import Commands, Run, Samples
 from rig.record.save import save
-from rig.view import story
+from rig.scenes import shelf
+from rig.view import contact, story
 from rig.view.figure import draw, thinned
 from rig.view.log import view_log
 
@@ -125,3 +127,31 @@ def test_a_recording_is_shown_sample_by_sample(run, contents, tmp_path):
     assert np.array_equal([v for _, v in seen], run.signals["friction_force"])
     assert [row["StateChange:state"][0] for row in rows["/strip/contact"]][:2] == ["stick", "slip+"]
     assert "/rig/belt" in static
+
+
+def test_a_circuit_is_closed_from_switch_to_switch(tmp_path):
+    hold = 'step = "hold"\ntime = "4 ms"'
+    steps = [hold, *(f'step = "set"\ntarget = "shunt.connected"\nto = {to}\n[[protocol]]\n{hold}' for to in (1, 0))]
+    text = shelf.path("brake_shunt").read_text().partition("[[protocol]]")[0]
+    (tmp_path / "ours.toml").write_text("\n[[protocol]]\n".join([text, *steps]))
+    run = rig.simulate(str(tmp_path / "ours.toml"))
+    [span] = story.circuits(run, contact.system_of(run.scene))
+    assert (span.begin, span.end) == pytest.approx((4e-3, 8e-3), abs=2.1e-5)
+    assert span.text == "shunt connected"
+    assert story.circuits(run, None) == []
+    draw(run, tmp_path / "run.png")
+    assert ink(tmp_path / "run.png")[2] > 0.03
+
+
+def test_a_surface_far_faster_than_the_body_does_not_flatten_its_curve(run):
+    from matplotlib.figure import Figure
+
+    from rig.view import figure
+
+    slow = replace(run, signals={**run.signals, "surface_speed": np.full(run.time.size, 20.0)})
+    for one, below in ((run, True), (slow, False)):
+        axes = Figure().subplots()
+        figure._velocity(axes, one)
+        drawn = [line.get_label() for line in axes.get_lines()]
+        assert ("surface speed" in drawn) is below
+        assert axes.get_ylim()[1] < 1.0
