@@ -128,7 +128,8 @@ def transition(kind, owner, P, K, key):
 def passed(t, slot, guard, ic, x):
     """What follows when a guard of `slot` falls: the next key to `ic`, modes to be settled anew.
 
-    Beyond the ends of the range of sectors the place is moved by a period.
+    A place that rounding has left short of the edge is put on it, or its new sector would be left at once. Beyond the
+    ends of the range of sectors the place is moved by a period.
     """
     kind, owner, key = t.kind[slot, guard], t.owner[slot, guard], ic[1]
     ic[2] = LAND
@@ -137,6 +138,9 @@ def passed(t, slot, guard, ic, x):
         return
     base, count = of_sector(t, owner), t.sectors[owner]
     mode = digit(key, base, count) + (1 if kind == G_NEXT else -1)
+    left = t.edges[owner, mode if kind == G_NEXT else mode + 1] - dot(t.path[owner], x)
+    if (left > 0.0) == (kind == G_NEXT):
+        x[t.turn[owner]] += left
     if mode == count:
         mode = 0
         x[t.turn[owner]] -= t.edges[owner, count]

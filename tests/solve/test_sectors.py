@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 from rig.solve import laws
 from rig.solve.assembly import Assembly
 from rig.solve.motion import Motion
+from rig.study.torture.rigs import Sectored, sectored
 
 MS = 1_000_000
 SPEED, RADIUS, EDGE = 0.3, 0.05, 2.0
@@ -114,3 +115,14 @@ def test_changed_sectors_are_entered_where_the_pin_is():
     a.sectors[0] = (*a.sectors[0][:5], (0.0, 1.0), a.sectors[0][6])
     motion.replace(a.system())
     assert motion.system.describe(motion.key).endswith("disc 2")
+
+
+@pytest.mark.parametrize("step", [0.1, 0.25, 1.0])
+def test_rounding_at_an_edge_does_not_throw_the_place_back(run, step):
+    """Edges at ends of steps, where the place may be a rounding error short of the edge that it has passed."""
+    p = Sectored(sliding=True, mu_piece=0.25, piece=0.0001)
+    duration = 1.995
+    found = run(sectored(p, {}).system(), step, duration, cap=100)
+    entered = [what for what in found.what if what.startswith("lane")]
+    whole, rest = divmod(p.belt * duration, p.piece + p.gap)
+    assert entered == ["lane enters the next"] * int(2 * whole + (rest > p.piece))

@@ -80,18 +80,23 @@ def write(case: Case, values: dict[str, float], cell: Cell, folder: Path) -> Pat
     while (path := folder / f"{case.name}_{number}.toml").exists():
         number += 1
     told = cell.verdict
-    raw = case.model_dump(mode="json", exclude_defaults=True, exclude={"name", "box", "expect", "acts"})
-    raw |= {"title": f"{case.title}, found by random search", "set": case.set | values, "quick": True}
+    apart = {"name", "box", "expect", "acts", "set", "quick_duration"}
+    raw = case.model_dump(mode="json", exclude_defaults=True, exclude=apart)
+    raw |= {"title": f"{case.title}, found by random search", "quick": True}
     raw["about"] = f"{told.colour}, {told.reason}: {told.told}. {case.about}".strip()
-    raw["duration"], raw["steps"] = case.duration * 1e-9, [step * 1e-9 for step in case.steps]
-    raw.pop("quick_duration", None)
-    lines = [f"{key} = {_toml(value)}" for key, value in raw.items() if key != "set"]
-    lines += ["", "[set]", *(f"{json.dumps(key)} = {_toml(value)}" for key, value in raw["set"].items())]
+    lines = _lines(raw)
+    lines += ["", "[set]", *(f"{json.dumps(key)} = {_toml(value)}" for key, value in (case.set | values).items())]
     for act in case.acts:
-        own = act.model_dump(mode="json", exclude_defaults=True)
-        lines += ["", "[[act]]", *(f"{key} = {_toml(value)}" for key, value in own.items())]
+        lines += ["", "[[act]]", *_lines(act.model_dump(mode="json", exclude_defaults=True))]
+    expect = at(case, values).expect.model_dump(mode="json", exclude_defaults=True)
+    if expect:
+        lines += ["", "[expect]", *_lines(expect)]
     path.write_text("\n".join(lines) + "\n")
     return path
+
+
+def _lines(raw: dict[str, Any]) -> list[str]:
+    return [f"{key} = {_toml(value)}" for key, value in raw.items()]
 
 
 def _toml(value: Any) -> str:
