@@ -15,6 +15,7 @@ from rig.kernel import inner
 DEGREE = 12
 NONE = 2.0
 WORK_ROWS, WORK_COLUMNS = 48, DEGREE + 3
+_FAINT = 1e-10  # of the sum of coefficients: as a slope at zero it dips by 1e-20 of them, far below their rounding
 _AT, _WIDTH = DEGREE + 1, DEGREE + 2
 
 
@@ -91,7 +92,7 @@ def first_fall(c, degree, zero, work):
         if size <= zero:  # too short a cell to tell; the next one will
             return NONE
         low = 1
-        while low < 3 and low < degree and abs(c[low]) <= max(1e-13 * size, zero):
+        while low < 3 and low < degree and abs(c[low]) <= max(_FAINT * size, zero):
             low += 1
         if c[low] < 0.0:
             return 0.0

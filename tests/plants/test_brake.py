@@ -216,6 +216,17 @@ def test_pads_that_creep_stick():
     assert abs(run.energy()["error"]) < 1e-6
 
 
+@pytest.mark.parametrize(("speed", "events"), [(0.0, 18), (0.001, 217)])
+def test_pads_on_a_disc_at_rest_or_nearly_so_come_to_stick(speed, events):
+    """Released with an acceleration of 1e-12 m/s^2 that is rounding of 1320 N, a pad is not caught again at once."""
+    run = motion(system({"drive.speed": speed}), duration=0.1)
+    patches, *_ = run.system.modes(run.key)
+    assert patches == [STICK, STICK]
+    assert run.counts()["events"] == events
+    assert np.abs(run.system.slip_rows @ run.x).max() < 1e-15
+    assert abs(run.energy()["error"]) < 1e-6
+
+
 def test_the_verdict_tells_growth_and_what_bounds_it():
     """A squealing brake is refused by nobody: lift-off bounds it. The growth is that of the eigenvalues."""
     found = [

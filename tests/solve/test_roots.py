@@ -111,3 +111,11 @@ def test_a_cell_too_short_to_tell_decides_nothing():
 def test_a_constant_above_zero_never_falls():
     assert fall([1.0, 0.0]) == NONE
     assert fall([1e-300, 0.0, 0.0]) == NONE
+
+
+@pytest.mark.parametrize("slope", [-1e-11, -1e-14, 0.0, 1e-14])
+def test_a_guard_that_starts_at_zero_and_rises_is_not_held_up_by_a_rounded_slope(slope):
+    """A contact just released: slip speed and acceleration are rounding, what comes after them is not."""
+    assert fall([-1e-20, slope, 1.0], zero=1e-19) == NONE
+    assert fall([-1e-20, slope, -1.0], zero=1e-19) == 0.0
+    assert fall([0.0, -1e-3, 1.0], zero=1e-19) == 0.0  # that is a fall
