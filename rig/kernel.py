@@ -40,7 +40,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _ROOT = Path(__file__).resolve().parent.parent
 _KEPT = 3
-ROWS = 4
+ROWS = 7
 _DECORATED = re.compile(rb"^@(kernel|inner|inlined)\b", re.MULTILINE)
 
 

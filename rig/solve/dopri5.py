@@ -12,43 +12,59 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.kernel import inner
+from rig.kernel import inlined, inner, local
 from rig.solve.books import book, lend_books, read
 from rig.solve.emit import emit_quartic, quartic
-from rig.solve.forces import dot, forces, lend, rate, rounding, slope
+from rig.solve.forces import dot, forces, lend, rate, rounding
 from rig.solve.roots import NONE, first_fall
 from rig.solve.settle import land, passed
 
-_STAGES = np.array(
-    [
-        [1.0 / 5.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        [3.0 / 40.0, 9.0 / 40.0, 0.0, 0.0, 0.0, 0.0],
-        [44.0 / 45.0, -56.0 / 15.0, 32.0 / 9.0, 0.0, 0.0, 0.0],
-        [19372.0 / 6561.0, -25360.0 / 2187.0, 64448.0 / 6561.0, -212.0 / 729.0, 0.0, 0.0],
-        [9017.0 / 3168.0, -355.0 / 33.0, 46732.0 / 5247.0, 49.0 / 176.0, -5103.0 / 18656.0, 0.0],
-        [35.0 / 384.0, 0.0, 500.0 / 1113.0, 125.0 / 192.0, -2187.0 / 6784.0, 11.0 / 84.0],
-    ]
-)
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 _SHARE = 0.5  # of the tolerance for the local error, so that event times keep within it
 
 
-@inner
+@inlined
 def trial(shape, f, k, x, h, y, z):
     """Stages k[1..6] and the end y of a step h from x, whose k[0] is known; z is scratch."""
     n = len(shape)
-    for stage in range(6):
-        for i in range(n):
-            s = 0.0
-            for j in range(stage + 1):
-                s += _STAGES[stage, j] * k[j, i]
-            z[i] = x[i] + h * s
-        rate(shape, f, True, z, k[stage + 1])
-    for i in range(n):  # the last stage is the end of the step
-        y[i] = z[i]
+    for i in range(n):
+        z[i] = x[i] + h * ((1.0 / 5.0) * k[0, i])
+    rate(shape, f, True, z, k[1])
+    for i in range(n):
+        z[i] = x[i] + h * ((3.0 / 40.0) * k[0, i] + (9.0 / 40.0) * k[1, i])
+    rate(shape, f, True, z, k[2])
+    for i in range(n):
+        z[i] = x[i] + h * ((44.0 / 45.0) * k[0, i] - (56.0 / 15.0) * k[1, i] + (32.0 / 9.0) * k[2, i])
+    rate(shape, f, True, z, k[3])
+    for i in range(n):
+        z[i] = x[i] + h * (
+            (19372.0 / 6561.0) * k[0, i]
+            - (25360.0 / 2187.0) * k[1, i]
+            + (64448.0 / 6561.0) * k[2, i]
+            - (212.0 / 729.0) * k[3, i]
+        )
+    rate(shape, f, True, z, k[4])
+    for i in range(n):
+        z[i] = x[i] + h * (
+            (9017.0 / 3168.0) * k[0, i]
+            - (355.0 / 33.0) * k[1, i]
+            + (46732.0 / 5247.0) * k[2, i]
+            + (49.0 / 176.0) * k[3, i]
+            - (5103.0 / 18656.0) * k[4, i]
+        )
+    rate(shape, f, True, z, k[5])
+    for i in range(n):
+        y[i] = x[i] + h * (
+            (35.0 / 384.0) * k[0, i]
+            + (500.0 / 1113.0) * k[2, i]
+            + (125.0 / 192.0) * k[3, i]
+            - (2187.0 / 6784.0) * k[4, i]
+            + (11.0 / 84.0) * k[5, i]
+        )
+    rate(shape, f, True, y, k[6])
 
 
-@inner
+@inlined
 def error(shape, k, y, size, h, tolerance):
     """Largest local error of the step, each state against `tolerance` times its largest size so far.
 
@@ -74,7 +90,18 @@ def error(shape, k, y, size, h, tolerance):
     return worst
 
 
-@inner
+@inlined
+def growth(e):
+    """e^(-1/5) for 0 <= e <= 1, at most `_GROW`: where the step is about right, by the Pade approximant about e = 1.
+
+    The next step waits for it, and a power takes as long as a stage.
+    """
+    if e < 0.05:
+        return min(_GROW, e ** (-0.2))
+    return (11.0 + e * (33.0 + 6.0 * e)) / (6.0 + e * (33.0 + 11.0 * e))
+
+
+@inlined
 def dense(shape, k, x, y, h, d):
     """Coefficients d[0..4] of the quartic through the step, in powers of theta."""
     n = len(shape)
@@ -98,7 +125,7 @@ def dense(shape, k, x, y, h, d):
         d[4, i] = r4
 
 
-@inner
+@inlined
 def at(shape, d, theta, x):
     """X = dense output at theta."""
     for i in range(len(shape)):
@@ -127,6 +154,26 @@ def fall(shape, f, d, x, z, poly, work):
     return first, guard
 
 
+@inlined
+def clear(shape, f, d, size):
+    """Whether it is plain from the coefficients that no guard falls along the dense output; else `fall` is asked."""
+    for g in range(f.G.shape[0]):
+        if f.needs[g]:
+            return False
+        begin, lowest = 0.0, 0.0
+        for c in range(5):
+            value = 0.0
+            for j in range(len(shape)):
+                value += f.G[g, j] * d[c, j]
+            if c == 0:
+                begin = lowest = value
+            else:
+                lowest += min(value, 0.0)
+        if not (lowest > 0.0 and begin > rounding(f.G[g], size)):
+            return False
+    return True
+
+
 @inner
 def book_step(shape, f, b, d, theta, h, z, nodes, weights, energy):
     """Energy up to `theta` of the step, by Gauss-Legendre."""
@@ -150,69 +197,90 @@ def emit(shape, f, b, d, from_theta, to_theta, h, z, values, start, seg):
 def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, out, modes, energy, booking, emitting, seg, tolerance):
     """Carry x in slip until an event or the end of the ticks asked for.
 
-    ic[0] tick, fc[0] place in it, fc[1] step to try next; out[i] state after tick i. Returns the guard or -1.
+    ic[0] tick, fc[0] place in it, fc[1] step to try next; out[i] state after tick i. Returns the guard, -1 at the
+    end, -2 where no step is short enough. What a step works on is lent to nobody, so that it stays in registers:
+    `here` is the state, and a copy of the dense output goes to who asks for more than ticks.
     """
     n = len(shape)
     tick_length = t.step[0]
     f, b = lend(t, slot, w.T, w.scratch), lend_books(t, slot, w.T)
-    k, y, z, d, size = w.k, w.y, w.y2, w.derivatives, w.size
-    slope(shape, f, True, x, k[0])
+    k, y, z, d, size = local(shape, w.k), local(shape, w.y), local(shape, w.y2), local(shape, w.derivatives), w.size
+    here, path = local(shape, w.copy), w.derivatives
+    tick, place, next_h = ic[0], fc[0], fc[1]
+    fallen = -1
     for i in range(n):
         size[i] = max(size[i], abs(x[i]))
-    while ic[0] < ticks:
-        left = ((ticks - ic[0]) - fc[0]) * tick_length
-        h = min(fc[1], left)
+        here[i] = x[i]
+    rate(shape, f, True, here, k[0])
+    while tick < ticks and fallen == -1:
+        left = ((ticks - tick) - place) * tick_length
+        h = min(next_h, left)
         if left - h < 1e-9 * tick_length:
             h = left
-        trial(shape, f, k, x, h, y, z)
+        trial(shape, f, k, here, h, y, z)
         e = error(shape, k, y, size, h, tolerance)
         ic[5] += 1
         if not (e <= 1.0):
-            fc[1] = h * max(_SHRINK, _SAFETY * e ** (-0.2))
-            if fc[1] < 1e-14 * tick_length:
-                return -2
+            next_h = h * max(_SHRINK, _SAFETY * e ** (-0.2))
+            if next_h < 1e-14 * tick_length:
+                fallen = -2
             continue
-        grow = _GROW if e < 1e-4 else min(_GROW, _SAFETY * e ** (-0.2))
-        if h >= fc[1] or grow < 1.0:
-            fc[1] = h * grow
-        dense(shape, k, x, y, h, d)
-        theta, guard = fall(shape, f, d, size, z, w.poly, w.roots)
-        end = theta if guard >= 0 else 1.0
-        if booking:
-            book_step(shape, f, b, d, end, h, z, w.nodes3, w.weights3, energy)
+        grow = _SAFETY * growth(e)
+        if h >= next_h or grow < 1.0:
+            next_h = h * grow
+        dense(shape, k, here, y, h, d)
+        end = 1.0
+        if booking or emitting or not clear(shape, f, d, size):
+            for c in range(5):
+                for i in range(n):
+                    path[c, i] = d[c, i]
+            theta, fallen = fall(shape, f, path, size, w.y2, w.poly, w.roots)
+            if fallen >= 0:
+                end = theta
+            if booking:
+                book_step(shape, f, b, path, end, h, w.y2, w.nodes3, w.weights3, energy)
         done = 0.0
         while True:  # ticks that lie inside the step
-            rest = (1.0 - fc[0]) * tick_length
+            rest = (1.0 - place) * tick_length
             to = done + rest / h
-            if guard < 0 and ic[0] == ticks - 1 and h == left:
+            if fallen < 0 and tick == ticks - 1 and h == left:
                 to = 1.0
-            if to > end or (guard >= 0 and to >= end):
+            if to > end or (fallen >= 0 and to >= end):
                 break
             if emitting:
-                emit(shape, f, b, d, done, to, h, z, w.values, (ic[0] - origin + fc[0]) * tick_length, seg)
-            at(shape, d, to, out[ic[0]])
-            modes[ic[0]] = slot
-            ic[0] += 1
-            fc[0] = 0.0
+                begin = (tick - origin + place) * tick_length
+                emit(shape, f, b, path, done, to, h, w.y2, w.values, begin, seg)
+            at(shape, d, to, out[tick])
+            modes[tick] = slot
+            tick += 1
+            place = 0.0
             done = to
-            if ic[0] == ticks:
+            if tick == ticks:
                 break
         if done < end:
             if emitting:
-                emit(shape, f, b, d, done, end, h, z, w.values, (ic[0] - origin + fc[0]) * tick_length, seg)
-            fc[0] += (end - done) * h / tick_length
-        if guard >= 0:
-            at(shape, d, end, z)
-            for i in range(n):
-                x[i] = z[i]
-            passed(t, slot, guard, ic, x)
-            return guard
+                begin = (tick - origin + place) * tick_length
+                emit(shape, f, b, path, done, end, h, w.y2, w.values, begin, seg)
+            place += (end - done) * h / tick_length
+        if fallen >= 0:
+            at(shape, d, end, here)
+            continue
         for i in range(n):
-            x[i] = y[i]
+            here[i] = y[i]
             k[0, i] = k[6, i]
-            size[i] = max(size[i], abs(x[i]))
+            size[i] = max(size[i], abs(here[i]))
         if t.stuck[slot]:
+            for i in range(n):
+                x[i] = here[i]
             land(t, slot, x, w.copy)
+            for i in range(n):
+                here[i] = x[i]
+    ic[0], fc[0], fc[1] = tick, place, next_h
     for i in range(n):
-        out[ticks - 1, i] = x[i]
-    return -1
+        x[i] = here[i]
+    if fallen >= 0:
+        passed(t, slot, fallen, ic, x)
+    elif fallen == -1:
+        for i in range(n):
+            out[ticks - 1, i] = x[i]
+    return fallen

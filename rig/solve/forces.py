@@ -6,7 +6,7 @@ callers. That is what brings plain array code near the speed of C.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,16 +38,16 @@ def rounding(row, x):
 
 
 class Field(NamedTuple):
-    """The slot's tables (see slots.Tables) and the scratch of the inputs T [friction forces, products]."""
+    """The slot's tables (see slots.Tables), the scratch of the inputs T [friction forces, products], all tables `t`."""
 
     A: Array
     b: Array
     sigma: Array
     code: NDArray[np.int64]
     numbers: Array
-    slip: Array
-    load: Array
-    load_t: Array
+    pace: Array
+    bear: Array
+    bear_t: Array
     coupled: int
     T: Array
     scratch: Array
@@ -56,6 +56,7 @@ class Field(NamedTuple):
     needs: NDArray[np.int64]
     products: Products | None
     slot: int
+    t: Any
 
 
 @inlined
@@ -68,9 +69,9 @@ def lend(t, slot, T, scratch):
         t.sigma[slot],
         t.code[slot],
         t.numbers[slot],
-        t.slip,
-        t.load[slot],
-        t.load_t[slot],
+        t.pace[slot],
+        t.bear[slot],
+        t.bear_t[slot],
         t.coupled[slot],
         T,
         scratch,
@@ -79,30 +80,41 @@ def lend(t, slot, T, scratch):
         t.needs[slot, :count],
         t.products,
         slot,
+        t,
     )
+
+
+@inlined
+def drag(f, p, x, others):
+    """The friction force of patch p at x, 0 without a law over speed; `others`: what inputs add to its load.
+
+    mu(pace x) (bear x + others): both rows have the sign of the slip.
+    """
+    force = 0.0
+    if f.sigma[p] != 0.0 and f.code[p] != 0:
+        w, N = 0.0, 0.0
+        for j in range(x.shape[0]):
+            w += f.pace[p, j] * x[j]
+            N += f.bear[p, j] * x[j]
+        force = mu(f.code[p], f.numbers[p], w) * (N + others)
+    return force
 
 
 @inlined
 def fill(f, x):
     """f.T = the inputs at x: friction forces of the slipping patches with a law over speed (else 0), then products.
 
-    T = sigma mu(sigma w) N with N = load x + load_t T. `coupled`: some load does depend on a friction force.
+    `coupled`: some load does depend on a friction force.
     """
     early(f.products, f.slot, x, f.T)
     patches = f.sigma.shape[0]
     for p in range(patches):
-        if f.sigma[p] != 0.0 and f.code[p] != 0:
-            w, N = 0.0, 0.0
-            for j in range(x.shape[0]):
-                w += f.slip[p, j] * x[j]
-                N += f.load[p, j] * x[j]
-            for q in range(patches, f.T.shape[0]):
-                N += f.load_t[p, q] * f.T[q]
-            f.T[p] = f.sigma[p] * mu(f.code[p], f.numbers[p], f.sigma[p] * w) * N
-        else:
-            f.T[p] = 0.0
+        others = 0.0
+        for q in range(patches, f.T.shape[0]):
+            others += f.bear_t[p, q] * f.T[q]
+        f.T[p] = drag(f, p, x, others)
     if f.coupled:
-        couple(f.sigma, f.code, f.numbers, f.slip, f.load_t, x, f.T, f.scratch)
+        couple(f.sigma, f.code, f.numbers, f.pace, f.bear_t, x, f.T, f.scratch)
     late(f.products, f.slot, x, f.T)
 
 
@@ -120,8 +132,8 @@ def inputs(t, slot, x, T, scratch):
 
 
 @inner
-def couple(sigma, code, numbers, slip, load_t, x, T, M):
-    """Solve T = T0 + diag(sigma mu) load_t T for the friction forces T, in place of T0; M is scratch.
+def couple(sigma, code, numbers, pace, bear_t, x, T, M):
+    """Solve T = T0 + diag(mu) bear_t T for the friction forces T, in place of T0; M is scratch.
 
     Elimination without pivoting: the matrix is one plus a small coupling.
     """
@@ -129,9 +141,9 @@ def couple(sigma, code, numbers, slip, load_t, x, T, M):
     for p in range(P):
         m = 0.0
         if sigma[p] != 0.0 and code[p] != 0:
-            m = sigma[p] * mu(code[p], numbers[p], sigma[p] * dot(slip[p], x))
+            m = mu(code[p], numbers[p], dot(pace[p], x))
         for r in range(P):
-            M[p, r] = -m * load_t[p, r]
+            M[p, r] = -m * bear_t[p, r]
         M[p, p] += 1.0
     for p in range(P):
         for q in range(p + 1, P):
@@ -147,28 +159,26 @@ def couple(sigma, code, numbers, slip, load_t, x, T, M):
 
 @inlined
 def rate(shape, f, bent, x, k):
-    """Derivative k = A x + b T(x); `bent` is None for a system that is linear in every mode set: T = 0."""
+    """Derivative k = A x + b T(x); `bent` is None for a system that is linear in every mode set: T = 0.
+
+    Where the inputs are friction forces that depend on no other, as on most rigs, they do not go through memory.
+    """
+    for i in range(len(shape)):
+        s = 0.0
+        for j in range(len(shape)):
+            s += f.A[i, j] * x[j]
+        k[i] = s
     if bent is not None:
-        fill(f, x)
-        for i in range(len(shape)):
-            s = 0.0
-            for j in range(len(shape)):
-                s += f.A[i, j] * x[j]
-            for p in range(f.T.shape[0]):
-                s += f.b[i, p] * f.T[p]
-            k[i] = s
-    else:
-        for i in range(len(shape)):
-            s = 0.0
-            for j in range(len(shape)):
-                s += f.A[i, j] * x[j]
-            k[i] = s
-
-
-@inner
-def slope(shape, f, bent, x, k):
-    """`rate`, where it runs once in a step."""
-    rate(shape, f, bent, x, k)
+        if f.products is None and not f.coupled:
+            for p in range(f.sigma.shape[0]):
+                force = drag(f, p, x, 0.0)
+                for i in range(len(shape)):
+                    k[i] += f.b[i, p] * force
+        else:
+            inputs(f.t, f.slot, x, f.T, f.scratch)
+            for i in range(len(shape)):
+                for p in range(f.T.shape[0]):
+                    k[i] += f.b[i, p] * f.T[p]
 
 
 @inlined

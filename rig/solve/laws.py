@@ -161,8 +161,8 @@ def _smooth(p, v):
     return np.tanh(v / p[0]) * plain(int(p[1]), p[2:], abs(v))
 
 
-@inlined
-def mu(code, p, v):
+@inner
+def coefficient(code, p, v):
     """Coefficient of law (`code`, numbers `p`) at slip speed v [m/s]."""
     if code == SMOOTH:
         m = _smooth(p, v)
@@ -171,10 +171,14 @@ def mu(code, p, v):
     return m
 
 
-@inner
-def coefficient(code, p, v):
-    """`mu` as a function of its own."""
-    return mu(code, p, v)
+@inlined
+def mu(code, p, v):
+    """`coefficient`, of which the law that most rigs have is written into the callers."""
+    if code == STRIBECK:
+        m = p[0] + p[1] * np.exp(-v * p[2])
+    else:
+        m = coefficient(code, p, v)
+    return m
 
 
 @kernel

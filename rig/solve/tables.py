@@ -51,6 +51,9 @@ class Tables(NamedTuple):
     load: Array  # [slot, P, n] sum of the closed normal forces of a patch
     load_t: Array  # [slot, P, I]
     sigma: Array  # [slot, P]
+    pace: Array  # [slot, P, n] sigma times the slip speed
+    bear: Array  # [slot, P, n] sigma times the load
+    bear_t: Array  # [slot, P, I]
     signals: Array  # [slot, S, n] quantities the sensors read
     signals_t: Array  # [slot, S, I]
     coupled: NDArray[np.int64]  # [slot] 1: some load depends on the friction forces T
@@ -128,6 +131,9 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         load=z((0, P, n)),
         load_t=z((0, P, I)),
         sigma=z((0, P)),
+        pace=z((0, P, n)),
+        bear=z((0, P, n)),
+        bear_t=z((0, P, I)),
         signals=z((0, S, n)),
         signals_t=z((0, S, I)),
         coupled=z(0, dtype=np.int64),

@@ -57,9 +57,9 @@ def arguments() -> tuple[Any, Any]:
     t, slot = slots.tables, len(slots.sets) - 1
     count = int(t.guards[slot])
     field = forces.Field(
-        t.A[slot], t.b[slot], t.sigma[slot], t.code[slot], t.numbers[slot], t.slip, t.load[slot], t.load_t[slot],
-        int(t.coupled[slot]), np.zeros(system.inputs), np.zeros((len(system.patches),) * 2), t.G[slot, :count],
-        t.GT[slot, :count], t.needs[slot, :count], t.products, slot,
+        t.A[slot], t.b[slot], t.sigma[slot], t.code[slot], t.numbers[slot], t.pace[slot], t.bear[slot],
+        t.bear_t[slot], int(t.coupled[slot]), np.zeros(system.inputs), np.zeros((len(system.patches),) * 2),
+        t.G[slot, :count], t.GT[slot, :count], t.needs[slot, :count], t.products, slot, None,
     )  # fmt: skip
     x = system.start.copy()
     x[1] = 0.2
