@@ -119,7 +119,11 @@ def _common(name: str, t_ns: Integers, v: Reals, u_ns: Integers, u: Reals) -> tu
 
 
 def _gaps(run: Run, again: Run) -> Iterator[str]:
-    """Samples that a sensor published and that are not in the file."""
+    """Samples that a sensor published and commands that were in force, and that are not in the file."""
+    for way, count in run.summary.get("lost", {}).items():
+        if way.startswith("applied/") and way.endswith(" to recorder"):
+            name = way.removeprefix("applied/").removesuffix(" to recorder")
+            yield f"{count} messages of the commands of {name} were lost on their way: it cannot come out the same"
     for name, (t_ns, _) in run.measurements.items():
         missing = again.measurements[name].t_ns.size - t_ns.size
         if missing:
