@@ -17,7 +17,10 @@ from rig.solve.assembly import Assembly, Output
 
 
 class Ball(Section):
-    """A mass that falls on a stiff, damped contact with a belt; sideways a spring holds it."""
+    """A mass that falls on a stiff, damped contact with a belt; sideways a spring and a damper, `sway`, hold it.
+
+    Without the damper it would, once at rest, just touch the belt speed in every period, with a margin of nothing.
+    """
 
     mass: float = 1.0
     gravity: float = 9.81
@@ -25,6 +28,7 @@ class Ball(Section):
     stiffness: float = 1e5
     damping: float = 100.0
     spring: float = 1000.0
+    sway: float = 1.0
     mu: float = 0.3
     belt: float = 0.05
 
@@ -32,7 +36,7 @@ class Ball(Section):
 def ball(p: Ball, moved: Mapping[str, str]) -> Assembly:
     """N = -k z - d z' of the height z, opens where it would pull."""
     a = Assembly("ball")
-    a.coordinate("x", p.mass, 0.0, p.spring)
+    a.coordinate("x", p.mass, p.sway, p.spring)
     a.coordinate("z", p.mass)
     a.push("z", {"one": -p.mass * p.gravity})
     a.patch("contact", {"x": 1.0}, {"one": p.belt}, laws.coulomb(p.mu, p.mu))
