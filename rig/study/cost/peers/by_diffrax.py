@@ -16,7 +16,7 @@ _LONGEST = 400  # samples in a slip
 
 def ladder() -> Iterator[tuple[str, float]]:
     """(method, rtol)."""
-    return (("Tsit5", 10.0**-p) for p in (4, 5, 6, 7, 8, 9, 10, 11, 12))
+    return (("Tsit5", 10.0**-p) for p in range(4, 13))
 
 
 def prepare(o: Oscillator, setting: tuple[str, float]) -> Callable[[], list[float]]:
