@@ -61,7 +61,7 @@ class Contender:
         clock = setting.applied(problem.scene).clock
         step_ns = problem.scene.step_ns
         self._motion = Motion(
-            replace(self._stand.motion.system, start=x),
+            replace(problem.assembly.system(), start=x),  # not as a method has changed it: kick would not know it again
             step_ns,
             setting.method,
             tolerance=clock.tolerance,
