@@ -20,6 +20,8 @@ from rig.solve.roots import NONE, first_fall
 from rig.solve.settle import land, passed
 
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
+_LEAST = 1e-6  # of the largest coordinate or speed
+_MOST = 200_000  # trials for one tick
 _SHARE = 0.5  # of the tolerance for the local error, so that event times keep within it
 
 
@@ -99,6 +101,20 @@ def growth(e):
     if e < 0.05:
         return min(_GROW, e ** (-0.2))
     return (11.0 + e * (33.0 + 6.0 * e)) / (6.0 + e * (33.0 + 11.0 * e))
+
+
+@inner
+def alike(rates, count, step, size):
+    """Coordinates, and speeds, that are next to nothing beside the largest of them are judged by a share of that.
+
+    What only rounding moves, such as a mode of a plate that is in equilibrium, has an error as large as itself.
+    """
+    for first in (0, count):
+        top = 0.0
+        for i in range(first, first + count):
+            top = max(top, size[i], step * abs(rates[i]))
+        for i in range(first, first + count):
+            size[i] = max(size[i], _LEAST * top)
 
 
 @inlined
@@ -212,6 +228,8 @@ def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, out, modes, energy, boo
         size[i] = max(size[i], abs(x[i]))
         here[i] = x[i]
     rate(shape, f, True, here, k[0])
+    alike(k[0], t.damping.shape[1], tick_length, size)
+    most = ic[5] + _MOST * (ticks - tick)
     while tick < ticks and fallen == -1:
         left = ((ticks - tick) - place) * tick_length
         h = min(next_h, left)
@@ -222,7 +240,7 @@ def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, out, modes, energy, boo
         ic[5] += 1
         if not (e <= 1.0):
             next_h = h * max(_SHRINK, _SAFETY * e ** (-0.2))
-            if next_h < 1e-14 * tick_length:
+            if next_h < 1e-14 * tick_length or ic[5] > most:
                 fallen = -2
             continue
         grow = _SAFETY * growth(e)

@@ -327,6 +327,8 @@ class Motion:
             needed = int(self.segments.count[0])
             raise NumericsError(f"{needed} smooth segments in one frame, room for {SEGMENTS}", *where)
         assert status == LOST
+        if np.all(np.abs(self.state.x) <= self.limit):
+            raise Diverged(f"no step is short enough for the tolerance {self.tolerance:g}", *where)
         raise Diverged(f"the state has left the limit of {self.limit:g} or is not finite", *where)
 
     def events(self) -> list[Event]:

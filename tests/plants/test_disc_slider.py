@@ -15,6 +15,7 @@ from scipy.integrate import quad, solve_ivp
 import rig
 from rig.effects.disc_modes import free_modes
 from rig.plants import disc_slider
+from rig.scenes.variants import without
 from rig.solve import laws
 from rig.solve.linear import sliding_key, steady
 from rig.solve.motion import Motion
@@ -322,3 +323,11 @@ def grown(point, seconds, tolerance, size=1e-9):
 def test_small_motions_grow_as_the_eigenvalue_says(point, seconds):
     found, expected = grown(point, seconds, 1e-9)
     assert found == pytest.approx(expected, rel=1e-4)
+
+
+def test_speeds_that_are_rounding_at_first_do_not_shorten_the_step():
+    """Cosine modes begin where they are in equilibrium: what moves them at first is rounding, with an error as large."""
+    scene = without(rig.load("disc_slider"), ["geometry"])
+    run = Motion(scene.assemble().system(), scene.step_ns, "dopri5", tolerance=1e-10, longest=500)
+    run.advance(500)
+    assert run.counts()["trial_steps"] < 20 * 500

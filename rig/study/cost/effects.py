@@ -118,7 +118,8 @@ def compared(
 def apart(whole: Problem, less: Problem) -> dict[str, float]:
     """Errors of the motion of `less` against that of `whole`, in the measures that both have."""
     if not (whole.kind == less.kind == "cycle"):
-        length, window = max(whole.length, less.length), max(whole.window, less.window, whole.length // 3)
+        length = (min if whole.leaves or less.leaves else max)(whole.length, less.length)
+        window = max(min(length, whole.window), min(length, less.window), length // 3)
         whole, less = (replace(p, kind="vibration", length=length, window=window) for p in (whole, less))
     truth, seen = (observe(p, of(p.scene, p.system)) for p in (whole, less))
     found = errors(whole, seen, truth)
@@ -133,5 +134,5 @@ def _contender(one: Problem) -> Contender:
     orbit = one.orbit(setting)
     while orbit.motion.tick < one.length - one.window:
         orbit.block(one.length - one.window - orbit.motion.tick)
-    ticks = max(one.window, _LEAST)
+    ticks = one.window if one.leaves else max(one.window, _LEAST)
     return Contender(one, setting, orbit.motion.x.copy(), ticks)

@@ -7,6 +7,8 @@ tells what kind of motion it is and how long it has to be watched:
     cycle       mode changes repeat: watched until some rounds after they do
     vibration   mode changes that do not repeat (yet)
     smooth      none in the last third: growth, decay, forced motion
+
+What leaves a limit of the scene is watched until then.
 """
 
 from __future__ import annotations
@@ -48,7 +50,8 @@ _FALL = 7.0  # e to the power of it: the fall of a motion that is watched
 class Problem:
     """A scene's plant on a stretch of time. `length` and `window` in ticks: the whole run, and its end that is read.
 
-    `count`: mode changes in one cycle, 0 where there is none. `values`: what actuators are held at.
+    `count`: mode changes in one cycle, 0 where there is none. `values`: what actuators are held at. `leaves`: it ends
+    where the motion leaves a limit of the scene.
     """
 
     scene: Scene
@@ -59,6 +62,7 @@ class Problem:
     length: int
     window: int
     count: int
+    leaves: bool = False
 
     @property
     def step(self) -> float:
@@ -154,6 +158,9 @@ def _watched(first: Problem) -> Problem:
     end = time.perf_counter() + _WALL
     while orbit.motion.tick < enough and len(events) < _EVENTS and time.perf_counter() < end:
         events += orbit.block(min(orbit.longest, enough - orbit.motion.tick))
+        if orbit.beyond():
+            first = replace(first, leaves=True)
+            break
         if count or len(events) < asked + max(4, asked // 4):
             continue
         asked = len(events)
