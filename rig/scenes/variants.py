@@ -43,13 +43,15 @@ def without(scene: Scene, keys: Keys) -> Scene:
     return _changed(scene, dict.fromkeys(keys))
 
 
-def added(scene: Scene, keys: Keys) -> tuple[Scene, str]:
+def added(scene: Scene, keys: Keys, of_others: bool = False) -> tuple[Scene, str]:
     """The scene with tables or values that it lacks, as in a shipped scene of the same plant; the name of that one.
 
-    Raises SceneError where no shipped scene has them, or none whose values go with this scene.
+    `of_others`: or of another plant, where none of this one has them. Raises SceneError where no shipped scene has
+    them, or none whose values go with this scene.
     """
-    fault = SceneError(scene.name, ["no shipped scene of this plant has it"])
-    for other in _of_plant(scene.plant):
+    fault = SceneError(scene.name, [f"no shipped scene {'' if of_others else 'of this plant '}has it"])
+    plants = [scene.plant, *(_plants() if of_others else ())]
+    for other in (other for plant in dict.fromkeys(plants) for other in _of_plant(plant)):
         raw = other.parameters.model_dump()
         values = {key: value for key in keys if (value := _at(raw, key)) is not None}
         if not values:
@@ -64,6 +66,11 @@ def added(scene: Scene, keys: Keys) -> tuple[Scene, str]:
 @cache
 def _of_plant(plant: str) -> tuple[Scene, ...]:
     return tuple(load(name) for name in names() if card(name)["plant"] == plant)
+
+
+@cache
+def _plants() -> tuple[str, ...]:
+    return tuple(dict.fromkeys(card(name)["plant"] for name in names()))
 
 
 def _changed(scene: Scene, values: dict[str, Any]) -> Scene:

@@ -2,7 +2,7 @@
 
 An effect that the scene names is measured by plants with and without it, in turns (rig.study.cost.effects). One that
 its plant knows and the scene does not name is measured the other way round: added with the values that a shipped scene
-of the same plant has for it.
+has for it, one of the same plant if there is one.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from rig.study.cost.effects import ROUNDS, Paired, bare, compared, effects
 from rig.study.cost.problem import held
 
 BLOCKS = 50.0  # blocks of samples a second, from sensors faster than 1 kHz
+ELECTRIC = ("shunt", "amplifier")  # they come with the stack that they need
 STATES = 200.0  # state messages a second, at most
 
 
@@ -54,7 +55,8 @@ def parts(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], objec
     for name, keys in lacking.items():
         why = f"the scene has no {', '.join(keys)}"
         try:
-            more, like = added(scene, keys)
+            also = [] if name not in ELECTRIC else lacking.get("piezo", [])
+            more, like = added(scene, [*also, *keys], of_others=True)
             [paired] = compared(bare(more), {name: base}, values, rounds)
             found.append(Part(name, False, f"{why}; measured as in {like}", paired))
         except RigError as error:

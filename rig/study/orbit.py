@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from rig.study.dense import Dense
 
 Array = NDArray[np.float64]
 BLOCK = 16  # ticks in one call
+_STEPS = 30  # of dopri5 in a radian of the fastest motion, at its tightest
 
 
 @dataclass(frozen=True)
@@ -58,11 +60,19 @@ class Orbit:
             bounds={self.outputs.index(name): limit for name, limit in self.scene.limits.items()},
         )
 
+    @cached_property
+    def _fastest(self) -> float:
+        """Rate [1/s] of the fastest motion at the start."""
+        return float(np.abs(np.linalg.eigvals(self.motion.slots.tables.A[self.motion.slot])).max())
+
     @property
     def longest(self) -> int:
         """Ticks in one call: `BLOCK`, or as many as there is room for where a tick has many steps or cells."""
-        cells: int = 2 ** int(self.motion.slots.tables.depth.max())  # of an opened tick, and as many again for events
+        t = self.motion.slots.tables
+        cells: int = 2 ** int(t.depth.max())  # of an opened tick, and as many again for events
         steps = self.motion.substeps if self.method in ("rk4", "kick") else 1
+        if self.method == "dopri5":
+            steps = math.ceil(_STEPS * self._fastest * self.motion.step_ns * 1e-9)
         return max(1, min(BLOCK, SEGMENTS // (2 * max(cells, steps))))
 
     def block(self, ticks: int = BLOCK) -> list[Event]:

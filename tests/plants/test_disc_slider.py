@@ -326,7 +326,7 @@ def test_small_motions_grow_as_the_eigenvalue_says(point, seconds):
 
 
 def test_speeds_that_are_rounding_at_first_do_not_shorten_the_step():
-    """Cosine modes begin where they are in equilibrium: what moves them at first is rounding, with an error as large."""
+    """Cosine modes begin in equilibrium: what moves them at first is rounding, with an error as large as it is."""
     scene = without(rig.load("disc_slider"), ["geometry"])
     run = Motion(scene.assemble().system(), scene.step_ns, "dopri5", tolerance=1e-10, longest=500)
     run.advance(500)

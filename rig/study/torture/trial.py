@@ -30,6 +30,10 @@ class OutOfTime(Exception):
     """The cell has used up its time box."""
 
 
+class _Left(Exception):
+    """The motion has left a limit of its scene, where a run would end."""
+
+
 @dataclass
 class Found:
     """What a run came to. Events: (time [s], what). `stuck`: share of the ticks in which every contact sticks."""
@@ -42,6 +46,8 @@ class Found:
     negative_power: float = 0.0
     outside_cone: float = 0.0
     pulling: float = 0.0
+    held: float = 0.0
+    """Largest pull [N] of a contact that cannot open: of a rig whose scene leaves separation out."""
     creep: float = 0.0
     not_finite: int = 0
     energy: float = 0.0
@@ -119,6 +125,8 @@ class Trial:
                 self._carry(at_ns)
                 self._do(act, turn)
             self._carry(self.until_ns)
+        except _Left as left:
+            found.notes.append(str(left))
         finally:
             self._look()
             counts = self.motion.counts()
@@ -130,6 +138,8 @@ class Trial:
             found.ended = dict(zip(self.stand.outputs, self.stand.output_values().tolist()))
         if self._exchange is not None:
             self._tell_commands()
+        if found.held:
+            found.notes.append(f"a contact that cannot open pulls by {found.held:.3g} N")
         return found
 
     def _schedule(self) -> list[tuple[int, Act, int]]:
@@ -208,6 +218,9 @@ class Trial:
             self.stand.tick = motion.tick // self.stand.steps
             if motion.event_count:
                 self._note()
+            if motion.beyond >= 0:
+                name, at = self.stand.outputs[motion.beyond], motion.tick * self._step * 1e-9
+                raise _Left(f"ends at {at:.3g} s: {name} leaves the limit of its scene")
             if time.process_time() - self._begin > self._stop:
                 raise OutOfTime
 
@@ -289,6 +302,9 @@ class Trial:
             found.slips.append(np.abs(values[:, [slip for _, slip in self._patches]]).max(axis=1, initial=0.0))
         for p, (force, slip) in enumerate(self._patches):
             T, w, load = values[:, force], values[:, slip], N[:, self._of[p]].sum(axis=1)
+            if not any(self._opens[k] for k in self._of[p]) and load.min() < 0.0:
+                found.held = max(found.held, -float(load.min()))  # it can pull, and no law of friction says what then
+                T, load = np.where(load < 0.0, 0.0, T), np.maximum(load, 0.0)
             size = max(float(np.abs(T).max() * np.abs(w).max()), 1e-30)
             found.negative_power = max(found.negative_power, -float((T * w).min()) / size)
             stuck = np.array([one[0][p] == STICK for one in modes])[slots]

@@ -63,6 +63,7 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
     if tolerance is not None:
         clock["tolerance"] = tolerance
     drives: dict[str, str] = {}
+    limits: dict[str, float] = {}
     for act in case.acts:
         if act.do in ("set", "command", "follow"):
             drives[act.target] = "ramped" if act.over else drives.get(act.target, "held")
@@ -83,6 +84,7 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
     else:
         scene = _loaded(case.scene, tuple(case.set.items()))
         clock = scene.clock.model_dump(mode="json") | clock
+        limits = scene.limits if case.limited else {}
         base = {"plant": scene.plant, "parameters": scene.parameters, "clock": Clock.model_validate(clock), "seed": 1}
     return Watched(
         name=case.name,
@@ -91,7 +93,7 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
         sensors={},
         controllers={},
         protocol=(),
-        limits={},
+        limits=limits,
         rig=case.rig,
         drives=tuple(drives.items()),
         step=step_ns,
