@@ -23,7 +23,10 @@ Duration = Annotated[
 Out = Annotated[Path | None, typer.Option(metavar="FILE", help="Recording to write (MCAP).")]
 RunName = Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name of the run; the newest by default.")]
 Pace = Annotated[
-    str, typer.Option("--pace", metavar="FACTOR", help='Simulated seconds in a second of the clock, or "max".')
+    str | None,
+    typer.Option(
+        "--pace", metavar="FACTOR", help='Simulated seconds in a second of the clock, or "max"; 1, in lockstep max.'
+    ),
 ]
 Lockstep = Annotated[bool, typer.Option("--lockstep", help="Wait for every controller at every step.")]
 
@@ -69,8 +72,10 @@ def seconds(given: str | None, option: str = "--duration") -> float | None:
     return found
 
 
-def pace(given: str) -> float | None:
-    """Simulated seconds for each second of the clock; None for as fast as it goes."""
+def pace(given: str | None, lockstep: bool = False) -> float | None:
+    """Simulated seconds for each second of the clock; None for as fast as it goes, as in lockstep by default."""
+    if given is None:
+        return None if lockstep else 1.0
     if given == "max":
         return None
     try:

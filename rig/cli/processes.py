@@ -15,14 +15,14 @@ from rig.cli.options import Changes, Duration, Lockstep, Out, Pace, RunName, Sce
 def plant(
     scene: SceneName,
     p: Changes = None,
-    speed: Pace = "1.0",
+    speed: Pace = None,
     lockstep: Lockstep = False,
     duration: Duration = None,
     name: Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name for the run.")] = None,
     wait: Annotated[float, typer.Option(metavar="SECONDS", help="Longest wait for the controllers.")] = 30.0,
 ) -> None:
     """Run the plant with its sensors; controllers, recorder and viewer join as they come."""
-    factor, length, overrides = pace(speed), seconds(duration), changes(p)
+    factor, length, overrides = pace(speed, lockstep), seconds(duration), changes(p)
     from rig.bench.job import Job
     from rig.bench.outcome import Outcome
     from rig.bench.plant_process import carry_out

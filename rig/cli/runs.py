@@ -56,7 +56,7 @@ def demo(view: View = False, web: Web = False) -> None:
 def run(
     scene: SceneName,
     p: Changes = None,
-    speed: Pace = "1.0",
+    speed: Pace = None,
     lockstep: Lockstep = False,
     duration: Duration = None,
     view: View = False,
@@ -68,7 +68,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run a scene in real time: plant, controllers and recorder as processes."""
-    factor, length, overrides = pace(speed), seconds(duration), changes(p)
+    factor, length, overrides = pace(speed, lockstep), seconds(duration), changes(p)
     from rig.bench.supervise import run as supervise
     from rig.scenes import load
     from rig.study.design import numbers

@@ -172,6 +172,8 @@ def test_options_are_read_with_units():
     assert options.seconds(None) is None
     assert options.pace("max") is None
     assert options.pace("2.5") == 2.5
+    assert options.pace(None) == 1.0
+    assert options.pace(None, lockstep=True) is None
     assert options.changes(["a.b=2 rpm", "c = x=y"]) == {"a.b": "2 rpm", "c": "x=y"}
     with pytest.raises(UsageError):
         options.pace("0")
