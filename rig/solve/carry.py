@@ -187,7 +187,7 @@ def carry(shape, t, w, state, log, seg, origin, ticks, wide, tolerance, substeps
         if ic[TICK] >= ticks:
             break
         slot = t.slot_of[ic[KEY]]
-        before = ic[KEY]
+        before, first = ic[KEY], ic[TICK]
         guard = -1
         if substeps is not None:
             guard = fixed(
@@ -234,6 +234,7 @@ def carry(shape, t, w, state, log, seg, origin, ticks, wide, tolerance, substeps
                 return LOST
         else:
             guard = propagate(shape, wide, t, slot, ic, fc, x, w, origin, ticks, log, energy, booking, emitting, seg)
+        state.tally[min(slot, TALLIED - 1)] += ic[TICK] - first
         if guard >= 0:
             if t.change.shape[0] and t.kind[slot, guard] >= G_NEXT:
                 state.edges[0] += gained(t, t.owner[slot, guard], before, ic[KEY], x)
@@ -246,7 +247,6 @@ def carry(shape, t, w, state, log, seg, origin, ticks, wide, tolerance, substeps
             log.event[e, 2], log.event[e, 3] = t.owner[slot, guard], before
             log.place[e] = fc[PLACE]
             ic[EVENTS] = e + 1
-    count(log.modes, origin, ticks, state.tally)
     ic[PAST] += ic[EVENTS]
     if seg.count[0] > seg.start.shape[0]:
         return OVERFULL
@@ -284,17 +284,6 @@ def gained(t, sector, before, after, x):
         for j in range(old.shape[0]):
             s += 0.5 * x[i] * (new[i, j] - old[i, j]) * x[j]
     return s
-
-
-@inner
-def count(modes, first, last, tally):
-    """tally[slot] += its ticks, stretch by stretch."""
-    while first < last:
-        slot, end = modes[first], first + 1
-        while end < last and modes[end] == slot:
-            end += 1
-        tally[min(slot, TALLIED - 1)] += end - first
-        first = end
 
 
 @inner

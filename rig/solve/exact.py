@@ -8,7 +8,7 @@ and the ladder climbs again. Event times are exact to rounding at every step siz
 
 from __future__ import annotations
 
-from rig.kernel import inlined, inner
+from rig.kernel import inlined, inner, local
 from rig.solve.emit import emit_linear
 from rig.solve.forces import dot, rounding
 from rig.solve.ledger import book
@@ -28,26 +28,34 @@ def quiet(shape, E, G, B, count, x, g, ticks, out):
     `shape`: a tuple of n zeros, so that n is a constant of the compiled code. `g`: guards at x, updated in place.
     """
     n = len(shape)
+    here, y = local(shape, x), local(shape, x)
+    for i in range(n):
+        here[i] = x[i]
+    done = ticks
     for tick in range(ticks):
-        y = out[tick]
         for i in range(n):
             s = 0.0
             for j in range(n):
-                s += E[i, j] * x[j]
-            y[i] = x[i] + s
+                s += E[i, j] * here[j]
+            y[i] = here[i] + s
+        certain = True
         for k in range(count):
             after, bound = 0.0, 0.0
             for j in range(n):
                 after += G[k, j] * y[j]
-                bound += B[k, j] * abs(x[j])
-            if not (g[k] > bound and after > bound):
-                for q in range(count):
-                    g[q] = dot(G[q], x)
-                return tick
+                bound += B[k, j] * abs(here[j])
+            certain = certain and g[k] > bound and after > bound
             g[k] = after
+        if not certain:
+            done = tick
+            break
         for i in range(n):
-            x[i] = y[i]
-    return ticks
+            out[tick, i] = here[i] = y[i]
+    for i in range(n):
+        x[i] = here[i]
+    for k in range(count):
+        g[k] = dot(G[k], x)
+    return done
 
 
 @inlined

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.kernel import inlined, inner
-from rig.solve.laws import mu
+from rig.solve.exponential import factors
+from rig.solve.laws import STRIBECK, coefficient
 from rig.solve.products import Products, early, late
 
 Array = NDArray[np.float64]
@@ -88,15 +89,26 @@ def lend(t, slot, T, scratch):
 def drag(f, p, x, others):
     """The friction force of patch p at x, 0 without a law over speed; `others`: what inputs add to its load.
 
-    mu(pace x) (bear x + others): both rows have the sign of the slip.
+    mu(pace x) (bear x + others): both rows have the sign of the slip. Rows are summed from their end, where the signals
+    are that a step does not change.
     """
     force = 0.0
     if f.sigma[p] != 0.0 and f.code[p] != 0:
-        w, N = 0.0, 0.0
-        for j in range(x.shape[0]):
-            w += f.pace[p, j] * x[j]
+        last = x.shape[0] - 1
+        N = others
+        for j in range(last, -1, -1):
             N += f.bear[p, j] * x[j]
-        force = mu(f.code[p], f.numbers[p], w) * (N + others)
+        if f.code[p] == STRIBECK:  # the next stage waits for the exponential: little is left to do before and after it
+            u = -(f.numbers[p, 2] * f.pace[p, last]) * x[last]
+            for j in range(last):
+                u -= (f.numbers[p, 2] * f.pace[p, j]) * x[j]
+            coarse, fine = factors(u)
+            force = N * f.numbers[p, 0] + ((N * f.numbers[p, 1]) * coarse) * fine
+        else:
+            w = 0.0
+            for j in range(last, -1, -1):
+                w += f.pace[p, j] * x[j]
+            force = coefficient(f.code[p], f.numbers[p], w) * N
     return force
 
 
@@ -141,7 +153,7 @@ def couple(sigma, code, numbers, pace, bear_t, x, T, M):
     for p in range(P):
         m = 0.0
         if sigma[p] != 0.0 and code[p] != 0:
-            m = mu(code[p], numbers[p], dot(pace[p], x))
+            m = coefficient(code[p], numbers[p], dot(pace[p], x))
         for r in range(P):
             M[p, r] = -m * bear_t[p, r]
         M[p, p] += 1.0

@@ -171,21 +171,11 @@ def coefficient(code, p, v):
     return m
 
 
-@inlined
-def mu(code, p, v):
-    """`coefficient`, of which the law that most rigs have is written into the callers."""
-    if code == STRIBECK:
-        m = p[0] + p[1] * np.exp(-v * p[2])
-    else:
-        m = coefficient(code, p, v)
-    return m
-
-
 @kernel
 def coefficients(code, p, speeds, values):
-    """values[i] = `mu` at speeds[i]."""
+    """values[i] = `coefficient` at speeds[i]."""
     for i in range(values.shape[0]):
-        values[i] = mu(code, p, speeds[i])
+        values[i] = coefficient(code, p, speeds[i])
 
 
 @inner

@@ -7,6 +7,7 @@ import pytest
 
 from rig.solve import laws
 from rig.solve.assembly import Assembly
+from rig.solve.motion import Motion
 
 
 def pair(opens=False, inertia=0.0):
@@ -34,6 +35,16 @@ def test_dopri5_and_rk4_agree_on_two_falling_contacts(run, system):
     assert found.times == pytest.approx(exact.times, abs=2e-9)
     assert abs(found.energy["error"]) < 1e-8
     assert abs(exact.energy["error"]) < 1e-8
+
+
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-7, 1e-10])
+def test_a_release_is_not_undone_at_its_own_instant(tolerance):
+    """The instant is a zero of the force that sticking needs, not of a polynomial near it: else slip begins too early."""
+    motion = Motion(pair(inertia=0.2), 1_000_000, "dopri5", tolerance=tolerance, booking=False, longest=1000)
+    motion.advance(1000)
+    times = np.array([event.tick + event.place for event in motion.events()])
+    assert len(times) == 12
+    assert np.diff(times).min() > 0.1
 
 
 def test_contacts_that_open_do_open(run):
