@@ -8,7 +8,7 @@ import pytest
 import rig
 from rig.errors import UsageError
 from rig.study.cost import Row, Table, cost, folder_of, front, recommended
-from rig.study.cost.measures import errors, observe
+from rig.study.cost.measures import Seen, errors, observe
 from rig.study.cost.problem import held, problem
 from rig.study.cost.settings import Setting, eligible, ladder
 from rig.study.cost.timing import Cost, Spread
@@ -81,6 +81,24 @@ def test_a_state_with_missed_events_is_no_small_error(belt):
     assert errors(asked, seen, seen)["event times"] == 0.0
     fewer = type(seen)(seen.values, seen.events[1:], seen.count - 1, seen.mean)
     assert math.isinf(errors(asked, fewer, seen)["event times"])
+
+
+def test_a_method_that_locates_no_lift_off_is_judged_by_all_else():
+    asked = problem(rig.load("north"))
+    truth, kicked = observe(asked, Setting("exact")), observe(asked, Setting("kick", step_ns=asked.scene.step_ns // 4))
+    assert truth.lifts == truth.count > 100
+    assert kicked.lifts is None
+    assert kicked.count == truth.slips(False).count == 0
+    found = errors(asked, kicked, truth)
+    assert "event times" not in found
+    assert 0.0 < max(found.values()) < 0.05
+
+
+def test_slips_of_a_motion_with_lift_offs_keep_their_times():
+    events = ((1.0, "load opens"), (2.0, "contact slip ends"), (3.0, "load closes"), (4.0, "contact releases +"))
+    seen = Seen({}, events, count=7, mean=2.0, lifts=4)
+    assert seen.slips(repeats=False) == Seen({}, (events[1], events[3]), count=3, mean=6.0, lifts=None)
+    assert seen.slips(repeats=True).mean == 2.0
 
 
 def test_actuators_are_held_where_the_protocol_holds_them_longest():

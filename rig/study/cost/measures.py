@@ -12,8 +12,9 @@ know of them agrees.
 
 from __future__ import annotations
 
+import itertools
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +22,7 @@ from numpy.typing import NDArray
 
 from rig.errors import NumericsError
 from rig.solve.motion import Event
-from rig.study.cost.problem import ROUNDS, Problem
+from rig.study.cost.problem import LIFTS, ROUNDS, Problem
 from rig.study.cost.settings import Setting
 from rig.study.dense import Dense
 from rig.study.orbit import Orbit
@@ -36,13 +37,16 @@ _SLOW = 1e-2  # of the angular frequency: growth is judged against this at least
 class Seen:
     """Measures of one run: name -> value; `events`: (time [s], what) of the first mode changes, `count` of all.
 
-    `steps`: integration steps taken, 0 where a method does not tell. `fault`: why the run had to stop, if it had.
+    `mean`: time [s] of a cycle, or between two changes. `lifts`: how many of all are contacts that open or close; None
+    by a method that tells none of these. `steps`: integration steps taken, 0 where a method does not tell. `fault`:
+    why the run had to stop, if it had.
     """
 
     values: dict[str, float]
     events: tuple[tuple[float, str], ...] = ()
     count: int = 0
     mean: float = 0.0
+    lifts: int | None = 0
     steps: int = 0
     fault: str = ""
 
@@ -54,6 +58,13 @@ class Seen:
     def from_json(cls, raw: dict[str, Any]) -> Seen:
         """Of `to_json`."""
         return cls(**{**raw, "events": tuple((float(t), str(what)) for t, what in raw["events"])})
+
+    def slips(self, repeats: bool) -> Seen:
+        """Without the contacts that open and close; `repeats`: `mean` is the time of a cycle, and stays."""
+        kept = tuple(event for event in self.events if not event[1].endswith(LIFTS))
+        count = self.count - (self.lifts or 0)
+        mean = self.mean if repeats else self.mean * max(self.count - 1, 1) / max(count - 1, 1)
+        return replace(self, events=kept, count=count, mean=mean, lifts=None)
 
 
 def quantities(problem: Problem) -> list[str]:
@@ -78,24 +89,36 @@ def _observed(problem: Problem, setting: Setting) -> Seen:
     until = problem.length - (0 if problem.kind == "cycle" else problem.window)
     while orbit.motion.tick < until:
         events += orbit.block(until - orbit.motion.tick)
-    step = problem.step
+    step, kicks = problem.step, setting.method == "kick"
+    count = problem.slips if kicks else problem.count
     if problem.kind == "cycle":
-        values = _cycle(problem, orbit, events)
+        values = _cycle(problem, orbit, events, count)
     else:
         values, more = _stretch(problem, orbit)
         events += more
-    first = ROUNDS * problem.count if problem.kind == "cycle" else FIRST
-    times = tuple(((e.tick + e.place) * step, e.what) for e in events[:first])
-    gaps = max(len(events) - 1, 1) / (problem.count or 1)
+    times = tuple(((e.tick + e.place) * step, e.what) for e in _first(problem, events))
+    gaps = max(len(events) - 1, 1) / (count or 1)
     mean = (events[-1].tick - events[0].tick) * step / gaps if len(events) > 1 else problem.seconds
-    trials = orbit.motion.counts()["trial_steps"]
-    return Seen(values, times, len(events), mean, trials)
+    lifts = None if kicks else sum(lift(e) for e in events)
+    return Seen(values, times, len(events), mean, lifts, orbit.motion.counts()["trial_steps"])
 
 
-def _cycle(problem: Problem, orbit: Orbit, events: list[Event]) -> dict[str, float]:
-    """Measures of a limit cycle: of its last rounds, and of one more that is written down."""
-    count, step = problem.count, problem.step
-    if len(events) <= ROUNDS * count:
+def lift(event: Event) -> bool:
+    """Whether it is a contact that opens or closes."""
+    return event.what.endswith(LIFTS)
+
+
+def _first(problem: Problem, events: list[Event]) -> list[Event]:
+    """The events whose times count: so many of all, and so many of those that are no lift-offs."""
+    all_of, slips_of = (ROUNDS * problem.count, ROUNDS * problem.slips) if problem.count else (FIRST, FIRST)
+    slips = itertools.accumulate(not lift(e) for e in events)
+    return [e for i, (e, slip) in enumerate(zip(events, slips)) if i < all_of or (not lift(e) and slip <= slips_of)]
+
+
+def _cycle(problem: Problem, orbit: Orbit, events: list[Event], count: int) -> dict[str, float]:
+    """Measures of a limit cycle of `count` mode changes: of its last rounds, and of one more that is written down."""
+    step = problem.step
+    if not count or len(events) <= ROUNDS * count:
         return {}
     last = events[-ROUNDS * count - 1 :]
     times = [((e.tick - last[0].tick) + e.place) * step for e in last]
@@ -153,6 +176,8 @@ def errors(problem: Problem, seen: Seen, truth: Seen) -> dict[str, float]:
     Infinite where a measure is not there, because mode changes were missed, made up, or the run stopped.
     """
     found: dict[str, float] = {}
+    if seen.lifts is None:
+        truth = truth.slips(problem.count > 0)
     for name, value in truth.values.items():
         largest = abs(value)
         if name.startswith("stick share"):

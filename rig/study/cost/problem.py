@@ -38,6 +38,7 @@ from rig.study.orbit import Orbit
 
 Array = NDArray[np.float64]
 ROUNDS = 4  # cycles that are watched
+LIFTS = (" opens", " closes")  # what a contact does whose mode change is a lift-off or a landing
 TIGHT = 1e-10  # tolerance of the first run
 _REPEATS = 1e-6  # of a period: it repeats
 _LONGEST = 60.0  # s, simulated
@@ -50,8 +51,8 @@ _FALL = 7.0  # e to the power of it: the fall of a motion that is watched
 class Problem:
     """A scene's plant on a stretch of time. `length` and `window` in ticks: the whole run, and its end that is read.
 
-    `count`: mode changes in one cycle, 0 where there is none. `values`: what actuators are held at. `leaves`: it ends
-    where the motion leaves a limit of the scene.
+    `count`: mode changes in one cycle, 0 where there is none; `slips`: those of them that are no lift-offs. `values`:
+    what actuators are held at. `leaves`: it ends where the motion leaves a limit of the scene.
     """
 
     scene: Scene
@@ -62,6 +63,7 @@ class Problem:
     length: int
     window: int
     count: int
+    slips: int = 0
     leaves: bool = False
 
     @property
@@ -174,7 +176,8 @@ def _watched(first: Problem) -> Problem:
     length = max(length // whole, 3) * whole
     if count and len(events) > ROUNDS * count:
         span = (events[-1].tick - events[-1 - ROUNDS * count].tick) / ROUNDS
-        return replace(first, kind="cycle", length=length, window=int(span) + 1, count=count)
+        slips = sum(not event.what.endswith(LIFTS) for event in events[-count:])
+        return replace(first, kind="cycle", length=length, window=int(span) + 1, count=count, slips=slips)
     if any(event.tick > 2 * length // 3 for event in events):
         return replace(first, kind="vibration", length=length, window=length // 3)
     last = max((event.tick for event in events), default=0) * step

@@ -32,4 +32,6 @@ def notes(found: Table, metric: str) -> list[str]:
     first = found.rows[0]
     out = [f"{found.kind}, {found.seconds:.4g} s simulated; the references agree to {first.floor(metric):.0e}"]
     out += [f"{m}: error falls with the step to the power {o:.2f}, theory {THEORY[m]}" for m, o in found.orders.items()]
+    if any(row.setting.method == "kick" for row in found.rows):
+        out.append("kick locates no contact that opens or closes: of its events slip and stick are judged")
     return out + [f"{method} left out: {why}" for method, why in found.left_out.items()]
