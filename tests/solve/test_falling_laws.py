@@ -39,7 +39,7 @@ def test_dopri5_and_rk4_agree_on_two_falling_contacts(run, system):
 
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-7, 1e-10])
 def test_a_release_is_not_undone_at_its_own_instant(tolerance):
-    """The instant is a zero of the force itself that sticking needs, not of a polynomial near it: else slip begins early."""
+    """It is a zero of the force itself that sticking needs, not of a polynomial near it: slip would begin too early."""
     motion = Motion(pair(inertia=0.2), 1_000_000, "dopri5", tolerance=tolerance, booking=False, longest=1000)
     motion.advance(1000)
     times = np.array([event.tick + event.place for event in motion.events()])
