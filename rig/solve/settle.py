@@ -181,7 +181,8 @@ def disagreement(t, slot, key, begun, x, size, T, slack):
     again after every change: several that change together at one instant are a complementarity problem, and this is
     Murty's rule of the least index, which does not go round in circles where other orders do (Opsearch 11 (1974) 123).
     Friction is asked before the normal forces: where N depends on the acceleration, a stuck contact that would pull
-    lets go and then presses; opened first, it would press in the open, stick again, and never be done.
+    lets go and then presses; opened first, it would press in the open, stick again, and never be done. A contact that
+    cannot open pulls as it presses, here as between two blocks.
     """
     P, K = t.slip.shape[0], t.of_patch.shape[0]
     for p in range(P):
@@ -207,6 +208,8 @@ def disagreement(t, slot, key, begun, x, size, T, slack):
             if turns_back(t, slot, p, 1.0 if mode == SLIP_PLUS else -1.0, x, T):
                 return with_digit(key, base, 3, STICK)
     for k in range(K):
+        if not t.opens[k]:
+            continue
         N = dot(t.normal[slot, k], x) + dot(t.normal_t[slot, k], T)
         noise = rounding(t.normal[slot, k], size)
         base, p = of_normal(P, k), t.of_patch[k]

@@ -287,8 +287,12 @@ class System:
         *own, sectors, thrown = self.modes(key)
         counts = iter(self.radices)
         ways = [[range(next(counts)) for _ in part] for part in own]
-        for patches, normals, limiters in product(*(product(*part) for part in ways)):
+        for patches, normals, limiters in product(product(*ways[0]), self._liftings(), product(*ways[2])):
             yield self.key(patches, normals, limiters, sectors, thrown)
+
+    def _liftings(self) -> Iterator[tuple[int, ...]]:
+        """The modes that the normal forces may have together."""
+        return product(*((CLOSED, OPEN) if k.opens else (CLOSED,) for k in self.normals))
 
     def turn(self, key: int) -> Iterator[int]:
         """The mode sets that a turn over all sectors is likely to meet: of each patch, as it is, one contact open.
@@ -297,7 +301,7 @@ class System:
         """
         patches, _, limiters, _, now = self.modes(key)
         ways = []
-        for lifted in product(*((CLOSED, OPEN) if k.opens else (CLOSED,) for k in self.normals)):
+        for lifted in self._liftings():
             of = [k.patch for k, mode in zip(self.normals, lifted) if mode == OPEN]
             if len(set(of)) == len(of):
                 ways.append((lifted, now))

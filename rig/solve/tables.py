@@ -73,6 +73,7 @@ class Tables(NamedTuple):
     code: NDArray[np.int64]  # [slot, P]
     numbers: Array  # [slot, P, widest]
     of_patch: NDArray[np.int64]  # [K]
+    opens: NDArray[np.int64]  # [K] 1: the contact opens at N = 0; else it pulls as it presses
     limiters: NDArray[np.int64]  # [1] number of limiters
     sectors: NDArray[np.int64]  # [sector row] number of sectors
     turn: NDArray[np.int64]  # [sector row] the state that is moved by a period
@@ -153,6 +154,7 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         code=z((0, P), dtype=np.int64),
         numbers=z((0, P, laws.width(tuple(law for p in range(P) for law in s.laws(p))))),
         of_patch=np.array([k.patch for k in s.normals], dtype=np.int64),
+        opens=np.array([k.opens for k in s.normals], dtype=np.int64),
         limiters=np.array([len(s.limiters)]),
         sectors=np.array([len(sector.edges) for sector in s.sectors], dtype=np.int64),
         turn=np.array([sector.turn for sector in s.sectors], dtype=np.int64),
