@@ -68,7 +68,7 @@ class Witness:
 
 @dataclass(frozen=True)
 class Judged:
-    """An effect and its `share`; `like`: the scene that its values are from where it is absent."""
+    """An effect and its `share`; `like`: the scene that its values are from where it is absent, if it has any."""
 
     effect: str
     on: bool
@@ -85,7 +85,8 @@ class Judged:
         if self.on:
             size = f"{self.share:.1g} of the forces" if self.share > _ROUNDING else "nothing"
             return f"{self.effect} is on and changes {size}"
-        return f"{self.effect} is absent; as in {self.like} it would change {self.share:.1%} of the forces"
+        like = f"as in {self.like} " if self.like else ""
+        return f"{self.effect} is absent; {like}it would change {self.share:.1%} of the forces"
 
     def to_json(self) -> dict[str, Any]:
         """As plain values."""

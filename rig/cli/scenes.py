@@ -91,8 +91,8 @@ def _audited(log: str, as_json: bool) -> None:
     if as_json:
         tell.report({"log": log, "effects": judged})
         return
-    rows = [(e["effect"], "on" if e["on"] else f"absent, as in {e['like']}", f"{e['share']:.2g}",
-             e["text"] if e["noted"] else "") for e in judged]  # fmt: skip
+    state = ["on" if e["on"] else f"absent, as in {e['like']}" if e["like"] else "absent" for e in judged]
+    rows = [(e["effect"], now, f"{e['share']:.2g}", e["text"] if e["noted"] else "") for e, now in zip(judged, state)]
     tell.table(f"{log}: effects, judged on its own states", ("effect", "", "share of the forces", ""), rows)
     tell.line("" if judged else "nothing to judge: the run ended too soon, or was recorded before there were audits")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -44,23 +45,34 @@ def without(scene: Scene, keys: Keys) -> Scene:
 
 
 def added(scene: Scene, keys: Keys, of_others: bool = False) -> tuple[Scene, str]:
-    """The scene with tables or values that it lacks, as in a shipped scene of the same plant; the name of that one.
+    """The scene with tables or values that it lacks, and where these are from.
 
-    `of_others`: or of another plant, where none of this one has them. Raises SceneError where no shipped scene has
-    them, or none whose values go with this scene.
+    That is a shipped scene of the same plant, or "" for an effect that has no numbers of its own. `of_others`: or a
+    scene of another plant; limits that no scene has are put at twice the value that they limit (""). Raises SceneError
+    where there are none, or none that go with this scene.
     """
     fault = SceneError(scene.name, [f"no shipped scene {'' if of_others else 'of this plant '}has it"])
+    for values, like in _offered(scene, keys, of_others):
+        try:
+            return _changed(scene, values), like
+        except SceneError as error:
+            fault = fault if like == "" else error
+    raise fault
+
+
+def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[str, Any], str]]:
+    """Values for `keys`, and the scene they are from."""
+    yield {key: {} for key in keys}, ""
     plants = [scene.plant, *(_plants() if of_others else ())]
     for other in (other for plant in dict.fromkeys(plants) for other in _of_plant(plant)):
         raw = other.parameters.model_dump()
         values = {key: value for key in keys if (value := _at(raw, key)) is not None}
-        if not values:
-            continue
-        try:
-            return _changed(scene, values), other.name
-        except SceneError as error:
-            fault = error
-    raise fault
+        if values:
+            yield values, other.name
+    if of_others and all(key.endswith(BOUNDS) for key in keys):
+        raw = scene.parameters.model_dump()
+        twice = {key: 2.0 * abs(_at(raw, key.rpartition("_")[0]) or 0.0) for key in keys}
+        yield {key: -top if key.endswith("_min") else top for key, top in twice.items()}, ""
 
 
 @cache

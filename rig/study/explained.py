@@ -58,7 +58,9 @@ def parts(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], objec
             also = [] if name not in ELECTRIC else lacking.get("piezo", [])
             more, like = added(scene, [*also, *keys], of_others=True)
             [paired] = compared(bare(more), {name: base}, values, rounds)
-            found.append(Part(name, False, f"{why}; measured as in {like}", paired))
+            own = "with limits at twice the value" if name.endswith(" limits") else "as it is, for it has no numbers"
+            source = f"as in {like}" if like else own
+            found.append(Part(name, False, f"{why}; measured {source}", paired))
         except RigError as error:
             found.append(Part(name, False, why, Paired(name, fault=" ".join(str(error).split()))))
         say()

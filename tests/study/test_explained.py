@@ -3,6 +3,8 @@
 import pytest
 
 import rig
+from rig.scenes.shelf import names
+from rig.scenes.variants import absent, added, dropped
 from rig.study import explained
 from rig.study.parts_figure import draw
 
@@ -23,6 +25,17 @@ def test_what_nobody_asks_for_is_not_computed():
     less = rig.load("brake_shunt", {"sensors.vibrometer": "none", "sensors.microphone": "none"})
     assert {one.name: one for one in explained.signals(less)}["velocity"].rate == 0.0
     assert "meas/vibrometer" not in {one.name for one in explained.topics(less)}
+
+
+@pytest.mark.parametrize("name", ["pendulum", "two_dof", "disc_slider", "brake", "pin", "north", "tread", "seal_l"])
+def test_every_absent_effect_has_values_to_be_measured_with(name):
+    scene = rig.load(name)
+    lacking = absent(scene)
+    for effect, keys in lacking.items():
+        also = lacking["piezo"] if effect in explained.ELECTRIC else []
+        more, like = added(scene, [*also, *keys], of_others=True)
+        assert len(dropped(more)) > len(dropped(scene)), effect
+        assert like in names() or effect in ("slope", "separation", "drive limits", "load limits"), effect
 
 
 def test_an_absent_effect_is_measured_with_the_values_of_another_scene(monkeypatch, tmp_path):
