@@ -41,6 +41,7 @@ class Work(NamedTuple):
     poly: Array
     roots: Array
     g: Array
+    fits: Array
     values: Array
     nodes: Array
     weights: Array
@@ -66,6 +67,7 @@ def workspace(system: System, read: int, guards: int) -> Work:
         poly=np.zeros(DEGREE + 1),
         roots=np.zeros((WORK_ROWS, WORK_COLUMNS)),
         g=np.zeros(guards),
+        fits=np.zeros((guards, 7)),
         values=np.zeros((5, read)),
         nodes=ledger.NODES,
         weights=ledger.WEIGHTS,

@@ -14,9 +14,9 @@ import numpy as np
 
 from rig.kernel import inlined, inner, local
 from rig.solve.books import book, lend_books, read
-from rig.solve.emit import emit_quartic, quartic
-from rig.solve.forces import dot, forces, lend, rate, rounding
-from rig.solve.roots import NONE, first_fall
+from rig.solve.dense import at, clear, dense, fall
+from rig.solve.emit import emit_quartic
+from rig.solve.forces import forces, lend, rate
 from rig.solve.settle import land, passed
 
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
@@ -130,98 +130,6 @@ def alike(rates, count, step, size):
             size[i] = max(size[i], _LEAST * top)
 
 
-@inlined
-def dense(shape, k, x, y, h, d):
-    """Coefficients d[0..4] of the quartic through the step, in powers of theta."""
-    n = len(shape)
-    for i in range(n):
-        difference = y[i] - x[i]
-        bulge = h * k[0, i] - difference
-        r3 = difference - h * k[6, i] - bulge
-        r4 = h * (
-            k[0, i] * (-12715105075.0 / 11282082432.0)
-            + k[2, i] * (87487479700.0 / 32700410799.0)
-            - k[3, i] * (10690763975.0 / 1880347072.0)
-            + k[4, i] * (701980252875.0 / 199316789632.0)
-            - k[5, i] * (1453857185.0 / 822651844.0)
-            + k[6, i] * (69997945.0 / 29380423.0)
-        )
-        # x + th (difference + (1 - th)(bulge + th (r3 + (1 - th) r4)))
-        d[0, i] = x[i]
-        d[1, i] = difference + bulge
-        d[2, i] = -bulge + r3 + r4
-        d[3, i] = -r3 - 2.0 * r4
-        d[4, i] = r4
-
-
-@inlined
-def at(shape, d, theta, x):
-    """X = dense output at theta."""
-    for i in range(len(shape)):
-        x[i] = d[0, i] + theta * (d[1, i] + theta * (d[2, i] + theta * (d[3, i] + theta * d[4, i])))
-
-
-@inner
-def polished(shape, f, d, g, poly, theta, z):
-    """Where guard g itself is zero, near the zero `theta` of the quartic through five of its values.
-
-    A release that came earlier by the error of the quartic would find the contact still able to stick, and be undone.
-    """
-    for _ in range(3):
-        at(shape, d, theta, z)
-        forces(f, z)
-        value = dot(f.G[g], z) + dot(f.GT[g], f.T)
-        slope = poly[1] + theta * (2.0 * poly[2] + theta * (3.0 * poly[3] + theta * 4.0 * poly[4]))
-        if not slope < 0.0:
-            break
-        theta = min(max(theta - value / slope, 0.0), 1.0)
-    return theta
-
-
-@inner
-def fall(shape, f, d, x, z, poly, work):
-    """First fall of any guard along the dense output: (theta or NONE, guard)."""
-    first, guard = NONE, -1
-    for g in range(f.G.shape[0]):
-        noise = rounding(f.G[g], x)
-        if f.needs[g]:
-            for q in range(5):
-                at(shape, d, 0.25 * q, z)
-                forces(f, z)
-                poly[q] = dot(f.G[g], z) + dot(f.GT[g], f.T)
-                noise = max(noise, rounding(f.GT[g], f.T))
-            poly[0], poly[1], poly[2], poly[3], poly[4] = quartic(poly[0], poly[1], poly[2], poly[3], poly[4])
-        else:
-            for c in range(5):
-                poly[c] = dot(f.G[g], d[c])
-        theta = first_fall(poly, 4, noise, work)
-        if f.needs[g] and 0.0 < theta < NONE:
-            theta = polished(shape, f, d, g, poly, theta, z)
-        if theta < first:
-            first, guard = theta, g
-    return first, guard
-
-
-@inlined
-def clear(shape, f, d, size):
-    """Whether it is plain from the coefficients that no guard falls along the dense output; else `fall` is asked."""
-    for g in range(f.G.shape[0]):
-        if f.needs[g]:
-            return False
-        begin, lowest = 0.0, 0.0
-        for c in range(5):
-            value = 0.0
-            for j in range(len(shape)):
-                value += f.G[g, j] * d[c, j]
-            if c == 0:
-                begin = lowest = value
-            else:
-                lowest += min(value, 0.0)
-        if not (lowest > 0.0 and begin > rounding(f.G[g], size)):
-            return False
-    return True
-
-
 @inner
 def book_step(shape, f, b, d, theta, h, z, nodes, weights, energy):
     """Energy up to `theta` of the step, by Gauss-Legendre."""
@@ -282,7 +190,10 @@ def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, out, modes, energy, boo
             for c in range(5):
                 for i in range(n):
                     path[c, i] = d[c, i]
-            theta, fallen = fall(shape, f, path, size, w.y2, w.poly, w.roots)
+            theta, fallen, doubtful = fall(shape, f, path, size, w.y2, w.poly, w.roots, w.fits)
+            if doubtful and h > 1e-12 * tick_length:
+                next_h, fallen = _SHRINK * h, -1
+                continue
             if fallen >= 0:
                 end = theta
             if booking:

@@ -47,6 +47,26 @@ def test_a_release_is_not_undone_at_its_own_instant(tolerance):
     assert np.diff(times).min() > 0.1
 
 
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4, 1e-6, 1e-8])
+def test_mode_changes_are_the_same_at_every_tolerance_where_a_load_winds_along_a_stick(rigs, run, tolerance):
+    """Stuck, the mass moves straight on and no error of a step is to be seen: the load winds within it all the same."""
+    a = rigs.oscillator(law=laws.stribeck(0.42, 0.3, 0.0045), load={"one": 20.0, "wave": 4.0})
+    a.product("wave", ("cos-1", {"x": 2000.0}))
+    found, exact = run(a.system(), 0.1, 2.0, "dopri5", tolerance=tolerance), run(a.system(), 0.02, 2.0, "rk4")
+    assert len(exact.what) == 18
+    assert found.what == exact.what
+    assert found.times[0] == pytest.approx(exact.times[0], abs=1e-10)  # where the stick of the start ends
+
+
+def test_a_step_too_long_to_tell_whether_slip_goes_on_does_not_end_it_at_its_begin(rigs, run):
+    """Just let go, a contact moves off as the square of the time: beside it the error that 1e-2 leaves is large."""
+    law = laws.seal(0.97, 620.0, 3.4785, 1e-5)
+    lip = rigs.oscillator(belt={"one": 0.003}, load={"one": 10.0}, law=law, start={"x'": 0.003}, m=0.2, k=2e4, c=3.17)
+    found = run(lip.system(), 0.1, 2.0, "dopri5", tolerance=1e-2)
+    assert "contact releases +" in found.what
+    assert np.diff(found.times).min() > 1e-6
+
+
 def test_contacts_that_open_do_open(run):
     assert "load 2 opens" in run(pair(opens=True), 1.0, 1.0, "dopri5").what
 
