@@ -140,6 +140,12 @@ def test_what_is_measured_no_better_than_the_references_is_not_asked_for():
     assert recommended(rows, "period", None, 0.5) is rows[0]
 
 
+def test_where_the_references_cannot_tell_no_setting_is_blamed():
+    rows = [row(1.5e-1, 10.0, 0.01, floor=1.4e-1)]
+    with pytest.raises(UsageError, match="can be told to be accurate to 1e-03: the references agree to 1e-01 in per"):
+        recommended(rows, "period", 1e-3, None)
+
+
 def test_delay_and_sampling_cost_what_the_first_order_says():
     """A delay tau, and half a sample period, shift the decay rate in proportion while they are small."""
     from rig.study.cost.delay import TIMES, delayed
@@ -161,7 +167,7 @@ def test_a_run_takes_what_the_table_of_this_machine_recommends(belt):
     taken = chosen(scene, 1e-6, None, told.append, folder)
     assert taken.clock.method in told[-1]
     assert "of a frame at p99" in told[-1]
-    with pytest.raises(UsageError, match="no setting is accurate to 1e-30"):
+    with pytest.raises(UsageError, match="no setting (is|can be told to be) accurate to 1e-30"):
         chosen(scene, 1e-30, None, told.append, folder)
     with pytest.raises(UsageError, match="no setting fits"):
         chosen(scene, None, 1e-6, told.append, folder)

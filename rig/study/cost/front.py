@@ -11,9 +11,10 @@ import math
 from collections.abc import Sequence
 
 from rig.errors import UsageError
-from rig.study.cost.table import Row
+from rig.study.cost.table import WORST, Row
 
 SAME = 1.1  # times the cost: the same
+_TOLD = 2.0  # times what the references are apart: a setting that is nearer cannot be told from them
 
 
 def front(rows: Sequence[Row], metric: str) -> list[Row]:
@@ -39,7 +40,7 @@ def recommended(rows: Sequence[Row], metric: str, target: float | None, budget: 
         raise UsageError(_why(able, fitting, metric, target, budget))
     if target is None:
         best = min(row.error(metric) for row in enough)
-        enough = [row for row in enough if row.error(metric) <= max(best, 2.0 * row.floor(metric))]
+        enough = [row for row in enough if row.error(metric) <= max(best, _TOLD * row.floor(metric))]
     least = min(row.p99 for row in enough)
     return min((row for row in enough if row.p99 <= SAME * least), key=lambda row: row.error(metric))
 
@@ -53,10 +54,14 @@ def _why(able: list[Row], fitting: list[Row], metric: str, target: float | None,
         return f"no setting fits {_percent(budget)} of a frame here; {took}"
     best = min(fitting, key=lambda row: row.error(metric))
     within = "" if budget is None else f" within {_percent(budget)} of a frame"
-    return (
-        f"no setting is accurate to {target:.0e}{within}; the best, {best.setting}, has {best.error(metric):.1e} "
-        f"in {best.worst if metric == 'worst' else metric}"
-    )
+    name = best.worst if metric == WORST else metric
+    error, floor = best.error(metric), best.floor(name)
+    if error <= _TOLD * floor:
+        return (
+            f"no setting can be told to be accurate to {target:.0e}{within}: the references agree to {floor:.0e} in "
+            f"{name} only, and {best.setting} is as near to them"
+        )
+    return f"no setting is accurate to {target:.0e}{within}; the best, {best.setting}, has {error:.1e} in {name}"
 
 
 def _percent(share: float | None) -> str:

@@ -24,6 +24,8 @@ from rig.study.cost.problem import Problem
 from rig.study.cost.settings import TIGHTEST, Setting, ladder
 
 WALL = 4.0  # s, for one run of a reference
+_UNSURE = 1e-3  # a reference that is so far from itself at half the step is not yet one
+_FURTHER, _FINER = 2, 2.5  # so often its step is then made so much finer
 _FINEST = 5e-4  # |lambda| h of the finest step
 _ROOM = SEGMENTS // 4  # steps in a tick; half of them in the run that is judged by
 
@@ -65,9 +67,20 @@ def references(problem: Problem, rate: float, best: str, folder: Path | None) ->
     first = Setting(best, TIGHTEST if best == "dopri5" else 0.0)
     judged = _kept(problem, folder, (first,) if best == "exact" else (replace(first, tolerance=1e-11), first), 0)
     fine = _affordable(problem, ladder("rk4", problem.scene, rate)[-1].step_ns, rate)
-    runs = (Setting("rk4", step_ns=fine), Setting("rk4", step_ns=_finer(problem, fine, 2)))
-    other = _kept(problem, folder, runs, 4)
+    other = _halved(problem, folder, fine)
+    for _ in range(_FURTHER):
+        room = _ROOM * fine / problem.scene.step_ns
+        if max(other.apart.values(), default=0.0) <= _UNSURE or room < _FINER:
+            break
+        fine = _finer(problem, fine, _FINER)
+        other = _halved(problem, folder, fine)
     return References(judged, other, errors(problem, judged.seen, other.seen))
+
+
+def _halved(problem: Problem, folder: Path | None, step_ns: int) -> Reference:
+    """Rk4 at a step and at half of it."""
+    runs = (Setting("rk4", step_ns=step_ns), Setting("rk4", step_ns=_finer(problem, step_ns, 2)))
+    return _kept(problem, folder, runs, 4)
 
 
 def _affordable(problem: Problem, step_ns: int, rate: float) -> int:
