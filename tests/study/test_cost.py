@@ -167,7 +167,7 @@ def test_a_run_takes_what_the_table_of_this_machine_recommends(belt):
     taken = chosen(scene, 1e-6, None, told.append, folder)
     assert taken.clock.method in told[-1]
     assert "of a frame at p99" in told[-1]
-    with pytest.raises(UsageError, match="no setting (is|can be told to be) accurate to 1e-30"):
+    with pytest.raises(UsageError, match=r"no setting (is|can be told to be) accurate to 1e-30"):
         chosen(scene, 1e-30, None, told.append, folder)
     with pytest.raises(UsageError, match="no setting fits"):
         chosen(scene, None, 1e-6, told.append, folder)
