@@ -46,12 +46,15 @@ class Interrupted(RigError):
 
 
 class NumericsError(RigError):
-    """The integration had to stop. `time` [s], `mode` (named contact modes) and `state` (named values) say where."""
+    """The integration had to stop: `what` stopped it, in a line.
+
+    `time` [s], `mode` (named contact modes) and `state` (named values) say where.
+    """
 
     exit_code = 4
 
     def __init__(self, what: str, time: float, mode: str, state: dict[str, float]) -> None:
-        self.time, self.mode, self.state = time, mode, state
+        self.what, self.time, self.mode, self.state = what, time, mode, state
         values = ", ".join(f"{name} = {value:.6g}" for name, value in state.items())
         super().__init__(f"{what}\n  at t = {time:.9g} s, in mode {mode}\n  state: {values}")
 

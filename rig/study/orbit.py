@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.errors import NumericsError
 from rig.scenes.scene import Scene
 from rig.solve import ledger
 from rig.solve.assembly import Assembly
@@ -18,7 +17,6 @@ from rig.study.dense import Dense
 
 Array = NDArray[np.float64]
 BLOCK = 16  # ticks in one call
-_STEPS = 30  # of dopri5 in a radian of the fastest motion, at its tightest
 
 
 @dataclass(frozen=True)
@@ -32,7 +30,10 @@ class Round:
 
 
 class Orbit:
-    """The plant of `scene` from state `start` on, without sensors and controllers, every actuator held."""
+    """The plant of `scene` from state `start` on, without sensors and controllers, every actuator held.
+
+    `longest`: ticks in one call; fewer once so many have had more steps than there is room to write down.
+    """
 
     def __init__(self, scene: Scene, assembly: Assembly, start: Array, method: str, tolerance: float) -> None:
         self.scene, self.method, self.tolerance = scene, method, tolerance
@@ -42,6 +43,7 @@ class Orbit:
         self._rows = [output.row for output in assembly.outputs.values()]
         self._rows += [{name: 1.0} for name in self.system.names]
         self.motion = self.moving(start, scene.step_ns, BLOCK)
+        self.longest = BLOCK
 
     def moving(self, start: Array, step_ns: int, longest: int, read: bool = True) -> Motion:
         """The plant from another state on, with another step; `read`: outputs between samples are wanted."""
@@ -53,33 +55,29 @@ class Orbit:
             outputs=self._rows,
             read=len(self._rows) if read else 0,
             tolerance=self.tolerance,
-            substeps=max(1, math.ceil(step_ns / int(clock.rk4_step))),
+            substeps=max(1, -(-step_ns // int(clock.rk4_step))),
             cap=clock.events_per_frame,
             limit=clock.limit,
             longest=longest,
             bounds={self.outputs.index(name): limit for name, limit in self.scene.limits.items()},
         )
 
-    @cached_property
-    def _fastest(self) -> float:
-        """Rate [1/s] of the fastest motion at the start."""
-        return float(np.abs(np.linalg.eigvals(self.motion.slots.tables.A[self.motion.slot])).max())
-
-    @property
-    def longest(self) -> int:
-        """Ticks in one call: `BLOCK`, or as many as there is room for where a tick has many steps or cells."""
-        t = self.motion.slots.tables
-        cells: int = 2 ** int(t.depth.max())  # of an opened tick, and as many again for events
-        steps = self.motion.substeps if self.method in ("rk4", "kick") else 1
-        if self.method == "dopri5":
-            steps = math.ceil(_STEPS * self._fastest * self.motion.step_ns * 1e-9)
-        return max(1, min(BLOCK, SEGMENTS // (2 * max(cells, steps))))
-
     def block(self, ticks: int = BLOCK) -> list[Event]:
         """Carry the plant on by `ticks` at most; the events met."""
-        ticks = min(ticks, self.longest)
-        self.motion.advance(ticks)
-        return self.motion.events()
+        ticks, motion = min(ticks, self.longest), self.motion
+        kept = (*motion.state, motion.work.size)
+        tick, before = motion.tick, [part.copy() for part in kept]
+        while True:
+            try:
+                motion.advance(ticks)
+                return motion.events()
+            except NumericsError:
+                if ticks == 1 or motion.segments.count[0] <= SEGMENTS:
+                    raise
+            motion.tick = tick
+            for part, value in zip(kept, before):
+                part[:] = value
+            self.longest = ticks = ticks // 2
 
     def beyond(self) -> str:
         """What has left the limit that the scene sets for it, in words; "" if nothing has."""
@@ -97,12 +95,12 @@ class Orbit:
         states = [self.motion.x[None].copy()]
         done = 0
         while done < whole:
-            ticks = min(self.longest, whole - done)
-            met = self.block(ticks)
+            begun = self.motion.tick - done
+            met = self.block(whole - done)
             dense.add(done * step_ns * 1e-9, self.motion)
-            events += [((e.tick - self.motion.tick + ticks + done + e.place) * step_ns * 1e-9, e) for e in met]
+            events += [((e.tick - begun + e.place) * step_ns * 1e-9, e) for e in met]
             states.append(self.motion.states.copy())
-            done += ticks
+            done = self.motion.tick - begun
         book.add(self.motion)
         if rest:
             end = self.moving(self.motion.x.copy(), rest, 1)

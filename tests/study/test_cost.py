@@ -1,17 +1,22 @@
 """What accuracy costs: measures against closed forms, references against each other, and the setting that is taken."""
 
 import math
+import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import rig
-from rig.errors import UsageError
-from rig.study.cost import Row, Table, cost, folder_of, front, recommended
+from rig.errors import Chatter, UsageError
+from rig.study.cost import Row, Table, cost, folder_of, front, measuring, recommended, reference
+from rig.study.cost.figure import draw
 from rig.study.cost.measures import Seen, errors, observe
+from rig.study.cost.measuring import timed
 from rig.study.cost.problem import held, problem
+from rig.study.cost.report import notes
 from rig.study.cost.settings import Setting, eligible, ladder
-from rig.study.cost.timing import Cost, Spread
+from rig.study.cost.timing import Cost, Spread, measured
 
 pytestmark = pytest.mark.timeout(400)  # kernels may have to be compiled first
 
@@ -146,6 +151,67 @@ def test_where_the_references_cannot_tell_no_setting_is_blamed():
         recommended(rows, "period", 1e-3, None)
 
 
+class Stopping:
+    """A setting that has to stop in its second round."""
+
+    rounds = 0
+
+    def round(self):
+        self.rounds += 1
+        if self.rounds > 1:
+            raise Chatter("too many events", 0.0, "free", {})
+        return np.ones(3), 1.0
+
+
+class Lasting(Stopping):
+    """One that goes on."""
+
+    def round(self):
+        self.rounds += 1
+
+    def cost(self, told):
+        return len(told)
+
+
+def test_a_setting_that_stops_while_it_is_timed_is_told_so_and_the_others_go_on():
+    stopping, lasting = Stopping(), Lasting()
+    assert measured([stopping, lasting], 4, lambda: None) == ["too many events", 4]
+    assert stopping.rounds == 2
+
+
+def test_a_setting_that_gets_through_but_not_in_one_piece_is_a_row_with_its_fault(belt, monkeypatch):
+    asked, made = problem(belt[0]), measuring.Contender
+
+    def contender(asked, setting, x, ticks):
+        if setting.method == "exact":
+            raise Chatter("too many events", 0.0, "free", {})
+        return made(asked, setting, x, ticks)
+
+    monkeypatch.setattr(measuring, "Contender", contender)
+    stops, *others = timed(asked, belt[2].rows[:2], rounds=1)
+    assert (stops.setting.method, stops.fault, stops.timed) == ("exact", "too many events", True)
+    assert [one.fault for one in others] == [""]
+
+
+def test_where_a_reference_stops_every_row_that_it_would_judge_says_so(monkeypatch, tmp_path):
+    monkeypatch.setattr(reference, "observe", lambda asked, setting: Seen({}, fault=f"{setting} stopped"))
+    found = cost(rig.load("belt_c"), None, rounds=1)
+    assert all("nothing to judge it by" in one.fault and one.timed for one in found.rows)
+    assert notes(found, "worst")[0].endswith("one of the references stops")
+    draw(found, "worst", None, None, tmp_path / "none.png")
+    assert not (tmp_path / "none.png").exists()
+
+
+def test_references_that_do_not_agree_are_drawn_and_told(belt, tmp_path):
+    found = belt[2]
+    rows = [replace(one, floors={"period": 1e-9, "event times": math.inf}) for one in found.rows]
+    apart = replace(found, rows=rows)
+    assert notes(apart, "worst")[0].endswith("the references do not agree: event times")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        draw(apart, "worst", rows[0], 0.4, tmp_path / "apart.png")
+
+
 def test_delay_and_sampling_cost_what_the_first_order_says():
     """A delay tau, and half a sample period, shift the decay rate in proportion while they are small."""
     from rig.study.cost.delay import TIMES, delayed
@@ -157,6 +223,16 @@ def test_delay_and_sampling_cost_what_the_first_order_says():
     assert periods[1e-4] == pytest.approx(0.5 * delays[1e-4], rel=0.1)
     assert found.own[2] == pytest.approx(periods[1e-3], rel=1e-6)
     assert delayed(rig.load("belt_dither_controlled")) == []
+
+
+def test_a_loop_that_cannot_be_designed_for_a_delay_is_told_with_the_others():
+    from rig.study.cost.delay import delayed
+
+    [found] = delayed(rig.load("brake_active"))
+    assert 0.0 < dict(found.delays)[1e-5] < 0.1
+    assert math.isinf(dict(found.delays)[1e-4])  # a mode at 668 Hz grows
+    assert "cannot be designed for delays of 0.1, 0.2, " in found.text()
+    assert all(math.isfinite(number) for number in found.own)
 
 
 def test_a_run_takes_what_the_table_of_this_machine_recommends(belt):

@@ -8,6 +8,7 @@ the step, so that one sees on one pair of axes where time is better spent.
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -28,7 +29,8 @@ TIMES = tuple(round(m * 10.0**k) for k in range(4, 8) for m in (1, 2, 5))  # ns:
 class Delayed:
     """One loop. `ideal`: its growth rate [1/s] without delay; (time [s], relative error of the rate) over both.
 
-    `own`: delay and sample period [s] of the scene, and the error that they make.
+    An error is infinite where there is no such loop. `own`: delay and sample period [s] of the scene, and the error
+    that they make.
     """
 
     controller: str
@@ -40,10 +42,14 @@ class Delayed:
     def text(self) -> str:
         """For a reader."""
         delay, period, error = self.own
-        return (
+        text = (
             f"loop {self.controller}: a delay of {1e3 * delay:g} ms and samples every {1e3 * period:g} ms change its "
             f"decay rate of {-self.ideal:.4g} 1/s by {error:.1%}"
         )
+        for what, points in (("delays", self.delays), ("sample periods", self.periods)):
+            without = [f"{1e3 * time:g}" for time, away in points if math.isinf(away)]
+            text += f"; it cannot be designed for {what} of {', '.join(without)} ms" if without else ""
+        return text
 
 
 def delayed(scene: Scene) -> list[Delayed]:
@@ -57,8 +63,7 @@ def delayed(scene: Scene) -> list[Delayed]:
             continue
         own_times = (int(section.delay) * 1e-9, int(section.period) * 1e-9)
         delays = tuple((ns * 1e-9, _of_delay(scene, name, ns)) for ns in TIMES)
-        rates = [(ns, loop(_with(scene, name, ns, 0), name).growth) for ns in TIMES]
-        periods = tuple((ns * 1e-9, abs(rate / ideal - 1.0)) for ns, rate in rates)
+        periods = tuple((ns * 1e-9, abs(_growth(scene, name, ns, 0) / ideal - 1.0)) for ns in TIMES)
         found.append(Delayed(name, ideal, delays, periods, (*own_times, own)))
     return found
 
@@ -66,8 +71,16 @@ def delayed(scene: Scene) -> list[Delayed]:
 def _of_delay(scene: Scene, name: str, delay: int) -> float:
     """What a delay [ns] changes, relative: with and without it, in a loop that samples `FINE` times as fast."""
     period = delay // FINE
-    late, prompt = (loop(_with(scene, name, period, one), name).growth for one in (delay, 0))
-    return abs(late / prompt - 1.0)
+    late, prompt = (_growth(scene, name, period, one) for one in (delay, 0))
+    return abs(late / prompt - 1.0) if math.isfinite(prompt) else math.inf
+
+
+def _growth(scene: Scene, name: str, period: int, delay: int) -> float:
+    """The growth rate [1/s] of a loop; infinite where its controller cannot be designed."""
+    try:
+        return loop(_with(scene, name, period, delay), name).growth
+    except SceneError:
+        return math.inf
 
 
 def _with(scene: Scene, name: str, period: int, delay: int) -> Scene:

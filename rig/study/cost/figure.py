@@ -39,8 +39,11 @@ LEAST = 1e-16  # errors of zero are drawn here
 def draw(found: Table, metric: str, pick: Row | None, budget: float | None, path: Path) -> None:
     """Error over compute, with the Pareto front, the budget and the setting recommended (PNG, or as `path` ends).
 
-    On the left frames with sensors, as a run carries them; on the right the plant alone, in one piece.
+    On the left frames with sensors, as a run carries them; on the right the plant alone, in one piece. Nothing is drawn
+    where no setting has both an error and a cost.
     """
+    if not front(found.rows, metric):
+        return
     with sheet(f"{found.title}: what accuracy costs", found.machine, path) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         _frames(left, found, metric, budget)
@@ -126,10 +129,11 @@ def _curves(axes: Axes, found: Table, metric: str, at: At, spread: Sequence[tupl
             style: dict[str, Any] = {"color": COLOURS.get(method, "black"), "marker": MARKS.get(method, "o")}
             style |= {"ms": 5.5, "lw": 1.2, "elinewidth": 0.8, "capsize": 2}
             axes.errorbar(x, y, xerr=(low, high), label=_label(found, method), **style)
-    if floor > LEAST:
+    if LEAST < floor < math.inf:
         axes.axhspan(LEAST, floor, color="#f0f0f0", lw=0, label="less than the references tell apart", zorder=0)
     shown = [_shown(row, metric) for row in found.rows if np.isfinite(row.error(metric))]
-    axes.set_ylim(max(0.2 * min([floor, *shown]), LEAST), 5.0 * max([10.0 * LEAST, *shown]))
+    top = 5.0 * max([10.0 * LEAST, *shown])
+    axes.set_ylim(min(max(0.2 * min([floor, *shown]), LEAST), 0.1 * top), top)
 
 
 def _second(axes: Axes, told: Callable[[float], float], label: str) -> None:

@@ -80,7 +80,7 @@ def observe(problem: Problem, setting: Setting) -> Seen:
     try:
         return _observed(problem, setting)
     except NumericsError as error:
-        return Seen({}, fault=str(error).partition("\n")[0])
+        return Seen({}, fault=error.what)
 
 
 def _observed(problem: Problem, setting: Setting) -> Seen:

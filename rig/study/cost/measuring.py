@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import UsageError
+from rig.errors import NumericsError, UsageError
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
 from rig.study.cost import timing
@@ -18,7 +18,7 @@ from rig.study.cost.measures import errors, observe
 from rig.study.cost.order import orders
 from rig.study.cost.problem import Problem, digest, problem
 from rig.study.cost.reference import references
-from rig.study.cost.settings import eligible, fastest, ladder
+from rig.study.cost.settings import Setting, eligible, fastest, ladder
 from rig.study.cost.table import Row, Table
 from rig.study.cost.timing import Contender, Cost, Spread
 
@@ -75,9 +75,12 @@ def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None,
         values=truths.best.seen.values,
     )
     for setting in settings:
-        seen = observe(asked, setting)
-        told = {} if seen.fault else errors(asked, seen, truths.of(setting.method).seen)
-        found.rows.append(Row(setting, told, truths.floor, _unknown(), math.nan, seen.steps, seen.fault))
+        seen, truth = observe(asked, setting), truths.of(setting.method)
+        fault = seen.fault or (
+            truth.seen.fault and f"nothing to judge it by: {truth.setting} stops, {truth.seen.fault}"
+        )
+        told = {} if fault else errors(asked, seen, truth.seen)
+        found.rows.append(Row(setting, told, truths.floor, _unknown(), math.nan, seen.steps, fault))
         step()
     found.orders = orders(found.rows, asked.seconds)
     if folder is not None:
@@ -96,20 +99,29 @@ def _unknown() -> Cost:
 def timed(
     asked: Problem, rows: Sequence[Row], rounds: int = timing.ROUNDS, step: Callable[[], object] = lambda: None
 ) -> list[Row]:
-    """The rows with the cost of every setting that gets through, all in turns."""
-    x = _later(asked, rows)
-    step()
+    """The rows with the cost of every setting that gets through, all in turns; of others with what stopped them."""
     ready = [i for i, row in enumerate(rows) if not row.fault]
-    contenders = [Contender(asked, rows[i].setting, x, asked.window) for i in ready]
     found = list(rows)
-    for i, cost_of in zip(ready, timing.measured(contenders, rounds, step)):
-        found[i] = replace(rows[i], cost=cost_of, share=cost_of.p99.value * 1e-3)
+    if not ready:
+        return found
+    x = _later(asked, rows[ready[-1]].setting)
+    step()
+    contenders = {}
+    for i in ready:
+        try:
+            contenders[i] = Contender(asked, rows[i].setting, x, asked.window)
+        except NumericsError as error:
+            found[i] = replace(rows[i], fault=error.what)
+    for i, told in zip(contenders, timing.measured(list(contenders.values()), rounds, step)):
+        if isinstance(told, str):
+            found[i] = replace(rows[i], fault=told)
+        else:
+            found[i] = replace(rows[i], cost=told, share=told.p99.value * 1e-3)
     return found
 
 
-def _later(asked: Problem, rows: Sequence[Row]) -> Array:
-    """The state at the begin of the window that is read, by the first setting that gets there."""
-    setting = next((row.setting for row in reversed(rows) if not row.fault), rows[0].setting)
+def _later(asked: Problem, setting: Setting) -> Array:
+    """The state at the begin of the window that is read."""
     orbit = asked.orbit(setting)
     while orbit.motion.tick < asked.length - asked.window:
         orbit.block(asked.length - asked.window - orbit.motion.tick)

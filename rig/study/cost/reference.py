@@ -74,7 +74,8 @@ def references(problem: Problem, rate: float, best: str, folder: Path | None) ->
             break
         fine = _finer(problem, fine, _FINER)
         other = _halved(problem, folder, fine)
-    return References(judged, other, errors(problem, judged.seen, other.seen))
+    stops = judged.seen.fault or other.seen.fault
+    return References(judged, other, {"": math.inf} if stops else errors(problem, judged.seen, other.seen))
 
 
 def _halved(problem: Problem, folder: Path | None, step_ns: int) -> Reference:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from rig.study.cost.front import front
 from rig.study.cost.settings import THEORY
 from rig.study.cost.table import Row, Table
@@ -27,10 +29,18 @@ def lines(found: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:
     return told
 
 
+def _agreement(row: Row, metric: str) -> str:
+    """How far the references are apart, in words."""
+    apart = row.floor(metric)
+    if math.isfinite(apart):
+        return f"the references agree to {apart:.0e}"
+    measures = [name for name, floor in row.floors.items() if name and math.isinf(floor)]
+    return f"the references do not agree: {', '.join(measures)}" if measures else "one of the references stops"
+
+
 def notes(found: Table, metric: str) -> list[str]:
     """What belongs to the table."""
-    first = found.rows[0]
-    out = [f"{found.kind}, {found.seconds:.4g} s simulated; the references agree to {first.floor(metric):.0e}"]
+    out = [f"{found.kind}, {found.seconds:.4g} s simulated; {_agreement(found.rows[0], metric)}"]
     out += [f"{m}: error falls with the step to the power {o:.2f}, theory {THEORY[m]}" for m, o in found.orders.items()]
     if any(row.setting.method == "kick" for row in found.rows):
         out.append("kick locates no contact that opens or closes: of its events slip and stick are judged")

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.bench import pace
+from rig.errors import NumericsError
 from rig.solve.motion import Motion
 from rig.study.cost.problem import Problem
 from rig.study.cost.settings import Setting
@@ -125,12 +126,17 @@ def _quiet(rounds: Array) -> Array:
     return np.sort(rounds, axis=0)[(len(rounds) - 1) // 4]  # type: ignore[no-any-return]
 
 
-def measured(contenders: Sequence[Contender], rounds: int, report: Callable[[], object]) -> list[Cost]:
-    """The cost of each, interleaved."""
+def measured(contenders: Sequence[Contender], rounds: int, report: Callable[[], object]) -> list[Cost | str]:
+    """The cost of each, interleaved; of one that has to stop, why."""
     found: list[list[tuple[Array, float]]] = [[] for _ in contenders]
+    faults = [""] * len(contenders)
     with pace.no_garbage():
         for _ in range(rounds):
-            for one, told in zip(contenders, found):
-                told.append(one.round())
+            for i, one in enumerate(contenders):
+                try:
+                    if not faults[i]:
+                        found[i].append(one.round())
+                except NumericsError as error:
+                    faults[i] = error.what
                 report()
-    return [one.cost(told) for one, told in zip(contenders, found)]
+    return [fault or one.cost(told) for one, told, fault in zip(contenders, found, faults)]

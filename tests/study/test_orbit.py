@@ -1,0 +1,48 @@
+"""The plant on its own, in calls of as many ticks as there is room to write down."""
+
+import numpy as np
+import pytest
+
+import rig
+from rig.errors import Chatter
+from rig.study.orbit import BLOCK, Orbit
+
+pytestmark = pytest.mark.timeout(400)  # kernels may have to be compiled first
+
+
+def dithered(**changes):
+    scene = rig.load("belt_dither", {"dither.enable": "true", **changes})
+    assembly = scene.assemble()
+    return Orbit(scene, assembly, assembly.system().start, "dopri5", 1e-12)
+
+
+def test_a_call_of_more_steps_than_there_is_room_for_is_made_again_with_fewer_ticks():
+    found, single = dithered(), dithered()
+    single.longest = 1
+    events, each = [], []
+    while found.motion.tick < 200:
+        events += found.block()
+    while single.motion.tick < found.motion.tick:
+        each += single.block()
+    assert 1 < found.longest < BLOCK
+    assert [event.what for event in events] == [event.what for event in each]
+    times = [[event.tick + event.place for event in some] for some in (events, each)]
+    assert times[0] == pytest.approx(times[1], abs=1e-8)
+    assert found.motion.x == pytest.approx(single.motion.x, rel=1e-9, abs=1e-12)
+    assert found.motion.terms() == pytest.approx(single.motion.terms(), rel=1e-9, abs=1e-12)
+
+
+def test_what_is_written_down_has_no_gap_where_a_call_was_made_again():
+    found = dithered()
+    one = found.round(0.2)
+    start, length, _ = one.dense.segments(0)
+    assert found.longest < BLOCK
+    assert start[1:] == pytest.approx((start + length)[:-1], abs=1e-12)
+    assert (start + length)[-1] == pytest.approx(0.2, abs=1e-12)
+    assert len(one.states) == 201
+    assert np.all(np.diff([t for t, _ in one.events]) >= 0.0)
+
+
+def test_what_stops_a_run_for_another_reason_stops_it():
+    with pytest.raises(Chatter):
+        dithered(**{"clock.events_per_frame": "1"}).round(0.2)
