@@ -133,7 +133,8 @@ class Trial:
             found.trials, found.opened = counts["trial_steps"], counts["opened_ticks"]
             found.ticks, found.seconds = self.motion.tick, time.process_time() - self._begin
             found.stuck = self._stuck_ticks / max(self.motion.tick, 1)
-            found.energy = abs(self.motion.energy()["error"])
+            with np.errstate(over="ignore", invalid="ignore"):  # of a state that has left the range of numbers
+                found.energy = abs(self.motion.energy()["error"])
             found.stuck_now = self._sticks(self.motion.key)
             found.ended = dict(zip(self.stand.outputs, self.stand.output_values().tolist()))
         if self._exchange is not None:
