@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -32,16 +33,20 @@ class Round:
 class Orbit:
     """The plant of `scene` from state `start` on, without sensors and controllers, every actuator held.
 
-    `longest`: ticks in one call; fewer once so many have had more steps than there is room to write down.
+    `read`: the outputs that are wanted between samples; by default all, and all states. `longest`: ticks in one call;
+    fewer once so many have had more steps than there is room to write down.
     """
 
-    def __init__(self, scene: Scene, assembly: Assembly, start: Array, method: str, tolerance: float) -> None:
+    def __init__(
+        self, scene: Scene, assembly: Assembly, start: Array, method: str, tolerance: float, read: Sequence[str] = ()
+    ) -> None:
         self.scene, self.method, self.tolerance = scene, method, tolerance
-        self.outputs = list(assembly.outputs)
+        self.outputs = list(dict.fromkeys([*read, *assembly.outputs]))
         self.units = {name: output.unit for name, output in assembly.outputs.items()}
         self.system = assembly.system()
-        self._rows = [output.row for output in assembly.outputs.values()]
+        self._rows = [assembly.outputs[name].row for name in self.outputs]
         self._rows += [{name: 1.0} for name in self.system.names]
+        self._read = len(read) or len(self._rows)
         self.motion = self.moving(start, scene.step_ns, BLOCK)
         self.longest = BLOCK
 
@@ -53,7 +58,7 @@ class Orbit:
             step_ns,
             self.method,
             outputs=self._rows,
-            read=len(self._rows) if read else 0,
+            read=self._read if read else 0,
             tolerance=self.tolerance,
             substeps=max(1, -(-step_ns // int(clock.rk4_step))),
             cap=clock.events_per_frame,

@@ -10,10 +10,10 @@ from rig.study.orbit import BLOCK, Orbit
 pytestmark = pytest.mark.timeout(400)  # kernels may have to be compiled first
 
 
-def dithered(**changes):
+def dithered(read=(), **changes):
     scene = rig.load("belt_dither", {"dither.enable": "true", **changes})
     assembly = scene.assemble()
-    return Orbit(scene, assembly, assembly.system().start, "dopri5", 1e-12)
+    return Orbit(scene, assembly, assembly.system().start, "dopri5", 1e-12, read)
 
 
 def test_a_call_of_more_steps_than_there_is_room_for_is_made_again_with_fewer_ticks():
@@ -46,3 +46,14 @@ def test_what_is_written_down_has_no_gap_where_a_call_was_made_again():
 def test_what_stops_a_run_for_another_reason_stops_it():
     with pytest.raises(Chatter):
         dithered(**{"clock.events_per_frame": "1"}).round(0.2)
+
+
+def test_outputs_that_alone_are_wanted_are_written_down_as_among_all_others():
+    one, every = dithered(read=("velocity",)), dithered()
+    found, all_of = one.round(0.05).dense, every.round(0.05).dense
+    velocity = found.segments(one.outputs.index("velocity"))
+    for a, b in zip(velocity, all_of.segments(every.outputs.index("velocity")), strict=True):
+        assert np.array_equal(a, b)
+    assert sorted(one.outputs) == sorted(every.outputs)
+    with pytest.raises(IndexError):
+        found.segments(1)

@@ -67,14 +67,6 @@ class Seen:
         return replace(self, events=kept, count=count, mean=mean, lifts=None)
 
 
-def quantities(problem: Problem) -> list[str]:
-    """Names of the outputs that are watched."""
-    outputs = list(problem.assembly.outputs)
-    first = "displacement" if "displacement" in outputs else outputs[0]
-    read = [name for section in problem.scene.sensors.values() for name in [section.reads] if name in outputs]
-    return list(dict.fromkeys([first, *read]))
-
-
 def observe(problem: Problem, setting: Setting) -> Seen:
     """Run `problem` by `setting` and read its measures."""
     try:
@@ -129,7 +121,7 @@ def _cycle(problem: Problem, orbit: Orbit, events: list[Event], count: int) -> d
         found[f"stick share {patch.name}"] = held / (times[-1] - times[0])
     one = orbit.round(period)
     found["energy per cycle"] = one.energy["friction"]
-    for name in quantities(problem):
+    for name in problem.quantities:
         low, high = one.dense.extremes(orbit.outputs.index(name))
         if moves(low, high):
             found[f"amplitude {name}"] = 0.5 * (high - low)
@@ -147,7 +139,7 @@ def _stretch(problem: Problem, orbit: Orbit) -> tuple[dict[str, float], list[Eve
     one = orbit.round(length)
     events = [event for _, event in one.events]
     found: dict[str, float] = {}
-    names = quantities(problem)
+    names = problem.quantities
     for name in names:
         output = orbit.outputs.index(name)
         if moves(*one.dense.extremes(output)):

@@ -77,6 +77,14 @@ class Problem:
         return self.length * self.step
 
     @property
+    def quantities(self) -> list[str]:
+        """Names of the outputs that are watched."""
+        outputs = list(self.assembly.outputs)
+        first = "displacement" if "displacement" in outputs else outputs[0]
+        read = [name for section in self.scene.sensors.values() for name in [section.reads] if name in outputs]
+        return list(dict.fromkeys([first, *read]))
+
+    @property
     def digest(self) -> str:
         """Hash (16 hex digits) of scene, sources and problem; the setting of the scene itself left out."""
         return digest(self.scene)
@@ -85,7 +93,7 @@ class Problem:
         """The plant from the start (or `x`) on, carried by `setting`."""
         scene = setting.applied(self.scene)
         start = self.system.start if x is None else x
-        return Orbit(scene, self.assembly, start, setting.method, scene.clock.tolerance)
+        return Orbit(scene, self.assembly, start, setting.method, scene.clock.tolerance, self.quantities)
 
     def stand(self, setting: Setting) -> Stand:
         """The plant with its sensors, as a run carries it, actuators in force."""
