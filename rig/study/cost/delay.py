@@ -116,7 +116,9 @@ def draw(found: Sequence[Delayed], table: Table, path: Path) -> None:
                 max(delay, period), error, "*", ms=14, color="black", label=f"{one.controller} as the scene has it"
             )
         for method in dict.fromkeys(row.setting.method for row in table.rows):
-            rows = [row for row in table.rows if row.setting.method == method and not row.fault]
+            rows = [r for r in table.rows if r.setting.method == method and math.isfinite(r.error(WORST))]
+            if not rows:
+                continue
             x = [step(row, table.seconds) if row.steps or row.setting.step_ns else table.step for row in rows]
             y = [max(row.error(WORST), LEAST) for row in rows]
             label = f"{method}: largest error of all measures, over its step"
