@@ -4,7 +4,7 @@
 
 The settings that the tables recommend are run against references at half their step and timed again beside every other
 setting. Wanted: the error asked for in 95 % of the rigs, and a cost within 1.3 times that of the cheapest setting that
-meets it.
+meets it. A motion that is chaotic has no setting where its references part: that is said, and nothing is recommended.
 """
 
 from __future__ import annotations
