@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
@@ -101,12 +101,16 @@ def test_beyond_divergence_no_sliding_equilibrium_presses(rigs):
 )
 @settings(max_examples=60, deadline=None)
 def test_below_the_lesser_limit_sliding_is_stable_and_above_it_is_not(s, h, c_phi, J, d_phi):
-    """For any body: Hurwitz's limits against the eigenvalues of the matrices of equation 2.4."""
+    """For any body: Hurwitz's limits against the eigenvalues of the matrices of equation 2.4.
+
+    Where both limits are one, as at 469.75 for some, it is neither this nor that.
+    """
     changes = {"lining.offset": s, "lining.lever": h, "body.tilt_stiffness": c_phi, "body.inertia": J,
                "body.tilt_damping": d_phi}  # fmt: skip
     found = limits(rig.load("north", changes).parameters)
     p = {"m": 0.5, "J": J, "c1": 2e7, "c2": 8e7, "c_phi": c_phi, "d1": 20.0, "d_phi": d_phi, "h": h, "s": s}
     least = min(found.values())
+    assume(max(found.values()) > least * (1.0 + 1e-4))
     assert eigenvalues(p, least * (1.0 - 1e-6)).real.max() < 0.0
     growing = eigenvalues(p, least * (1.0 + 1e-5))
     worst = growing[growing.real.argmax()]
