@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from rig.errors import NumericsError
 from rig.solve.motion import Event
-from rig.study.cost.problem import LIFTS, ROUNDS, Problem
+from rig.study.cost.problem import ROUNDS, Problem, lift
 from rig.study.cost.settings import Setting
 from rig.study.dense import Dense
 from rig.study.orbit import Orbit
@@ -61,7 +61,7 @@ class Seen:
 
     def slips(self, repeats: bool) -> Seen:
         """Without the contacts that open and close; `repeats`: `mean` is the time of a cycle, and stays."""
-        kept = tuple(event for event in self.events if not event[1].endswith(LIFTS))
+        kept = tuple(event for event in self.events if not lift(event[1]))
         count = self.count - (self.lifts or 0)
         mean = self.mean if repeats else self.mean * max(self.count - 1, 1) / max(count - 1, 1)
         return replace(self, events=kept, count=count, mean=mean, lifts=None)
@@ -91,20 +91,17 @@ def _observed(problem: Problem, setting: Setting) -> Seen:
     times = tuple(((e.tick + e.place) * step, e.what) for e in _first(problem, events))
     gaps = max(len(events) - 1, 1) / (count or 1)
     mean = (events[-1].tick - events[0].tick) * step / gaps if len(events) > 1 else problem.seconds
-    lifts = None if kicks else sum(lift(e) for e in events)
+    lifts = None if kicks else sum(lift(e.what) for e in events)
     return Seen(values, times, len(events), mean, lifts, orbit.motion.counts()["trial_steps"])
-
-
-def lift(event: Event) -> bool:
-    """Whether it is a contact that opens or closes."""
-    return event.what.endswith(LIFTS)
 
 
 def _first(problem: Problem, events: list[Event]) -> list[Event]:
     """The events whose times count: so many of all, and so many of those that are no lift-offs."""
     all_of, slips_of = (ROUNDS * problem.count, ROUNDS * problem.slips) if problem.count else (FIRST, FIRST)
-    slips = itertools.accumulate(not lift(e) for e in events)
-    return [e for i, (e, slip) in enumerate(zip(events, slips)) if i < all_of or (not lift(e) and slip <= slips_of)]
+    slips = itertools.accumulate(not lift(e.what) for e in events)
+    return [
+        e for i, (e, slip) in enumerate(zip(events, slips)) if i < all_of or (not lift(e.what) and slip <= slips_of)
+    ]
 
 
 def _cycle(problem: Problem, orbit: Orbit, events: list[Event], count: int) -> dict[str, float]:

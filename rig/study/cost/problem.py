@@ -38,7 +38,6 @@ from rig.study.orbit import Orbit
 
 Array = NDArray[np.float64]
 ROUNDS = 4  # cycles that are watched
-LIFTS = (" opens", " closes")  # what a contact does whose mode change is a lift-off or a landing
 TIGHT = 1e-10  # tolerance of the first run
 _REPEATS = 1e-6  # of a period: it repeats
 _LONGEST = 60.0  # s, simulated
@@ -157,6 +156,11 @@ def held(scene: Scene, assembly: Assembly) -> dict[str, float]:
     return {name: value for name, value in zip(now, longest) if value != start[name]}
 
 
+def lift(what: str) -> bool:
+    """Whether a mode change is that of a contact which opens or closes."""
+    return what.endswith((" opens", " closes"))
+
+
 def _watched(first: Problem) -> Problem:
     """Run it once: what kind of motion it is, and how long it has to be watched."""
     scene, step = first.scene, first.step
@@ -184,7 +188,7 @@ def _watched(first: Problem) -> Problem:
     length = max(length // whole, 3) * whole
     if count and len(events) > ROUNDS * count:
         span = (events[-1].tick - events[-1 - ROUNDS * count].tick) / ROUNDS
-        slips = sum(not event.what.endswith(LIFTS) for event in events[-count:])
+        slips = sum(not lift(event.what) for event in events[-count:])
         return replace(first, kind="cycle", length=length, window=int(span) + 1, count=count, slips=slips)
     if any(event.tick > 2 * length // 3 for event in events):
         return replace(first, kind="vibration", length=length, window=length // 3)
