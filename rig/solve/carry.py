@@ -34,6 +34,10 @@ class Work(NamedTuple):
     x0: Array
     copy: Array
     size: Array
+    ask: Array
+    ask_x: Array
+    bear: Array
+    bear_x: Array
     T: Array
     scratch: Array
     derivatives: Array
@@ -60,6 +64,10 @@ def workspace(system: System, read: int, guards: int) -> Work:
         x0=np.zeros(n),
         copy=np.zeros(n),
         size=np.zeros(n),
+        ask=np.zeros(n),
+        ask_x=np.zeros(n),
+        bear=np.zeros(n),
+        bear_x=np.zeros(n),
         T=np.zeros(system.inputs),
         scratch=np.zeros((P, P)),
         derivatives=np.zeros((DEGREE + 1, n)),

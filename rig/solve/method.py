@@ -10,6 +10,11 @@ MANY = 1 << 22
 """Mode sets that can be told apart; of more contacts opening is no event (kick)."""
 
 
+def crowded(system: System) -> bool:
+    """Whether so many contacts open and close that no method can tell their mode sets apart: none is an event then."""
+    return system.keys > MANY and not kick.refusal(system)
+
+
 def chosen(method: str, system: System) -> str:
     """The method that "auto" stands for: exact where the motion is linear in every mode set, else dopri5.
 
@@ -17,7 +22,7 @@ def chosen(method: str, system: System) -> str:
     """
     if method != "auto":
         return method
-    if system.keys > MANY and not kick.refusal(system):
+    if crowded(system):
         return "kick"
     return "exact" if system.linear else "dopri5"
 
@@ -30,6 +35,7 @@ def seen(system: System, method: str, smoothing: float) -> System:
         why = kick.refusal(system)
         if why:
             raise ValueError(f"kick: {why}")
+    if method == "kick" or (method in ("dopri5", "rk4") and crowded(system)):
         system = kick.pressed(system)
     elif method == "smooth":
         system = smooth.smoothed(system, smoothing)
