@@ -10,6 +10,7 @@ PLANTS: dict[str, str] = {
     "north": "rig.plants.north",
     "pendulum": "rig.plants.pendulum",
     "pin": "rig.plants.pin",
+    "points": "rig.plants.points",
     "tread": "rig.plants.tread",
     "two_dof": "rig.plants.two_dof",
 }

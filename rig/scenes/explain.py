@@ -66,9 +66,9 @@ def _effects(scene: Scene) -> Iterator[Effect]:
     for patch, *_ in assembly.patches:
         law = getattr(scene.parameters, "friction", None)
         yield Effect(f"friction at {patch}", True, (), f"law {getattr(law, 'law', '')}; stick and slip")
-    for normal, *_, opens in assembly.normals:
-        if opens:
-            yield Effect(f"lift-off at {normal}", True, (), "the contact opens where the normal force becomes zero")
+    opening = [name for name, *_, opens in assembly.normals if opens]
+    for where in opening if len(opening) <= _SINGLE else [f"{len(opening)} points"]:
+        yield Effect(f"lift-off at {where}", True, (), "a contact opens where its normal force becomes zero")
     for name, _, low, high, *_ in assembly.limiters:
         yield Effect(f"{name} limits", True, (), f"clamped to {low:g} .. {high:g} {_unit(assembly, name)}")
     named = dict(optional(scene.parameters))
@@ -83,6 +83,7 @@ def _effects(scene: Scene) -> Iterator[Effect]:
         yield Effect(f"{table} limits", False, (), "a clamp inside the plant, behind a lag")
 
 
+_SINGLE = 8  # contacts that open, listed one by one
 BOUNDS = ("_min", "_max")
 ABOUT = {
     "command": "the value commanded, held from tick to tick",

@@ -38,6 +38,8 @@ class Work(NamedTuple):
     ask_x: Array
     bear: Array
     bear_x: Array
+    at: Array
+    rates: Array
     T: Array
     scratch: Array
     derivatives: Array
@@ -68,6 +70,8 @@ def workspace(system: System, read: int, guards: int) -> Work:
         ask_x=np.zeros(n),
         bear=np.zeros(n),
         bear_x=np.zeros(n),
+        at=np.zeros(n),
+        rates=np.zeros(n),
         T=np.zeros(system.inputs),
         scratch=np.zeros((P, P)),
         derivatives=np.zeros((DEGREE + 1, n)),

@@ -18,7 +18,7 @@ from rig.solve.dense import at, clear, dense, fall
 from rig.solve.emit import emit_quartic
 from rig.solve.forces import forces, lend, rate
 from rig.solve.settle import land, passed
-from rig.solve.stage import awaited, begin, complete, stage
+from rig.solve.stage import rubbing, begin, complete, stage
 
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 _LEAST = 1e-6  # of the largest coordinate or speed
@@ -147,7 +147,7 @@ def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, out, modes, energy, boo
     f, b = lend(t, slot, w.T, w.scratch), lend_books(t, slot, w.T)
     k, y, z, d, size = local(shape, w.k), local(shape, w.y), local(shape, w.y2), local(shape, w.derivatives), w.size
     here, path = local(shape, w.copy), w.derivatives
-    rub = awaited(shape, f, w)
+    rub = rubbing(shape, f, w)
     tick, place, next_h = ic[0], fc[0], fc[1]
     fallen = -1
     for i in range(n):

@@ -44,6 +44,7 @@ _ZERO = 1e-6  # of the largest eigenvalue: what a stuck contact carries along co
 _NEUTRAL = 1e-10
 _FAST = 10.0  # times the speed of the surface: as fast as a rig is expected to slip
 _SPEEDS = 41
+_KINDS = (SLIP_PLUS, SLIP_MINUS, STICK)
 
 
 def verdict(system: System, method: str, step: float, substeps: int = 1) -> list[Finding]:
@@ -83,9 +84,10 @@ def mode_sets(system: System) -> Iterator[int]:
     Of the many positions of a switch its first two, its last and the one at the start.
     """
     P, K, free = len(system.patches), len(system.normals), [LINEAR] * len(system.limiters)
-    kinds = (SLIP_PLUS, SLIP_MINUS, STICK)
-    patches: list[tuple[int, ...]] = list(product(kinds, repeat=P)) if 3**P <= MOST else [(k,) * P for k in kinds]
-    if 3**P > MOST:
+    ways = [_ways(system, p) for p in range(P)]
+    few = math.prod(map(len, ways)) <= MOST
+    patches: list[tuple[int, ...]] = list(product(*ways)) if few else [(k,) * P for k in _KINDS]
+    if not few:
         patches += [(SLIP_PLUS,) * p + (STICK,) + (SLIP_PLUS,) * (P - p - 1) for p in range(P)]
     places = list(product(*(_places(sector) for sector in system.sectors)))
     ends = [{0, 1, len(s.positions) - 1, s.at(system.start)} for s in system.switches]
@@ -95,6 +97,15 @@ def mode_sets(system: System) -> Iterator[int]:
         if any(k.opens for k in system.normals):
             lifted = [OPEN if k.opens else CLOSED for k in system.normals]
             yield system.key([SLIP_PLUS] * P, lifted, free, switches=thrown)
+
+
+def _ways(system: System, p: int) -> tuple[int, ...]:
+    """The modes of patch p: all, but where no coordinate moves along it, it slips as it is driven."""
+    nq = len(system.coordinates)
+    row = system.slip_rows[p]
+    if np.any(row[nq : 2 * nq]):
+        return _KINDS
+    return (SLIP_PLUS if row @ system.start > 0.0 else SLIP_MINUS,)
 
 
 def _places(sector: Sector) -> Sequence[int]:

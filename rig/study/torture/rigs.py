@@ -5,11 +5,8 @@ Each is written as a plant is: `Parameters` and `assemble`, so that cases change
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
-
-import numpy as np
 
 from rig.quantities import Section
 from rig.solve import laws
@@ -133,66 +130,9 @@ def belt_loop(p: BeltLoop, moved: Mapping[str, str]) -> Assembly:
     return a
 
 
-class Points(Section):
-    """A plate of ten modes from 1 to 12 kHz that slides on points of contact, which open and close all the time.
-
-    Sides [m], mass, `lever` from its middle to the contact [m]; the points stand in a grid, each with a stiffness and a
-    preload.
-    """
-
-    length: float = 0.1
-    width: float = 0.06
-    mass: float = 0.2
-    lever: float = 0.006
-    along: int = 6
-    across: int = 4
-    stiffness: float = 2e6
-    preload: float = 1.0
-    mu: float = 0.45
-    damping_ratio: float = 0.005
-    lowest: float = 1000.0
-    highest: float = 12000.0
-    belt: float = 10.0
-    start: tuple[float, ...] = (0.02, 0.0, -0.015, 0.0, 0.01)
-
-
-PAIRS = ((1, 1), (2, 1), (1, 2), (3, 1), (2, 2), (3, 2), (4, 1), (1, 3), (4, 2), (5, 1))
-"""Half waves of the modes along and across."""
-
-
-def points(p: Points, moved: Mapping[str, str]) -> Assembly:
-    """N = N0 - kc u at each point, u = sum phi q; mu N acts `lever` below the middle and turns the plate by u'.
-
-    Numbers of problem P5 (tests/reference/num.json); its points stand at the middles of the cells of a grid.
-    """
-    a = Assembly("points")
-    frequencies = np.linspace(p.lowest, p.highest, len(PAIRS)) * 2.0 * math.pi
-    for mode, omega in enumerate(frequencies.tolist()):
-        a.coordinate(f"q{mode}", 1.0, 2.0 * p.damping_ratio * omega, omega * omega)
-    slopes: dict[str, float] = {}
-    a.patch("contact", slopes, {"one": p.belt}, laws.coulomb(p.mu, p.mu), {})
-    size = 2.0 / math.sqrt(p.mass)
-    for i in range(p.along):
-        for j in range(p.across):
-            x, y = (i + 0.5) / p.along, (j + 0.5) / p.across
-            shape, turn = {}, {}
-            for mode, (m, n) in enumerate(PAIRS):
-                across = size * math.sin(n * math.pi * y)
-                shape[f"q{mode}"] = across * math.sin(m * math.pi * x)
-                turn[f"q{mode}"] = across * math.cos(m * math.pi * x) * m * math.pi / p.length
-            push = {q: value + p.mu * p.lever * turn[q] for q, value in shape.items()}
-            gap = {q: -p.stiffness * value for q, value in shape.items()}
-            a.normal(f"point {i + 1}.{j + 1}", "contact", {"one": p.preload} | gap, push)
-    for mode, speed in enumerate(p.start):
-        a.start[f"q{mode}'"] = speed
-    a.outputs["deflection"] = Output({f"q{mode}": 1.0 for mode in range(len(PAIRS))}, "m")
-    return a
-
-
 RIGS: dict[str, tuple[type[Section], Callable[[Any, Mapping[str, str]], Assembly]]] = {
     "ball": (Ball, ball),
     "twins": (Twins, twins),
     "sectored": (Sectored, sectored),
     "belt_loop": (BeltLoop, belt_loop),
-    "points": (Points, points),
 }

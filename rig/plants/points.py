@@ -1,0 +1,136 @@
+"""A plate that slides on many points of contact, which open and close all the time.
+
+    q_i'' + 2 zeta w_i q_i' + w_i^2 q_i = sum_p (phi_i(p) + mu l phi_i,x(p)) N_p          modes i, points p
+    N_p = F / points - k sum_i phi_i(p) q_i, not below zero
+    phi_i = 2 / sqrt(m) sin(m_i pi x / a) sin(n_i pi y / b)
+
+The plate is held by its edges and slides along x at a speed that vibration does not change: friction mu N acts at a
+distance l below its middle plane and turns it there, phi_i,x = d phi_i / dx. That is no force of a potential: the plate
+can flutter. Points stand at the middles of the cells of a grid. No lift-off is located (rig.solve.kick): there are tens
+of thousands in a second.
+
+The modes of a thin plate have half waves m_i, n_i along and across; their frequencies are given evenly spaced instead,
+as the tests that compare methods want them (derived).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Self
+
+import numpy as np
+from annotated_types import Ge, Le
+from pydantic import Field, model_validator
+
+from rig.effects import load
+from rig.effects.friction import Constant
+from rig.effects.load import Load
+from rig.plants.belt import RAMPED
+from rig.quantities import (
+    Hertz,
+    Kilogram,
+    Metre,
+    NewtonPerMetre,
+    PositiveMetre,
+    PositiveMetrePerSecond,
+    Ratio,
+    Section,
+)
+from rig.solve.assembly import Assembly, Output
+
+HALF_WAVES = ((1, 1), (2, 1), (1, 2), (3, 1), (2, 2), (3, 2), (4, 1), (1, 3), (4, 2), (5, 1))
+"""Of the modes, along and across."""
+Count = Annotated[int, Ge(1), Le(64)]
+
+
+class Plate(Section):
+    """Sides along and across the sliding direction, mass; the first ten modes, evenly spaced in frequency."""
+
+    length: PositiveMetre
+    width: PositiveMetre
+    mass: Kilogram
+    lowest: Hertz
+    highest: Hertz
+    damping_ratio: Ratio = 0.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if not self.lowest < self.highest:
+            raise ValueError(f"lowest {self.lowest:g} Hz is not below highest {self.highest:g} Hz")
+        return self
+
+
+class Contact(Section):
+    """A grid of points, each a spring of its own; `lever`: from the middle plane of the plate to the contact."""
+
+    along: Count
+    across: Count
+    stiffness: NewtonPerMetre
+    lever: Metre = 0.0
+
+
+class Drive(Section):
+    """The speed of the surface under the plate."""
+
+    speed: PositiveMetrePerSecond
+
+
+class Start(Section):
+    """Velocities of the modes, of mass one [kg^0.5 m/s]; those that are not given are at rest."""
+
+    velocities: tuple[float, ...] = Field((), max_length=len(HALF_WAVES))
+
+
+class Parameters(Section):
+    """The tables of a points scene. `load`: the preload, in equal shares at all points."""
+
+    plate: Plate
+    contact: Contact
+    drive: Drive
+    load: Load
+    friction: Constant
+    start: Start = Start()
+
+
+def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
+    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    a = Assembly(title="points")
+    for mode, frequency in enumerate(np.linspace(p.plate.lowest, p.plate.highest, len(HALF_WAVES)).tolist()):
+        omega = 2.0 * math.pi * frequency
+        a.coordinate(f"q{mode}", 1.0, 2.0 * p.plate.damping_ratio * omega, omega * omega)
+    a.start |= {f"q{mode}'": velocity for mode, velocity in enumerate(p.start.velocities)}
+    a.patch("contact", {}, {"one": p.drive.speed}, p.friction.friction(), {})
+    count = p.contact.along * p.contact.across
+    share = {name: value / count for name, value in load.add(a, p.load, moved).items()}
+    places = [
+        ((i + 0.5) / p.contact.along, (j + 0.5) / p.contact.across)
+        for i in range(p.contact.along)
+        for j in range(p.contact.across)
+    ]
+    names = [f"point {1 + i // p.contact.across}.{1 + i % p.contact.across}" for i in range(count)]
+    for name, place in zip(names, places):
+        shape, turn = _shapes(p.plate, *place)
+        push = {q: value + p.friction.mu * p.contact.lever * turn[q] for q, value in shape.items()}
+        a.normal(name, "contact", share | {q: -p.contact.stiffness * value for q, value in shape.items()}, push)
+    seen, _ = _shapes(p.plate, *places[0])
+    a.outputs |= {
+        "displacement": Output(seen, "m"),
+        "velocity": Output({f"{q}'": value for q, value in seen.items()}, "m/s"),
+        "acceleration": Output({f"{q}''": value for q, value in seen.items()}, "m/s^2"),
+        "normal_force": Output({f"N:{name}": 1.0 for name in names}, "N"),
+        "friction_force": Output({"T:contact": 1.0}, "N"),
+        "surface_speed": Output({"one": p.drive.speed}, "m/s"),
+    }
+    return a
+
+
+def _shapes(plate: Plate, x: float, y: float) -> tuple[dict[str, float], dict[str, float]]:
+    """Of each mode, of mass one: deflection and turn d/dx at a place in shares of the sides."""
+    size = 2.0 / math.sqrt(plate.mass)
+    shape, turn = {}, {}
+    for mode, (m, n) in enumerate(HALF_WAVES):
+        across = size * math.sin(n * math.pi * y)
+        shape[f"q{mode}"] = across * math.sin(m * math.pi * x)
+        turn[f"q{mode}"] = across * math.cos(m * math.pi * x) * m * math.pi / plate.length
+    return shape, turn
