@@ -18,7 +18,7 @@ from rig.solve.dense import at, clear, dense, fall
 from rig.solve.emit import emit_quartic
 from rig.solve.forces import forces, lend, rate
 from rig.solve.settle import land, passed
-from rig.solve.stage import rubbing, begin, complete, stage
+from rig.solve.stage import begin, complete, rubbing, stage
 
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 _LEAST = 1e-6  # of the largest coordinate or speed
