@@ -79,7 +79,7 @@ class Drive(Section):
 class Start(Section):
     """Velocities of the modes, of mass one [kg^0.5 m/s]; those that are not given are at rest."""
 
-    velocities: tuple[float, ...] = Field((), max_length=len(HALF_WAVES))
+    velocities: tuple[float, ...] = Field(default=(), max_length=len(HALF_WAVES))
 
 
 class Parameters(Section):

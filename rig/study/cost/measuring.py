@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import NumericsError, UsageError
+from rig.errors import NumericsError
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
 from rig.study.cost import timing
@@ -38,8 +38,7 @@ def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None,
     """Measure what accuracy costs in `scene` on this machine.
 
     `root`: where its folder is made; None keeps nothing. What is measured is written as it comes: a run that is broken
-    off keeps the errors, and its references are used again. Raises rig.errors.NumericsError where the first run stops,
-    UsageError for a rig that kick alone can serve.
+    off keeps the errors, and its references are used again. Raises rig.errors.NumericsError where the first run stops.
     """
     say = report or (lambda done, total: None)
     asked = problem(scene)
@@ -49,9 +48,6 @@ def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None,
     able = eligible(asked.system, scene.step_ns)
     rate = fastest(asked.system)
     methods = [method for method, why in able.items() if not why]
-    if not {"exact", "dopri5"} & set(methods):
-        why = "its mode sets cannot be told apart; there is no second method to judge kick by"
-        raise UsageError(f"{scene.name}: {why}")
     settings = [setting for method in methods for setting in ladder(method, scene, rate)]
     total, done = (1 + rounds) * len(settings) + 2, 0
 

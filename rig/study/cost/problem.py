@@ -131,7 +131,7 @@ def problem(scene: Scene, values: Mapping[str, float] | None = None) -> Problem:
     stand = Stand(_tolerant(scene))
     for name, value in values.items():
         stand.apply(name, value)
-    system = replace(stand.motion.system, start=stand.motion.x.copy())
+    system = replace(assembly.system(), start=stand.motion.x.copy())
     if values:
         sliding = steady(system, sliding_key(system))
         if sliding.exists:
