@@ -13,6 +13,9 @@ from rig.solve.linear import sliding_key, steady
 from rig.solve.system import OPEN, SLIP_PLUS
 
 
+pytestmark = pytest.mark.timeout(400)  # its kernel may have to be compiled first
+
+
 @pytest.fixture(scope="module")
 def scene():
     return rig.load("points")
