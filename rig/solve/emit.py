@@ -76,6 +76,20 @@ def emit_quartic(values, start, length, seg):
 
 
 @inner
+def emit_chord(begin, end, start, length, seg):
+    """One segment from signal values at its ends: straight, for methods of second order."""
+    at = seg.count[0]
+    seg.count[0] = at + 1
+    if at >= seg.start.shape[0]:
+        return
+    for s in range(begin.shape[0]):
+        seg.coef[at, s, 0], seg.coef[at, s, 1] = begin[s], end[s] - begin[s]
+        for k in range(2, DEGREE + 1):
+            seg.coef[at, s, k] = 0.0
+    seg.start[at], seg.length[at] = start, length
+
+
+@inner
 def quartic(a, b, c, d, e):
     """Coefficients of the quartic through five equidistant values on [0, 1]."""
     return (

@@ -25,12 +25,12 @@ from numpy.typing import NDArray
 
 from rig.kernel import inlined, inner
 from rig.solve import expm, ledger
-from rig.solve.books import lend_books
-from rig.solve.forces import ROUND, lend, rounding
+from rig.solve.books import lend_books, read
+from rig.solve.emit import emit_chord
+from rig.solve.forces import ROUND, rounding
 from rig.solve.formulation import ModeSet
 from rig.solve.lanes import BLOCK, blocks, gather, multiply, zeros
 from rig.solve.products import PRESS, Factor, Product
-from rig.solve.rk4 import observe
 from rig.solve.settle import passed
 from rig.solve.system import Normal, System
 
@@ -188,22 +188,32 @@ def fell(own, t, slot, nq, x):
     return fallen
 
 
+@inlined
+def tell(own, b, x, values):
+    """What the sensors read at x, where `press` has just been asked; laws over speed there are none."""
+    patches = b.T.shape[0] - own.force.shape[0]
+    for p in range(patches):
+        b.T[p] = 0.0
+    for k in range(own.force.shape[0]):
+        b.T[patches + k] = own.force[k]
+    read(b, x, values)
+
+
 @inner
 def stretch(shape, t, own, slot, ic, fc, x, w, origin, ticks, substeps, out, modes, energy, booking, emitting, seg):
     """Carry x until an event or the end of the ticks asked for, `substeps` steps a tick. Returns the guard or -1."""
     n, nq, patches, points = x.shape[0], t.force.shape[0], t.slip.shape[0], own.force.shape[0]
     h = t.step[0] / substeps
-    f, b = lend(t, slot, w.T, w.scratch), lend_books(t, slot, w.T)
+    b, begin, end = lend_books(t, slot, w.T), w.values[0], w.values[1]
     given, seen, moved = own.given, own.seen, own.moved
     tick, done, fallen = ic[0], int(fc[0] * substeps + 0.5), -1
     press(own, slot, x)
     fell(own, t, slot, nq, x)  # where the guards begin
     if booking:
         book(own, nq, patches, x, 0.5 * h, 0.25 * h, energy)
+    if emitting:
+        tell(own, b, x, begin)
     while tick < ticks and fallen < 0:
-        if emitting:
-            for i in range(n):
-                w.x0[i] = x[i]
         for i in range(nq):
             x[nq + i] += 0.5 * h * given[i]
         if booking:
@@ -221,10 +231,10 @@ def stretch(shape, t, own, slot, ic, fc, x, w, origin, ticks, substeps, out, mod
         if booking:
             book(own, nq, patches, x, h, 0.0, energy)
         if emitting:
-            for i in range(n):
-                w.y[i] = x[i]
-            start = (tick - origin) * t.step[0] + done * h
-            observe(shape, f, b, True, w.x0, h, w, start, False, energy, emitting, seg)
+            tell(own, b, x, end)
+            emit_chord(begin, end, (tick - origin) * t.step[0] + done * h, h, seg)
+            for s in range(begin.shape[0]):
+                begin[s] = end[s]
         fallen = fell(own, t, slot, nq, x)
         done += 1
         if done == substeps:
