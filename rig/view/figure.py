@@ -280,23 +280,31 @@ def _portrait(axes: Axes, run: Run) -> None:
 
 def _by_time(axes: Axes, run: Run, x: Reals, v: Reals) -> None:
     from matplotlib.collections import LineCollection
+    from matplotlib.ticker import MaxNLocator
 
     every = max(x.size // 40_000, 1)
     points = np.stack((x[::every], v[::every]), axis=1)
     lines = LineCollection(list(np.stack((points[:-1], points[1:]), axis=1)), cmap="viridis_r", lw=0.9)
-    lines.set_array(run.time[::every][:-1])
+    unit, scale = _clock(run)
+    lines.set_array(scale * run.time[::every][:-1])
     axes.add_collection(lines)
     axes.autoscale_view()
-    bar = axes.figure.colorbar(lines, ax=axes, pad=0.02, aspect=28)  # type: ignore[union-attr]
-    bar.set_label("time [s]")
+    bar = axes.figure.colorbar(lines, ax=axes, pad=0.02, aspect=28, ticks=MaxNLocator(6, integer=True))  # type: ignore[union-attr]
+    bar.set_label(f"time [{unit}]")
     bar.outline.set_visible(False)  # type: ignore[operator]
+
+
+def _clock(run: Run) -> tuple[str, float]:
+    """The unit of time where there is little room for digits, and what seconds are multiplied by."""
+    return ("ms", 1e3) if story.end_of(run) < 1.0 else ("s", 1.0)
 
 
 def _close_up(axes: Axes, run: Run, modes: Integers) -> None:
     """Some periods of the liveliest part."""
     begin, end = _liveliest(run, modes)
+    unit, scale = _clock(run)
     axes.set_title("close-up: velocity, and where it sticks")
-    axes.set_xlabel("time [s]")
+    axes.set_xlabel(f"time [{unit}]")
     axes.set_ylabel(f"velocity [{run.units.get('velocity', '')}]")
     inside = (run.time >= begin) & (run.time <= end)
     if modes.size:
@@ -304,11 +312,11 @@ def _close_up(axes: Axes, run: Run, modes: Integers) -> None:
         edges = np.flatnonzero(np.diff(np.concatenate(([0], stuck, [0]))))
         t = np.append(run.time[inside], end)
         for low, high in edges.reshape(-1, 2):
-            axes.axvspan(t[low], t[high], color=contact.COLOURS[0], alpha=0.16, lw=0)
+            axes.axvspan(scale * t[low], scale * t[high], color=contact.COLOURS[0], alpha=0.16, lw=0)
     for name, colour in (("surface_speed", _SURFACE), ("velocity", _BODY))[_beyond(run) :]:
         if name in run.signals:
-            axes.plot(run.time[inside], run.signals[name][inside], color=colour, lw=1.4)
-    axes.set_xlim(begin, end)
+            axes.plot(scale * run.time[inside], run.signals[name][inside], color=colour, lw=1.4)
+    axes.set_xlim(scale * begin, scale * end)
     axes.locator_params(axis="x", nbins=4)
 
 
