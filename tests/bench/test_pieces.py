@@ -14,7 +14,6 @@ from rig.scenes.scene import Scene
 
 SCENE = "belt_normal_force"
 MS = 1_000_000
-pytestmark = pytest.mark.timeout(300)
 
 
 @pytest.fixture(scope="module")

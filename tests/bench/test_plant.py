@@ -26,7 +26,6 @@ from rig.scenes.scene import Scene
 from rig.study import design
 
 SCENE = "belt_normal_force"
-pytestmark = pytest.mark.timeout(300)
 
 
 @pytest.fixture(scope="module")

@@ -30,7 +30,6 @@ from rig.study import design
 from rig.view.process import TOPICS
 
 SCENE = "belt_normal_force"
-pytestmark = pytest.mark.timeout(300)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -114,7 +113,6 @@ def same_bits(log, run):
         assert np.array_equal(log.commands[name].tick, known.tick)
 
 
-@pytest.mark.timeout(400)
 @pytest.mark.parametrize("load", [0, 3])
 def test_lockstep_gives_the_bits_of_a_run_in_one_process(folder, load):
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(load)]
@@ -126,7 +124,6 @@ def test_lockstep_gives_the_bits_of_a_run_in_one_process(folder, load):
             process.wait()
 
 
-@pytest.mark.timeout(400)
 @pytest.mark.parametrize(("name", "duration"), [("brake_active", 0.12), ("brake_shunt_listener", 0.2)])
 def test_so_do_a_loop_at_20_khz_and_one_that_hears_every_sample(folder, name, duration):
     in_lockstep(folder, scenes.load(name), duration)

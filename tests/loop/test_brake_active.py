@@ -6,8 +6,6 @@ import pytest
 import rig
 from rig.study import design
 
-pytestmark = pytest.mark.timeout(300)
-
 
 @pytest.fixture(scope="module")
 def run():

@@ -10,7 +10,6 @@ from rig.bench.simulate import simulate
 from rig.errors import SceneError
 from rig.scenes import shelf
 
-pytestmark = pytest.mark.timeout(300)
 TUNED = 0.5 / (30e-9 * (2 * math.pi * 3402.10) ** 2)  # H, at the squeal of the open stack
 
 

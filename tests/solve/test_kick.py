@@ -17,7 +17,6 @@ from rig.solve.assembly import Assembly
 from rig.solve.method import chosen
 from rig.solve.motion import Motion
 
-pytestmark = pytest.mark.timeout(400)  # its kernel may have to be compiled first
 PROBLEMS = Path(__file__).parents[1] / "problems"
 TIME = 0.002  # s: the first tenth of the problem, some 160 lift-offs of 24 points
 

@@ -8,7 +8,6 @@ from rig.solve.assembly import Assembly
 from rig.solve.formulation import assemble
 from rig.solve.system import OPEN, STICK
 
-pytestmark = pytest.mark.timeout(400)  # its kernels may have to be compiled first
 COARSE, FINE, DURATION = 4.0, 0.2, 1.0  # ms, ms, s
 NQ = 3
 TOUCHING, OPENING, INERTIA = "two contacts", "two that open", "three that open and bear inertia"

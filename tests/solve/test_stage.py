@@ -7,8 +7,6 @@ from rig.solve import laws
 from rig.solve.assembly import Assembly
 from rig.solve.motion import Motion
 
-pytestmark = pytest.mark.timeout(400)  # kernels may have to be compiled first
-
 LAWS = {
     "stribeck": laws.stribeck(0.4, 0.25, 0.05),
     "falling": laws.falling(0.4, 0.8, 0.1),

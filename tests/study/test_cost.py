@@ -18,8 +18,6 @@ from rig.study.cost.report import notes
 from rig.study.cost.settings import Setting, eligible, ladder
 from rig.study.cost.timing import Cost, Spread, measured
 
-pytestmark = pytest.mark.timeout(400)  # kernels may have to be compiled first
-
 
 def row(error, p99, share=0.0, method="rk4", floor=0.0):
     one = Spread(p99, p99, p99)

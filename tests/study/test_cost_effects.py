@@ -7,8 +7,6 @@ from rig.errors import SceneError
 from rig.scenes.variants import dropped, without
 from rig.study.cost.effects import bare, effects
 
-pytestmark = pytest.mark.timeout(400)  # kernels may have to be compiled first
-
 
 @pytest.fixture(scope="module")
 def shunted():

@@ -14,8 +14,6 @@ from rig.study.cost.peers.oscillator import Oscillator
 from rig.study.cost.peers.race import Entry, cheapest
 from rig.study.cost.settings import Setting
 
-pytestmark = pytest.mark.timeout(400)  # kernels may have to be compiled first
-
 NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
 PROBLEMS = Path(__file__).parents[1] / "problems"
 BEST = {"P1": Setting("exact"), "P2": Setting("dopri5", 1e-12), "P3": Setting("exact"), "P4": Setting("exact")}

@@ -118,7 +118,6 @@ def test_a_squeal_that_lift_off_bounds_is_a_cycle_that_attracts():
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(300)
 def test_the_charge_of_an_open_stack_is_free():
     found = limit_cycle(rig.load("brake_shunt"))
     assert found.frequency == pytest.approx(3399.62, abs=0.01)

@@ -7,8 +7,6 @@ import rig
 from rig.errors import Chatter
 from rig.study.orbit import BLOCK, Orbit
 
-pytestmark = pytest.mark.timeout(400)  # kernels may have to be compiled first
-
 
 def dithered(read=(), **changes):
     scene = rig.load("belt_dither", {"dither.enable": "true", **changes})

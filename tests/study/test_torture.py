@@ -20,9 +20,6 @@ def some():
     return torture.matrix(SOME, quick=True)
 
 
-pytestmark = pytest.mark.timeout(400)  # its kernels may have to be compiled first
-
-
 def test_cases_are_read():
     assert len(names()) >= 40
     for name in names():

@@ -8,8 +8,6 @@ from rig.study.torture import search as hunt
 from rig.study.torture.case import load, read
 from rig.study.torture.verdict import Verdict
 
-pytestmark = pytest.mark.timeout(400)  # its kernels may have to be compiled first
-
 
 def test_default_holds_in_the_box(tmp_path):
     assert hunt.search(load("belt_at_rest"), examples=15, folder=tmp_path) is None
