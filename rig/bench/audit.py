@@ -25,6 +25,7 @@ from rig.scenes.scene import Scene
 from rig.scenes.variants import absent, added, dropped, without
 from rig.solve.formulation import ModeSet, assemble
 from rig.solve.linear import inputs, loads, own_law
+from rig.solve.method import seen
 from rig.solve.motion import Motion
 from rig.solve.system import CLOSED, LINEAR, OPEN, System
 
@@ -95,17 +96,22 @@ class Judged:
 
 def audit(scene: Scene, witness: Witness, motion: Motion) -> list[dict[str, Any]]:
     """Every effect that the plant of `scene` can be with or without, judged on the states of `witness`."""
-    return [one.to_json() for one in _judged(scene, witness.kept, _clamped(motion))]
+    return [one.to_json() for one in _judged(scene, witness.kept, motion)]
 
 
-def _judged(scene: Scene, kept: Sequence[Visited], clamped: dict[str, float]) -> Iterator[Judged]:
+def _judged(scene: Scene, kept: Sequence[Visited], motion: Motion) -> Iterator[Judged]:
     if not kept:
         return
     own: dict[int, Told] = {}
+    clamped = _clamped(motion)
+
+    def rig_of(variant: Scene) -> System:
+        return seen(variant.assemble().system(), motion.method, motion.smoothing)
+
     for name, keys in dropped(scene).items():
         try:
-            other = without(scene, keys).assemble().system()
-        except RigError:  # the plant cannot do without it
+            other = rig_of(without(scene, keys))
+        except (RigError, ValueError):  # the plant cannot do without it, or the method not with what is left
             continue
         limited = clamped.get(name.removesuffix(" limits"), 0.0) if name.endswith(" limits") else 0.0
         yield Judged(name, True, max(share(kept, other, own), limited))
@@ -114,8 +120,8 @@ def _judged(scene: Scene, kept: Sequence[Visited], clamped: dict[str, float]) ->
             continue
         try:
             more, like = added(scene, keys)
-            yield Judged(name, False, share(kept, more.assemble().system(), own), like)
-        except RigError:  # nobody has values for it
+            yield Judged(name, False, share(kept, rig_of(more), own), like)
+        except (RigError, ValueError):  # nobody has values for it, or the method does not take it
             continue
 
 

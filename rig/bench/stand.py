@@ -19,7 +19,7 @@ from rig.bench.truth import ROWS, Truth
 from rig.errors import SceneError
 from rig.scenes.scene import Scene
 from rig.solve.assembly import Input
-from rig.solve.method import chosen
+from rig.solve.method import chosen, seen
 from rig.solve.motion import Frames, Motion
 from rig.solve.verdict import verdict
 from sensors.bank import Bank
@@ -49,6 +49,10 @@ class Stand:
         system = assembly.system()
         clock = scene.clock
         method = chosen(clock.method, system)
+        try:
+            seen(system, method, clock.smoothing)
+        except ValueError as error:
+            raise SceneError(scene.name, [f"clock.method = {clock.method!r}: {error}"]) from None
         substeps = max(1, self.step_ns // clock.rk4_step)
         self.findings = verdict(system, method, self.step_ns * 1e-9, substeps)
         faults = [f"{one.what} ({one.number:.4g}): {one.remedy}" for one in self.findings if one.level == "error"]

@@ -7,18 +7,20 @@ from rig.solve.system import System
 
 METHODS = ("exact", "dopri5", "rk4", "kick", "smooth")
 MANY = 1 << 22
-"""Mode sets that can be told apart; of more contacts opening is no event (kick)."""
+"""Mode sets that can be told apart."""
+CROWD = 1 << 14
+"""Mode sets of which a run would build one after the other as it meets them: those of 13 points and more."""
 
 
 def crowded(system: System) -> bool:
-    """Whether so many contacts open and close that no method can tell their mode sets apart: none is an event then."""
-    return system.keys > MANY and not kick.refusal(system)
+    """Whether so many contacts open and close that their mode sets are not told apart: none is an event then."""
+    return system.keys > CROWD and not kick.refusal(system)
 
 
 def chosen(method: str, system: System) -> str:
     """The method that "auto" stands for: exact where the motion is linear in every mode set, else dopri5.
 
-    kick where so many contacts open and close that their mode sets cannot be numbered.
+    kick where a crowd of contacts opens and closes.
     """
     if method != "auto":
         return method

@@ -7,6 +7,7 @@ of a patch under a law over speed, and products of states such as x y, cos(k phi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import product
@@ -26,6 +27,7 @@ CLOSED, OPEN = range(2)
 LINEAR, LOW, HIGH = range(3)
 
 _FEW = 3  # positions of a switch that all are prepared for
+_SPELT = 8  # open contacts that are named one by one
 
 # kinds of guards: what happens when the guard falls through zero
 G_SLIP, G_RELEASE_PLUS, G_RELEASE_MINUS, G_OPEN, G_CLOSE = range(5)
@@ -232,7 +234,7 @@ class System:
     @property
     def keys(self) -> int:
         """Number of mode sets."""
-        return int(np.prod(self.radices, dtype=np.int64))
+        return math.prod(self.radices)
 
     def key(
         self,
@@ -315,7 +317,8 @@ class System:
         """The mode set in words, e.g. "contact slip+"."""
         patches, normals, limiters, sectors, switches = self.modes(key)
         words = [f"{p.name} {('slip+', 'slip-', 'stick')[m]}" for p, m in zip(self.patches, patches)]
-        words += [f"{k.name} open" for k, m in zip(self.normals, normals) if m == OPEN]
+        lifted = [k.name for k, m in zip(self.normals, normals) if m == OPEN]
+        words += [f"{name} open" for name in lifted] if len(lifted) <= _SPELT else [f"{len(lifted)} contacts open"]
         words += [f"{x.name} {('', 'low', 'high')[m]}" for x, m in zip(self.limiters, limiters) if m]
         words += [f"{s.name} {m + 1}" for s, m in zip(self.sectors, sectors)]
         words += [f"{s.name} {s.positions[m].name}" for s, m in zip(self.switches, switches)]

@@ -38,7 +38,7 @@ RK4_LIMIT = 2.785
 """|lambda| h on the negative real axis up to which rk4 is stable; 2.828 on the imaginary one."""
 KICK_LIMIT = 2.0
 """|lambda| h up to which a contact that stays closed is stable under kicks."""
-_COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4
+_COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4, kick's (1/2)^3/24 = 5e-3
 _STIFF = 50.0  # |lambda| step: dopri5 takes more than 15 steps for stability alone
 _ZERO = 1e-6  # of the largest eigenvalue: what a stuck contact carries along comes out as a rounded zero
 _NEUTRAL = 1e-10
@@ -237,10 +237,10 @@ def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -
             size,
             "method auto; smooth is there to be compared with",
         )
-    elif method == "rk4" and size > _COARSE:
+    elif method in ("rk4", "kick") and size > _COARSE:
         yield Finding(
             "warning",
-            f"rk4 is coarse at a step of {h:g} s: |lambda| h = {size:.3g} in {name}",
+            f"{method} is coarse at a step of {h:g} s: |lambda| h = {size:.3g} in {name}",
             size,
             f"rk4_step of {0.1 / fastest:.2g} s or less",
         )

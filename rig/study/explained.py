@@ -14,10 +14,10 @@ from typing import Any
 from rig.errors import RigError
 from rig.scenes.scene import Scene, controller_reads
 from rig.scenes.variants import absent, added
-from rig.solve import kick
-from rig.solve.method import METHODS, chosen
+from rig.solve.method import chosen
 from rig.study.cost.effects import ROUNDS, Paired, bare, compared, effects
 from rig.study.cost.problem import held
+from rig.study.cost.settings import eligible
 
 BLOCKS = 50.0  # blocks of samples a second, from sensors faster than 1 kHz
 ELECTRIC = ("shunt", "amplifier")  # they come with the stack that they need
@@ -70,15 +70,8 @@ def parts(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], objec
 def methods(scene: Scene) -> dict[str, str]:
     """Every method -> "taken", "serves it too", or why it cannot serve this scene."""
     system = scene.assemble().system()
-    taken = chosen(scene.clock.method, system)
-    why = dict.fromkeys(METHODS, "serves it too") | {"smooth": "never sticks: a comparison, for rig torture"}
-    if refusal := kick.refusal(system):
-        why["kick"] = refusal
-    if system.linear:
-        why["dopri5"] = "every mode set is linear: dopri5 leaves them to the exact propagator"
-    else:
-        why["exact"] = "not linear in every mode set: a law over speed, or a product of states"
-    return why | {taken: "taken"}
+    why = {method: reason or "serves it too" for method, reason in eligible(system, scene.step_ns).items()}
+    return why | {chosen(scene.clock.method, system): "taken"}
 
 
 @dataclass(frozen=True)

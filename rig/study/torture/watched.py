@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
@@ -47,9 +48,9 @@ class Watched(Scene):
 
 
 @lru_cache(maxsize=64)
-def _loaded(name: str, changes: tuple[tuple[str, Any], ...]) -> Scene:
-    """A shipped scene with changes; read once for all methods and steps of a case."""
-    return scenes.load(name, dict(changes))
+def _loaded(name: str, changes: str) -> Scene:
+    """A shipped scene with `changes`, as JSON; read once for all methods and steps of a case."""
+    return scenes.load(name, json.loads(changes))
 
 
 def watched(case: Case, method: str, step_ns: int, tolerance: float | None = None, unstable: str = "run") -> Watched:
@@ -82,7 +83,7 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
             "seed": 1,
         }
     else:
-        scene = _loaded(case.scene, tuple(case.set.items()))
+        scene = _loaded(case.scene, json.dumps(case.set))
         clock = scene.clock.model_dump(mode="json") | clock
         limits = scene.limits if case.limited else {}
         base = {"plant": scene.plant, "parameters": scene.parameters, "clock": Clock.model_validate(clock), "seed": 1}
