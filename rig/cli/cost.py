@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Budget, Changes, Json, SceneName, accuracy, changes, share
+from rig.cli.options import Budget, Changes, Json, SceneName, accuracy, at, changes, share
 
 if TYPE_CHECKING:
     from rig.scenes.scene import Scene
@@ -49,17 +49,21 @@ def cost(
     from rig.study.cost.waterfall import text
 
     loaded = load(scene, changes(p))
+    folder = folder_of(loaded, at(out))
     if peers:
         _race(loaded, target, out, as_json)
         return
-    with tell.bar("settings") as progress:
-        found = measure(loaded, out, progress)
+    try:
+        with tell.bar("settings") as progress:
+            found = measure(loaded, out, progress)
+    except KeyboardInterrupt:
+        tell.note(f"broken off; what has been found is kept in {folder}")
+        raise
     by = found.metric(metric)
     try:
         pick, why = recommended(found.rows, by, wanted, most), ""
     except UsageError as error:
         pick, why = None, str(error)
-    folder = folder_of(loaded, out)
     draw(found, by, pick, most, folder / "cost.png")
     loops, parts = _loops(loaded, found, folder), _effects(loaded, found, folder)
     if as_json:

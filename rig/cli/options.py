@@ -101,6 +101,13 @@ def share(given: str | None, option: str = "--budget") -> float | None:
     return found
 
 
+def at(folder: Path) -> Path:
+    """A folder that is there or can be made."""
+    if folder.exists() and not folder.is_dir():
+        raise UsageError(f"--out {folder}: is a file; expected a folder, which is made where there is none")
+    return folder
+
+
 def accuracy(given: float | None, option: str) -> float | None:
     """A relative error."""
     if given is not None and not 0.0 < given < 1.0:

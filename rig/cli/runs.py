@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 View = Annotated[bool, typer.Option("--view", help="Show it live in rerun.")]
 Web = Annotated[bool, typer.Option("--web", help="Show it live in a browser page.")]
 Figure = Annotated[Path | None, typer.Option(metavar="FILE", help="Figure of the run to draw (PNG).")]
+
+DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 
 
 def demo(view: View = False, web: Web = False) -> None:
@@ -73,7 +75,7 @@ def run(
     from rig.scenes import load
     from rig.study.design import numbers
 
-    loaded = _set(load(scene, overrides), precision, budget)
+    loaded = _set(load(scene, overrides), overrides, precision, budget)
     outcome = supervise(
         loaded,
         numbers=numbers(loaded),
@@ -93,11 +95,13 @@ def run(
     raise typer.Exit(outcome.exit_code)
 
 
-def _set(scene: Scene, precision: float | None, budget: str | None) -> Scene:
+def _set(scene: Scene, overrides: Mapping[str, object], precision: float | None, budget: str | None) -> Scene:
     """The scene, integrated as accurately as asked or as the budget allows."""
     wanted, most = accuracy(precision, "--accuracy"), share(budget)
     if wanted is None and most is None:
         return scene
+    if given := [key for key in DIALS if key in overrides]:
+        raise UsageError(f"{', '.join(given)}: --accuracy and --budget choose it; give one or the other")
     from rig.study.cost import chosen
 
     with tell.bar("settings") as progress:
@@ -127,12 +131,10 @@ def simulate(
     """Simulate a scene in this process, controllers and all, as fast as it goes."""
     length, overrides = seconds(duration), changes(p)
     if method is not None:
-        if precision is not None or budget is not None:
-            raise UsageError("--method: --accuracy and --budget choose the method; give one or the other")
         overrides["clock.method"] = method
     import rig
 
-    loaded = _set(rig.load(scene, overrides), precision, budget)
+    loaded = _set(rig.load(scene, overrides), overrides, precision, budget)
     begin = time.perf_counter()
     asked: list[str] = []
 

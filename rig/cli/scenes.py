@@ -94,7 +94,11 @@ def _audited(log: str, as_json: bool) -> None:
     state = ["on" if e["on"] else f"absent, as in {e['like']}" if e["like"] else "absent" for e in judged]
     rows = [(e["effect"], now, f"{e['share']:.2g}", e["text"] if e["noted"] else "") for e, now in zip(judged, state)]
     tell.table(f"{log}: effects, judged on its own states", ("effect", "", "share of the forces", ""), rows)
-    tell.line("" if judged else "nothing to judge: the run ended too soon, or was recorded before there were audits")
+    if not judged:
+        tell.line(
+            "nothing to judge: the run was too short, or no shipped scene of its plant has values for what it lacks"
+        )
+        tell.line("(rig explain SCENE --measure takes those of other plants)")
 
 
 def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:

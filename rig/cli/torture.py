@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Json
+from rig.cli.options import Json, at
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
@@ -37,6 +37,7 @@ def torture(
     """
     if quick and full:
         raise UsageError("--quick or --full, not both")
+    at(out)
     from rig.study import torture as study
     from rig.study.torture import report
     from rig.study.torture.case import load, names

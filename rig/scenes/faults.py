@@ -99,14 +99,14 @@ def unknown_choice(key: str, given: Any, known: Iterable[str]) -> str:
     return f"{_given(key, given)}: unknown; {hint}known: {', '.join(names)}"
 
 
-def near(what: str, known: Iterable[str]) -> str:
-    """The end of a message: the near names, or all of them."""
+def near(what: str, known: Iterable[str], lists: str = "rig explain SCENE --all") -> str:
+    """The end of a message: the near names, or all of them, or the command that `lists` them."""
     names = sorted(known)
     likely = close(what, names)
     if likely:
         return f"did you mean {' or '.join(likely)}?"
     if len(names) > _MANY:
-        return f"none of the {len(names)} known names is like it; rig explain SCENE --all lists them"
+        return f"none of the {len(names)} known names is like it; {lists} lists them"
     return f"known: {', '.join(names)}" if names else "there is none in this scene"
 
 

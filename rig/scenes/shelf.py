@@ -26,7 +26,7 @@ def path(name_or_path: str | Path) -> Path:
     if given.suffix == ".toml" or "/" in text:
         return given
     beside = given.with_suffix(".toml")
-    hint = f"the file is called {beside}" if beside.is_file() else near(text, names())
+    hint = f"the file is called {beside}" if beside.is_file() else near(text, names(), "rig list")
     raise SceneError(text, [f"no scene has this name; {hint}"])
 
 

@@ -66,7 +66,7 @@ def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[s
     plants = [scene.plant, *(_plants() if of_others else ())]
     for other in (other for plant in dict.fromkeys(plants) for other in _of_plant(plant)):
         raw = other.parameters.model_dump()
-        values = {key: value for key in keys if (value := _at(raw, key)) is not None}
+        values = {key: _at_work(value) for key in keys if (value := _at(raw, key)) is not None}
         if values:
             yield values, other.name
     if of_others and all(key.endswith(BOUNDS) for key in keys):
@@ -101,6 +101,11 @@ def _changed(scene: Scene, values: dict[str, Any]) -> Scene:
     sensors = {name: section for name, section in scene.sensors.items() if section.reads in outputs}
     limits = {name: limit for name, limit in scene.limits.items() if name in outputs}
     return replace(changed, sensors=sensors, limits=limits)
+
+
+def _at_work(value: Any) -> Any:
+    """A table that its scene switches on later, switched on."""
+    return {**value, "enable": True} if isinstance(value, dict) and value.get("enable") is False else value
 
 
 def _at(raw: Any, key: str) -> Any:

@@ -68,3 +68,8 @@ def test_explain_tells_the_audit_of_a_recording(tmp_path, capsys):
         assert not left.value.code
     said = capsys.readouterr().out
     assert said.count("load limits is on and changes nothing") == 2
+
+
+def test_a_rig_with_smoothed_friction_is_compared_with_one_alike():
+    found = judged(rig.load("belt_b", {"clock.method": "smooth"}), 0.5)
+    assert found["drive lag"]["share"] < 1e-9

@@ -71,3 +71,29 @@ def test_the_points_press_what_the_run_says_and_never_pull(scene):
 def test_a_plate_that_has_no_order_is_told():
     with pytest.raises(SceneError, match="lowest 13000 Hz is not below highest 12000 Hz"):
         rig.load("points", {"plate.lowest": "13 kHz"})
+
+
+@pytest.mark.parametrize(("along", "across"), [(31, 2), (8, 8), (64, 64)])
+def test_any_number_of_points_is_served(along, across):
+    """62 points have more mode sets than an int64 counts."""
+    changes = {"contact.along": along, "contact.across": across, "contact.stiffness": 4.8e7 / (along * across)}
+    found = rig.load("points", changes)
+    assert found.assemble().system().keys == 3 * 2 ** (along * across)
+    run = rig.simulate(found, 0.0006)
+    assert run.signals["normal_force"].min() >= 0.0
+    assert np.isfinite(run.signals["displacement"]).all()
+
+
+def test_methods_that_cannot_serve_it_say_so():
+    for method, why in (("exact", "cannot tell 5.03e"), ("smooth", "cannot tell 5.03e")):
+        with pytest.raises(SceneError, match=f"clock.method = '{method}': {method} {why}"):
+            rig.simulate(rig.load("points", {"clock.method": method}), 0.001)
+
+
+@pytest.mark.parametrize("along", [2, 6])
+def test_an_audit_sees_the_rig_as_the_method_does(along):
+    """A limit that is never met and a lag of what never moves change nothing, whether contacts are modes or not."""
+    scene = rig.load("points", {"load.lag": 1e-3, "load.force_max": 100.0, "contact.along": along})
+    found = {one["effect"]: one for one in rig.simulate(scene, 0.004).summary["audit"]}
+    assert found["load limits"]["share"] < 1e-9
+    assert found["load lag"]["share"] < 1e-9

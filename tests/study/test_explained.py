@@ -12,7 +12,7 @@ from rig.study.parts_figure import draw
 def test_methods_say_why_they_do_not_serve():
     found = explained.methods(rig.load("belt"))
     assert found["dopri5"] == "taken"
-    assert "not linear in every mode set" in found["exact"]
+    assert "linear in every mode set; not so contact" in found["exact"]
     assert explained.methods(rig.load("belt_c"))["exact"] == "taken"
 
 
@@ -49,3 +49,16 @@ def test_an_absent_effect_is_measured_with_the_values_of_another_scene(monkeypat
     assert part.paired.worst[1] > 0.0
     draw([part], scene, tmp_path / "effects.png")
     assert (tmp_path / "effects.png").stat().st_size > 10_000
+
+
+def test_methods_are_those_that_serve_the_scene():
+    told = explained.methods(rig.load("points"))
+    assert told["kick"] == "taken"
+    assert told["dopri5"] == told["rk4"] == "serves it too"
+    assert "mode sets" in told["exact"]
+
+
+def test_an_effect_that_its_scene_switches_on_later_is_added_switched_on():
+    more, like = added(rig.load("seal_l"), ["dither"], of_others=True)
+    assert like == "belt_dither"
+    assert more.parameters.dither.enable

@@ -10,6 +10,7 @@ from rig.study import torture
 from rig.study.torture.case import FOLDER, load, names, read
 from rig.study.torture.trial import Found
 from rig.study.torture.verdict import judge
+from rig.study.torture.watched import watched
 
 NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
 SOME = ["grazing", "belt_at_rest", "belt_loop_unlimited", "pin_jams"]  # of few kernels
@@ -86,6 +87,14 @@ def test_what_comes_at_one_instant_may_come_in_any_order():
     one = Found(events=[(0.1, "a slip+"), (0.1, "b slip+"), (0.3, "a stick")], count=3)
     other = Found(events=[(0.1, "b slip+"), (0.1, "a slip+"), (0.3, "a stick")], count=3)
     assert judge(case, other, one, 1.0).colour == "green"
+
+
+def test_a_case_may_set_a_list(tmp_path):
+    path = tmp_path / "knocked.toml"
+    path.write_text(
+        'title = "x"\nabout = "y"\nscene = "points"\nduration = "1 ms"\n\n[set]\n"start.velocities" = [1.0, 2.0]\n'
+    )
+    assert watched(read(path), "kick", 1000).parameters.start.velocities == (1.0, 2.0)
 
 
 def test_faults_of_a_case_are_told_together(tmp_path):

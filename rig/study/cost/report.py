@@ -25,8 +25,12 @@ def lines(found: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:
         of = row.worst if metric == "worst" else metric
         mark = "recommended" if row is pick else mark
         told.append((method, dial, f"{row.error(metric):.1e}", of, f"{cost.p50.value:.3g}", f"{cost.p99.value:.3g}",
-                     p99, f"{row.share:.2%}", f"{cost.factor.value:.0f}", mark))  # fmt: skip
+                     p99, f"{row.share:.2%}", _times(cost.factor.value), mark))  # fmt: skip
     return told
+
+
+def _times(factor: float) -> str:
+    return f"{factor:.0f}" if factor >= 10.0 else f"{factor:.2g}"
 
 
 def _agreement(row: Row, metric: str) -> str:
@@ -43,5 +47,7 @@ def notes(found: Table, metric: str) -> list[str]:
     out = [f"{found.kind}, {found.seconds:.4g} s simulated; {_agreement(found.rows[0], metric)}"]
     out += [f"{m}: error falls with the step to the power {o:.2f}, theory {THEORY[m]}" for m, o in found.orders.items()]
     if any(row.setting.method == "kick" for row in found.rows):
-        out.append("kick locates no contact that opens or closes: of its events slip and stick are judged")
+        out.append("kick locates no contact that opens or closes: slip and stick are judged, which go on in the air")
+    if any(math.isinf(error) for row in found.rows for error in row.errors.values()):
+        out.append("inf: its mode changes are not those of the reference, so that their times cannot be compared")
     return out + [f"{method} left out: {why}" for method, why in found.left_out.items()]

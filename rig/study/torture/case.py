@@ -102,7 +102,9 @@ def read(path: Path, overrides: Mapping[str, Any] | None = None) -> Case:
     """The case of a file. Raises SceneError with every fault."""
     try:
         raw = tomllib.loads(path.read_text())
-    except (OSError, tomllib.TOMLDecodeError) as error:
+    except OSError as error:
+        raise SceneError(str(path), [f"cannot be read: {error.strerror}"]) from None
+    except tomllib.TOMLDecodeError as error:
         raise SceneError(str(path), [str(error)]) from None
     raw["set"] = raw.get("set", {}) | dict(overrides or {})
     raw["acts"] = raw.pop("act", [])
@@ -140,5 +142,5 @@ def load(name: str) -> Case:
     if name.endswith(".toml"):
         return read(Path(name))
     if name not in names():
-        raise UsageError(f"there is no case {name!r}; {faults.near(name, names())}")
+        raise UsageError(f"there is no case {name!r}; {faults.near(name, names(), 'the table of rig torture')}")
     return read(FOLDER / f"{name}.toml")
