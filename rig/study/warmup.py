@@ -25,7 +25,7 @@ from rig import kernel, scenes
 from rig.bench.stand import Stand
 from rig.errors import NumericsError
 from rig.scenes.scene import Scene
-from rig.solve.method import chosen
+from rig.solve.method import chosen, crowded
 from rig.solve.system import System
 from rig.solve.tables import UNROLLED
 
@@ -60,8 +60,9 @@ def shape(scene: Scene) -> Shape:
 def shape_of(system: System, method: str) -> Shape:
     """The kernel shape of a system and a method of integration."""
     how, states = chosen(method, system), system.n if system.n <= UNROLLED else 0
-    curved = not system.linear or how in ("kick", "smooth")
-    return Shape(states, curved, how in ("rk4", "kick"), bool(system.products) or how == "kick", how == "kick")
+    pressed = how == "kick" or (how in ("dopri5", "rk4") and crowded(system))
+    curved = not system.linear or pressed or how == "smooth"
+    return Shape(states, curved, how in ("rk4", "kick"), bool(system.products) or pressed, how == "kick")
 
 
 def warmup(report: Callable[[str], object] | None = None, names: Iterable[str] | None = None) -> dict[Shape, float]:

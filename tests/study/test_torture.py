@@ -8,6 +8,7 @@ import pytest
 from rig.errors import SceneError, UsageError
 from rig.study import torture
 from rig.study.torture.case import FOLDER, load, names, read
+from rig.study.torture.cells import _kernels
 from rig.study.torture.trial import Found
 from rig.study.torture.verdict import judge
 from rig.study.torture.watched import watched
@@ -87,6 +88,13 @@ def test_what_comes_at_one_instant_may_come_in_any_order():
     one = Found(events=[(0.1, "a slip+"), (0.1, "b slip+"), (0.3, "a stick")], count=3)
     other = Found(events=[(0.1, "b slip+"), (0.1, "a slip+"), (0.3, "a stick")], count=3)
     assert judge(case, other, one, 1.0).colour == "green"
+
+
+def test_only_kernels_that_serve_a_case_are_prepared():
+    """A method that cannot take a crowd of contacts is a cell that says so, and nothing to compile."""
+    methods = {scene.clock.method for scene in _kernels(load("many_points"), False)}
+    assert {"auto", "rk4"} <= methods
+    assert not {"exact", "smooth"} & methods
 
 
 def test_a_case_may_set_a_list(tmp_path):

@@ -7,8 +7,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from rig.errors import NumericsError, RigError, SceneError, UsageError
-from rig.solve import kick
-from rig.solve.method import chosen
+from rig.solve.method import chosen, seen
 from rig.solve.verdict import verdict
 from rig.study.torture import case as cases
 from rig.study.torture import sign
@@ -79,10 +78,13 @@ def needed() -> Iterator[Watched]:
 
 def _kernels(case: Case, quick: bool) -> Iterator[Watched]:
     """The scenes of a case that are not refused."""
-    for method, scene in _planned(case, quick):
+    for _, scene in _planned(case, quick):
         system = scene.assemble().system()
-        if not (method == "exact" and not system.linear) and not (method == "kick" and kick.refusal(system)):
-            yield scene
+        try:
+            seen(system, chosen(scene.clock.method, system), scene.clock.smoothing)
+        except ValueError:
+            continue
+        yield scene
 
 
 def _planned(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator[tuple[str, Watched]]:
