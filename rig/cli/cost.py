@@ -51,7 +51,7 @@ def cost(
     loaded = load(scene, changes(p))
     folder = folder_of(loaded, at(out))
     if peers:
-        _race(loaded, target, out, as_json)
+        _race(loaded, target, folder, as_json)
         return
     try:
         with tell.bar("settings") as progress:
@@ -81,16 +81,14 @@ def cost(
         raise typer.Exit(1)
 
 
-def _race(scene: Scene, target: float, out: Path, as_json: bool) -> None:
+def _race(scene: Scene, target: float, folder: Path, as_json: bool) -> None:
     """Other people's solvers on the same problem."""
     from rig.record.provenance import provenance
-    from rig.study.cost import folder_of
     from rig.study.cost.peers import race
     from rig.study.cost.peers.report import COLUMNS, draw, lines, write
 
     with tell.bar("runs") as progress:
         found = race(scene, report=progress)
-    folder = folder_of(scene, out)
     folder.mkdir(parents=True, exist_ok=True)
     write(found, folder / "peers.csv")
     draw(found, scene.title, provenance(scene.seed), target, folder / "peers.png")
