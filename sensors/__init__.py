@@ -12,7 +12,8 @@ voltmeter           voltage       V     V         second-order
 
 Signal model:  y = Q{ sat[ (1+g) H(s) x e^{-s tau} + offset + drift + noise ] }, then drop-outs.
 Noise is white from 0 to half the sample rate, with exactly the stated density there (the card's anti-aliasing is taken
-as ideal for noise). `ideal = true` reads the value at the sample instant and nothing else.
+as ideal for noise). With `ideal = true` every flaw that is not stated is absent; without any, a sample is the value at
+its instant. Flaws that are stated hold (`Instrument.perfect`).
 At an instant where a signal jumps the value before the jump is read: a measurement never knows the command it causes.
 
 instrument  what all instruments declare      front_end  the one description each compiles to

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from rig.quantities import Hertz, PositiveSecond
 from sensors import filters
@@ -35,6 +35,19 @@ class Accelerometer(Instrument):
 
     delivers: ClassVar[str] = "m/s^2"
     accepts: ClassVar[str] = "m/s^2"
+    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
+        "resonance": math.inf,
+        "highpass": 0.0,
+        "span": math.inf,
+        "resolution": 0.0,
+        "noise": 0.0,
+        "temperature_sensitivity": 0.0,
+    }
+    part_of: ClassVar[dict[str, str]] = {
+        "quality": "resonance",
+        "warming": "temperature_sensitivity",
+        "warm_up": "temperature_sensitivity",
+    }
 
     kind: Literal["accelerometer"] = "accelerometer"
     reads: str = "acceleration"
@@ -51,16 +64,13 @@ class Accelerometer(Instrument):
 
     def flawed(self) -> FrontEnd:
         """Resonance behind a high-pass, and what the warming leaves of it."""
-        poles, residues = filters.resonance(self.resonance, self.quality, self.highpass)
         corner, b = 2.0 * math.pi * self.highpass, 1.0 / self.warm_up
         if math.isclose(corner, b, rel_tol=1e-6):  # the limit is a double pole; this is within 1e-6 of it
             b *= 1.0 - 1e-6
         return FrontEnd(
             self.period_ns,
             self.delay,
-            poles,
-            residues,
-            direct=0.0,
+            *filters.resonance(self.resonance, self.quality, self.highpass),
             gain=self.gain,
             offset=self.offset,
             warmth=self.temperature_sensitivity * self.warming * b / (corner - b),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+import math
+from typing import Any, ClassVar, Literal
 
 from rig.quantities import Hertz, PositiveMetre, RadianPerSecond
 from sensors import filters
@@ -23,6 +24,12 @@ class DiscSpeed(Instrument):
 
     delivers: ClassVar[str] = "rad/s"
     accepts: ClassVar[str] = "rad/s"
+    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
+        "bandwidth": math.inf,
+        "span": math.inf,
+        "resolution": 0.0,
+        "noise": 0.0,
+    }
 
     kind: Literal["disc_speed"] = "disc_speed"
     reads: str = "disc_speed"
@@ -46,13 +53,10 @@ class DiscSpeed(Instrument):
     def flawed(self) -> FrontEnd:
         """Low-pass; numbers of the wheel taken to its rim."""
         rim = 1.0 if self.radius is None else float(self.radius)
-        poles, residues = filters.first_order(self.bandwidth)
         return FrontEnd(
             self.period_ns,
             self.delay,
-            poles,
-            residues,
-            direct=0.0,
+            *filters.first_order(self.bandwidth),
             gain=self.gain,
             offset=rim * self.offset,
             noise=rim * deviation(self.noise, self.rate),

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+import math
+from typing import Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -24,6 +25,12 @@ class DisplacementLaser(Instrument):
 
     delivers: ClassVar[str] = "m"
     accepts: ClassVar[str] = "m"
+    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
+        "processing": 0,
+        "span": math.inf,
+        "resolution": 0.0,
+        "noise": 0.0,
+    }
 
     kind: Literal["displacement_laser"] = "displacement_laser"
     reads: str = "displacement"
@@ -34,12 +41,12 @@ class DisplacementLaser(Instrument):
     offset: Metre = 0.0
 
     def flawed(self) -> FrontEnd:
-        """Mean over a period, published after the processing."""
+        """Mean over a period, published after the processing; an ideal one does not average."""
         return FrontEnd(
             self.period_ns,
             self.delay + self.processing * self.period_ns,
-            direct=0.0,
-            averages=True,
+            direct=1.0 if self.ideal else 0.0,
+            averages=not self.ideal,
             gain=self.gain,
             offset=self.offset,
             noise=self.noise,

@@ -1,10 +1,21 @@
-"""Transfer functions of front ends in modal form: poles and residues of a strictly proper H(s)."""
+"""Transfer functions of front ends in modal form: H(s) = direct + sum residues / (s - poles)."""
 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
-Modal = tuple[tuple[complex, ...], tuple[complex, ...]]
+
+class Modal(NamedTuple):
+    """A transfer function; `direct` is what passes at once."""
+
+    poles: tuple[complex, ...] = ()
+    residues: tuple[complex, ...] = ()
+    direct: float = 0.0
+
+
+PASS = Modal(direct=1.0)
+"""No filter: what a corner at infinity leaves."""
 
 
 def modal(zeros: tuple[complex, ...], poles: tuple[complex, ...], gain: float) -> Modal:
@@ -23,7 +34,7 @@ def modal(zeros: tuple[complex, ...], poles: tuple[complex, ...], gain: float) -
             if p != pole:
                 r /= pole - p
         residues.append(r)
-    return tuple(poles), tuple(residues)
+    return Modal(tuple(poles), tuple(residues))
 
 
 def _pair(frequency: float, quality: float) -> complex:
@@ -34,12 +45,16 @@ def _pair(frequency: float, quality: float) -> complex:
 
 def first_order(frequency: float) -> Modal:
     """Low-pass of first order, -3 dB at `frequency` [Hz]."""
+    if math.isinf(frequency):
+        return PASS
     w = 2.0 * math.pi * frequency
     return modal((), (complex(-w),), w)
 
 
 def second_order(frequency: float, quality: float) -> Modal:
     """Low-pass  w^2 / (s^2 + w s / quality + w^2);  -3 dB at `frequency` [Hz] where quality = 1/sqrt(2)."""
+    if math.isinf(frequency):
+        return PASS
     pole = _pair(frequency, quality)
     return modal((), (pole,), abs(pole) ** 2)
 
@@ -49,6 +64,8 @@ def bessel(frequency: float) -> Modal:
 
     H = 15 / (p^3 + 6 p^2 + 15 p + 15) with p = 1.7557 s / (2 pi frequency)  (Thomson, Proc. IEE 96 (1949) 487).
     """
+    if math.isinf(frequency):
+        return PASS
     scale = 2.0 * math.pi * frequency / 1.7556723686812106
     real = -2.3221853546260856 * scale
     pair = complex(-1.8389073226869572, 1.7543809597837217) * scale
@@ -56,6 +73,14 @@ def bessel(frequency: float) -> Modal:
 
 
 def resonance(frequency: float, quality: float, highpass: float) -> Modal:
-    """High-pass of first order at `highpass` [Hz] before a resonance:  s/(s + w_h)  w^2/(s^2 + w s/quality + w^2)."""
+    """High-pass of first order at `highpass` [Hz] before a resonance:  s/(s + w_h)  w^2/(s^2 + w s/quality + w^2).
+
+    A high-pass at 0 is none, nor is a resonance at infinity.
+    """
+    if highpass == 0.0:
+        return second_order(frequency, quality)
+    if math.isinf(frequency):
+        corner = 2.0 * math.pi * highpass
+        return Modal((complex(-corner),), (complex(-corner),), 1.0)
     pole = _pair(frequency, quality)
     return modal((0j,), (complex(-2.0 * math.pi * highpass), pole), abs(pole) ** 2)

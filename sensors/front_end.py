@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import cmath
 import math
 from dataclasses import dataclass
 
@@ -38,6 +39,21 @@ class FrontEnd:
     dropout_shortest: float = 0.0  # s
     dropout_longest: float = 0.0  # s
     holds: bool = False  # a lost sample repeats the last one; otherwise it is 0
+
+    def response(self, s: complex) -> complex:
+        """What becomes of a vibration exp(s t), within all limits."""
+        if self.averages:
+            turn = s * 1e-9 * self.period_ns
+            found = (1.0 - cmath.exp(-turn)) / turn
+        else:
+            found = self.direct + sum(_pole(r, p, s) for p, r in zip(self.poles, self.residues))
+        echoes = sum(share * cmath.exp(-s * later) for share, later in self.echoes)
+        return self.gain * found * (1.0 + echoes) * cmath.exp(-s * 1e-9 * self.delay_ns)
+
+
+def _pole(residue: complex, pole: complex, s: complex) -> complex:
+    own = residue / (s - pole)
+    return own + residue.conjugate() / (s - pole.conjugate()) if pole.imag else own
 
 
 def deviation(density: float, rate: float) -> float:

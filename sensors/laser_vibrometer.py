@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+import math
+from typing import Any, ClassVar, Literal
 
 from pydantic import ValidationInfo, field_validator
 
@@ -32,6 +33,17 @@ class LaserVibrometer(Instrument):
 
     delivers: ClassVar[str] = "m/s"
     accepts: ClassVar[str] = "m/s"
+    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
+        "bandwidth": math.inf,
+        "span": math.inf,
+        "resolution": 0.0,
+        "noise": 0.0,
+        "slew": math.inf,
+        "dropout_rate": 0.0,
+    }
+    part_of: ClassVar[dict[str, str]] = dict.fromkeys(
+        ("dropout", "dropout_shortest", "dropout_longest"), "dropout_rate"
+    )
 
     kind: Literal["laser_vibrometer"] = "laser_vibrometer"
     reads: str = "velocity"
@@ -56,13 +68,10 @@ class LaserVibrometer(Instrument):
 
     def flawed(self) -> FrontEnd:
         """Bessel filter, drop-outs, slew limit."""
-        poles, residues = filters.bessel(self.bandwidth)
         return FrontEnd(
             self.period_ns,
             self.delay,
-            poles,
-            residues,
-            direct=0.0,
+            *filters.bessel(self.bandwidth),
             gain=self.gain,
             offset=self.offset,
             noise=deviation(self.noise, self.rate),

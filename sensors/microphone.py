@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
 
@@ -40,6 +40,22 @@ class Microphone(Instrument):
 
     delivers: ClassVar[str] = "Pa"
     accepts: ClassVar[str] = "m/s"
+    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
+        "distance": 0.0,
+        "paths": (),
+        "resonance": math.inf,
+        "highpass": 0.0,
+        "span": math.inf,
+        "resolution": 0.0,
+        "noise": 0.0,
+        "background": 0.0,
+    }
+    part_of: ClassVar[dict[str, str]] = {
+        "sound_speed": "distance",
+        "paths": "distance",
+        "reflection": "paths",
+        "quality": "resonance",
+    }
 
     kind: Literal["microphone"] = "microphone"
     reads: str = "velocity"
@@ -71,13 +87,10 @@ class Microphone(Instrument):
 
     def flawed(self) -> FrontEnd:
         """Diaphragm and vent, after the way through the air; each echo the same again, later and weaker."""
-        poles, residues = filters.resonance(self.resonance, self.quality, self.highpass)
         return FrontEnd(
             self.period_ns,
             self.delay + round(SECOND * self.distance / self.sound_speed),
-            poles,
-            residues,
-            direct=0.0,
+            *filters.resonance(self.resonance, self.quality, self.highpass),
             gain=self.gain,
             offset=self.offset,
             echoes=tuple(

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+import math
+from typing import Any, ClassVar, Literal
 
 from rig.quantities import Hertz, Newton
 from sensors import filters
@@ -24,6 +25,14 @@ class NormalForce(Instrument):
 
     delivers: ClassVar[str] = "N"
     accepts: ClassVar[str] = "N"
+    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
+        "bandwidth": math.inf,
+        "span": math.inf,
+        "resolution": 0.0,
+        "noise": 0.0,
+        "drift": 0.0,
+    }
+    part_of: ClassVar[dict[str, str]] = {"quality": "bandwidth"}
 
     kind: Literal["normal_force"] = "normal_force"
     reads: str = "normal_force"
@@ -37,13 +46,10 @@ class NormalForce(Instrument):
 
     def flawed(self) -> FrontEnd:
         """Low-pass and linear drift."""
-        poles, residues = filters.second_order(self.bandwidth, self.quality)
         return FrontEnd(
             self.period_ns,
             self.delay,
-            poles,
-            residues,
-            direct=0.0,
+            *filters.second_order(self.bandwidth, self.quality),
             gain=self.gain,
             offset=self.offset,
             slope=self.drift,

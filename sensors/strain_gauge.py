@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from rig.quantities import Hertz, Number, PositiveSecond
 from sensors import filters
@@ -26,6 +26,14 @@ class StrainGauge(Instrument):
 
     delivers: ClassVar[str] = "1"
     accepts: ClassVar[str] = "N"
+    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
+        "bandwidth": math.inf,
+        "span": math.inf,
+        "resolution": 0.0,
+        "noise": 0.0,
+        "zero_drift": 0.0,
+    }
+    part_of: ClassVar[dict[str, str]] = {"warming": "zero_drift", "warm_up": "zero_drift"}
 
     kind: Literal["strain_gauge"] = "strain_gauge"
     reads: str = "friction_force"
@@ -51,13 +59,10 @@ class StrainGauge(Instrument):
 
     def flawed(self) -> FrontEnd:
         """Amplifier and zero drift."""
-        poles, residues = filters.second_order(self.bandwidth, math.sqrt(0.5))
         return FrontEnd(
             self.period_ns,
             self.delay,
-            poles,
-            residues,
-            direct=0.0,
+            *filters.second_order(self.bandwidth, math.sqrt(0.5)),
             gain=self.gain,
             offset=self.offset,
             warmth=self.zero_drift * self.warming,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from rig.quantities import Hertz, PositiveVolt, Volt
 from sensors import filters
@@ -23,6 +23,12 @@ class Voltmeter(Instrument):
 
     delivers: ClassVar[str] = "V"
     accepts: ClassVar[str] = "V"
+    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
+        "bandwidth": math.inf,
+        "span": math.inf,
+        "resolution": 0.0,
+        "noise": 0.0,
+    }
 
     kind: Literal["voltmeter"] = "voltmeter"
     reads: str = "stack_voltage"
@@ -34,13 +40,10 @@ class Voltmeter(Instrument):
 
     def flawed(self) -> FrontEnd:
         """Second-order low-pass."""
-        poles, residues = filters.second_order(self.bandwidth, math.sqrt(0.5))
         return FrontEnd(
             self.period_ns,
             self.delay,
-            poles,
-            residues,
-            direct=0.0,
+            *filters.second_order(self.bandwidth, math.sqrt(0.5)),
             gain=self.gain,
             offset=self.offset,
             noise=deviation(self.noise, self.rate),

@@ -26,6 +26,8 @@ Count = Annotated[int, Gt(0)]
 Share = Annotated[float, Unit("1"), BeforeValidator(partial(si, unit="1")), Ge(0.0), Le(1.0)]
 Small = Annotated[float, Unit("1"), BeforeValidator(partial(si, unit="1")), Gt(0.0), Le(1e-2)]
 Large = Annotated[float, Unit("1"), BeforeValidator(partial(si, unit="1")), Gt(0.0)]
+FORMAT = 2
+"""Of the JSON text of a scene. In format 1 an ideal instrument listed flaws that it did not have."""
 STEP: TypeAdapter[Step] = TypeAdapter(Step)
 STEPS: TypeAdapter[tuple[Step, ...]] = TypeAdapter(tuple[Step, ...])
 
@@ -135,6 +137,7 @@ class Scene:
         """The scene as JSON text; `from_json` gives an equal scene back."""
         return json.dumps(
             {
+                "format": FORMAT,
                 "name": self.name,
                 "title": self.title,
                 "about": self.about,
@@ -162,7 +165,7 @@ class Scene:
             plant=raw["plant"],
             parameters=plant_module(raw["plant"]).Parameters.model_validate(raw["parameters"]),
             clock=Clock.model_validate(raw["clock"]),
-            sensors={n: SENSORS[s["kind"]].model_validate(s) for n, s in raw["sensors"].items()},
+            sensors={n: _instrument(s, raw.get("format", 1)) for n, s in raw["sensors"].items()},
             controllers={n: CONTROLLERS[s["kind"]][0].model_validate(s) for n, s in raw["controllers"].items()},
             protocol=STEPS.validate_python(raw["protocol"]),
             limits={name: float(value) for name, value in raw["limits"].items()},
@@ -174,13 +177,21 @@ class Scene:
     def digest(self) -> str:
         """Hash (16 hex digits) of everything that the run depends on: titles and origins left out."""
         raw = json.loads(self.to_json())
-        told = {key: raw[key] for key in raw.keys() - {"name", "title", "about", "origins"}}
+        told = {key: raw[key] for key in raw.keys() - {"format", "name", "title", "about", "origins"}}
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
 
 def plant_module(plant: str) -> Any:
     """The module of a plant: `Parameters` and `assemble`."""
     return importlib.import_module(PLANTS[plant])
+
+
+def _instrument(raw: dict[str, Any], written: int) -> Any:
+    """An instrument from the JSON text of a scene of format `written`."""
+    kind = SENSORS[raw["kind"]]
+    if written < 2 and raw["ideal"]:
+        raw = {key: value for key, value in raw.items() if key not in kind.perfect and key not in kind.part_of}
+    return kind.model_validate(raw)
 
 
 def dump(section: Section) -> dict[str, Any]:
@@ -202,7 +213,7 @@ def leaves(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, tuple[An
                     yield from leaves(part, f"{key}.{entry}")
                 else:
                     yield f"{key}.{entry}", (plain[name][entry], unit_of(info))
-        elif value is not None:
+        elif value is not None and name in plain:  # not a flaw that an ideal instrument is free of
             yield key, (plain[name], unit_of(info))
 
 

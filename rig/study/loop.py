@@ -45,7 +45,7 @@ GRID = 400
 
 @dataclass(frozen=True)
 class Loop:
-    """A closed loop about steady sliding. `unit`: of the gain; `delay` [s]: of the loop, without sample and hold.
+    """A closed loop about steady sliding. `unit`: of the gain; `delay` [s]: of its sensor and of the loop together.
 
     `gain`: the controller's; of one that has none, a factor on what it hears. `model`: with a gain of one, of the sign
     of `gain`.
@@ -228,12 +228,13 @@ def loop(scene: Scene, name: str) -> Loop:
             scene.name, [f"controllers.{name}: {section.kind} is no linear feedback: it has no margins{other}"]
         )
     sensor, own, unit = scene.sensors[section.sensor], 1.0, "1"
+    end = sensor.front_end()
     if isinstance(feedback, VelocityFeedback):
         own, unit = section.gain, unit_of(type(section), "gain")
         one = section.model_copy(update={"gain": math.copysign(1.0, own)})
         feedback = type(feedback)(one, feedback.numbers)
     try:
-        model = sampled(plant(scene), feedback, sensor.reads, sensor.front_end(), section.delay)
+        model = sampled(plant(scene), feedback, sensor.reads, end, section.delay)
     except ValueError as fault:
         raise SceneError(scene.name, [f"controllers.{name}.{fault}"]) from None
     return Loop(
@@ -242,7 +243,7 @@ def loop(scene: Scene, name: str) -> Loop:
         through=f"{section.sensor} to {section.drive}",
         gain=own,
         unit="" if unit == "1" else unit,
-        delay=section.delay * 1e-9,
+        delay=(end.delay_ns + section.delay) * 1e-9,
         model=model,
     )
 

@@ -55,8 +55,13 @@ class Sampled:
 def sampled(plant: Plant, feedback: Feedback, reads: str, end: FrontEnd, delay_ns: int) -> Sampled:
     """The loop of `feedback` through its drive and through the front end of its sensor on output `reads`.
 
-    Raises ValueError where sensor and controller take turns: neither period is a multiple of the other.
+    Raises ValueError where sensor and controller take turns, neither period being a multiple of the other, and for a
+    sensor that hears echoes.
     """
+    if end.echoes:
+        raise ValueError(
+            "sensor: hears echoes, which the model of a loop does not have; paths = [] in its table leaves them out"
+        )
     period, own = max(feedback.period_ns, end.period_ns), feedback.period_ns
     if period % own or period % end.period_ns:
         raise ValueError(

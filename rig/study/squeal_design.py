@@ -107,14 +107,7 @@ def _reading(designer: Designer, section: Any) -> Array:
 
 def _path(sensor: Any, section: Any, s: complex) -> complex:
     """What instrument and delays make of a vibration exp(s t)."""
-    end = sensor.front_end()
-    found = end.direct + sum(_pole(r, p, s) for p, r in zip(end.poles, end.residues))
-    return complex(end.gain * found * cmath.exp(-s * 1e-9 * (end.delay_ns + section.delay)))
-
-
-def _pole(residue: complex, pole: complex, s: complex) -> complex:
-    own = residue / (s - pole)
-    return own + residue.conjugate() / (s - pole.conjugate()) if pole.imag else own
+    return complex(sensor.front_end().response(s) * cmath.exp(-s * 1e-9 * section.delay))
 
 
 def _stable(rig: Steady, designer: Designer, section: Any, numbers: dict[str, Any]) -> None:

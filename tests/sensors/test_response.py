@@ -82,10 +82,9 @@ def test_two_parts_make_the_whole(real, imag, share, coef):
 
 
 def transfer(modal, s):
-    poles, residues = modal
-    pairs = [(p, r) for p, r in zip(poles, residues)]
+    pairs = [(p, r) for p, r in zip(modal.poles, modal.residues)]
     pairs += [(p.conjugate(), r.conjugate()) for p, r in pairs if p.imag]
-    return sum(r / (s - p) for p, r in pairs)
+    return modal.direct + sum(r / (s - p) for p, r in pairs)
 
 
 FREQUENCIES = np.array([0.01, 1.0, 50.0, 999.0, 1000.0, 1300.0, 2e4])
@@ -107,8 +106,11 @@ W = 2.0 * np.pi * 1000.0
             filters.bessel(1000.0),
             signal.freqs_zpk(*signal.bessel(3, W, analog=True, output="zpk", norm="mag"), S.imag)[1],
         ),
+        (filters.bessel(np.inf), np.ones(len(S))),
+        (filters.resonance(np.inf, 30.0, 0.1), S / (S + 0.2 * np.pi)),
+        (filters.resonance(1000.0, 30.0, 0.0), W**2 / (S**2 + W / 30.0 * S + W**2)),
     ],
-    ids=["first_order", "second_order", "sharp", "resonance", "bessel"],
+    ids=["first_order", "second_order", "sharp", "resonance", "bessel", "none", "high-pass", "no high-pass"],
 )
 def test_modal_form_is_the_transfer_function(modal, expected):
     np.testing.assert_allclose(transfer(modal, S), expected, rtol=1e-11)

@@ -97,7 +97,7 @@ def test_two_instruments_of_a_kind_have_noise_of_their_own(play):
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_ideal_is_the_value_at_the_sample_instant(play, kind):
-    sensor = KINDS[kind](ideal=True, delay="0.7 ms", gain_error=0.1, offset=1.0)
+    sensor = KINDS[kind](ideal=True)
     t, y = play({"s": sensor}, SIGNALS, 0.2, parts=2).only()
     np.testing.assert_allclose(y, sensor.sensitivity * SIGNALS[sensor.reads](t), rtol=1e-12, atol=1e-16)
     np.testing.assert_array_equal(t, 1e-9 * np.arange(0, 201 * 1_000_000, 1_000_000))

@@ -99,6 +99,7 @@ SMOOTH = {  # an instrument with a lag and a transport time, without noise
 LOOPS = {
     "ideal": {},
     "late": {"controllers.nf.delay": "7 ms"},
+    "late, but ideal, sensor": {"sensors.vibrometer.delay": "17 ms", "controllers.nf.gain": "365 N*s/m"},
     "slow controller": {"controllers.nf.period": "10 ms"},
     "slow and late": {"controllers.nf.period": "10 ms", "controllers.nf.delay": "14 ms"},
     "slow sensor": {"sensors.vibrometer.rate": "50 Hz", "controllers.nf.delay": "3 ms"},
@@ -120,6 +121,36 @@ def test_a_loop_decays_in_the_simulation_as_its_eigenvalue_says(name):
     scene = rig.load("belt_normal_force", changes | {"start.displacement": rest + 1e-6, "start.velocity": 0.0})
     found = pole(rig.simulate(scene, 2.0), loop.model.period, 0.5)
     assert found == pytest.approx(fast, rel=1e-6)
+
+
+def test_the_delay_of_an_ideal_sensor_is_in_the_loop():
+    """A held command, 17 periods old: roots of det(z I - A) z^17 + K c adj(z I - A) b, written out for one mass."""
+    m, c, k, gain, period, late = 5.0, 2.0, 2500.0, 365.0, 1e-3, 17
+    mu, slope = 0.18 + 0.32 * math.exp(-1.2), -0.32 / 0.05 * math.exp(-1.2)
+    damping = (c + 20.0 * slope) / m
+    root = np.sqrt(complex(0.25 * damping**2 - k / m))
+    p, q = -0.5 * damping + root, -0.5 * damping - root
+    A = np.array([[0.0, 1.0], [-k / m, -damping]])
+    F = ((np.exp(p * period) * (A - q * np.eye(2)) - np.exp(q * period) * (A - p * np.eye(2))) / (p - q)).real
+    g = np.linalg.solve(A, (F - np.eye(2)) @ [0.0, mu / m])
+    adjugate = np.array([[[1.0, -F[1, 1]], [0.0, F[0, 1]]], [[0.0, F[1, 0]], [1.0, -F[0, 0]]]])
+    polynomial = np.polymul([1.0, -F.trace(), np.linalg.det(F)], [1.0] + [0.0] * late)
+    polynomial = np.polyadd(polynomial, gain * np.einsum("jk,j->k", adjugate[1], g))
+    rates = np.log(np.roots(polynomial)) / period
+    expected = rates[np.argmax(rates.real)]
+    changes = {"controllers.nf.gain": gain, "sensors.vibrometer.delay": "17 ms"}
+    loop = rig.loop(rig.load("belt_normal_force", changes), "nf")
+    assert loop.growth == pytest.approx(expected.real, rel=1e-9)
+    assert abs(loop.spectrum.rates[0].imag) == pytest.approx(abs(expected.imag), rel=1e-9)
+    assert loop.growth == pytest.approx(-8.33028, abs=5e-6)
+    assert loop.delay == pytest.approx(0.017)
+
+
+def test_echoes_are_no_part_of_a_loop():
+    changes = {"sensors.vibrometer.kind": "microphone"}
+    with pytest.raises(SceneError, match=r"nf\.sensor: hears echoes.*paths = \[\]"):
+        rig.loop(rig.load("belt_normal_force", changes | {"sensors.vibrometer.ideal": "false"}), "nf")
+    rig.loop(rig.load("belt_normal_force", changes), "nf")
 
 
 def test_an_observed_loop_is_discretised_with_its_observer():

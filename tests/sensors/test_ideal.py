@@ -1,0 +1,137 @@
+"""An ideal instrument has the flaws that are stated, and no other."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import asdict
+
+import numpy as np
+import pytest
+from pydantic import ValidationError
+
+import rig
+from rig.errors import SceneError
+from rig.scenes.scene import Scene
+from sensors import KINDS
+
+FLAWS = [(kind, flaw) for kind, cls in sorted(KINDS.items()) for flaw in cls.perfect]
+EXAMPLES = {  # a value that can be told from none, where the default cannot
+    "delay": "17 ms",
+    "gain_error": 0.02,
+    "offset": 0.003,
+}
+ALONE = {"paths": {"distance": 0.5}}  # what must be stated with a flaw
+
+
+def ideal(kind, **numbers):
+    return KINDS[kind](kind=kind, ideal=True, **numbers)
+
+
+def parts(sensor):
+    return asdict(sensor.front_end())
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_no_flaw_that_is_not_stated(kind):
+    end = ideal(kind).front_end()
+    assert end.response(2j * math.pi * 431.0) == pytest.approx(KINDS[kind](kind=kind).sensitivity, rel=1e-15)
+    assert (end.delay_ns, end.offset, end.noise, end.resolution, end.slope, end.warmth) == (0, 0, 0, 0, 0, 0)
+    assert (end.low, end.high, end.slew, end.dropout_rate, end.echoes) == (-math.inf, math.inf, math.inf, 0, ())
+
+
+@pytest.mark.parametrize(("kind", "flaw"), FLAWS)
+def test_a_stated_flaw_is_that_of_the_instrument_and_brings_no_other(kind, flaw):
+    """All flaws stated one after the other add up to the instrument; each moves what it is about, and that alone."""
+    default = KINDS[kind].model_fields[flaw].default
+    given = ALONE.get(flaw, {}) | {flaw: EXAMPLES.get(flaw, default)}
+    free, alone = parts(ideal(kind, **ALONE.get(flaw, {}))), parts(ideal(kind, **given))
+    real = parts(KINDS[kind](kind=kind, **given))
+    moved = {key for key in alone if alone[key] != free[key]}
+    assert moved
+    filters = {"poles", "residues", "direct"}
+    same = moved - (filters if flaw in ("resonance", "highpass") else set())
+    if kind == "microphone" and flaw in ("noise", "background"):  # of its noise it is one part
+        same -= {"noise"}
+        assert alone["noise"] < real["noise"]
+    if kind == "accelerometer" and flaw == "temperature_sensitivity":  # without a high-pass the warming stays
+        same -= {"warmth", "fade", "rise"}
+    if flaw in ("delay", "processing"):
+        same -= {"delay_ns"}
+        assert alone["delay_ns"] == (17_000_000 if flaw == "delay" else 1_000_000)
+    assert {key: alone[key] for key in same} == {key: real[key] for key in same}
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_with_every_flaw_stated_it_is_the_instrument(kind):
+    default = {k: f.default for k, f in KINDS[kind].model_fields.items() if k in KINDS[kind].perfect}
+    stated, real = parts(ideal(kind, **default)), parts(KINDS[kind](kind=kind))
+    if kind == "displacement_laser":  # its exposure over a whole period is no number, so it cannot be stated
+        for key in ("averages", "direct"):
+            del stated[key], real[key]
+    assert stated == real
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_a_delay_is_read_that_late(play, kind):
+    sensor = ideal(kind, delay="17 ms")
+    t, y = play({"s": sensor}, {sensor.reads: lambda t: 0.3 + np.sin(90.0 * t)}, 0.1).only()
+    np.testing.assert_allclose(
+        y, sensor.sensitivity * (0.3 + np.sin(90.0 * np.maximum(t - 0.017, 0.0))), rtol=1e-12, atol=1e-15
+    )
+
+
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_stated_noise_and_offset_are_in_the_samples(play, kind):
+    sensor = ideal(kind, noise=0.01, offset=5.0)
+    _, y = play({"s": sensor}, {sensor.reads: np.zeros_like}, 4.0, 10_000_000).only()
+    deviation = 0.01 if kind == "displacement_laser" else 0.01 * math.sqrt(500.0)
+    assert np.std(y) == pytest.approx(deviation, rel=0.05)
+    assert np.mean(y) == pytest.approx(5.0, abs=4.0 * deviation / math.sqrt(4000.0))
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "value", "flaw"),
+    [
+        ("laser_vibrometer", "dropout", "zero", "dropout_rate"),
+        ("laser_vibrometer", "dropout_longest", 1e-3, "dropout_rate"),
+        ("normal_force", "quality", 3.0, "bandwidth"),
+        ("accelerometer", "warm_up", 3.0, "temperature_sensitivity"),
+        ("strain_gauge", "warming", 3.0, "zero_drift"),
+        ("microphone", "sound_speed", 300.0, "distance"),
+        ("microphone", "paths", (1.4,), "distance"),
+        ("microphone", "reflection", 0.2, "paths"),
+    ],
+)
+def test_a_number_of_a_flaw_that_is_not_stated_is_refused(kind, key, value, flaw):
+    with pytest.raises(ValidationError, match=f"ideal = true: {key} describes {flaw}, which is not stated"):
+        ideal(kind, **{key: value})
+    KINDS[kind](kind=kind, **{key: value})
+
+
+def test_the_fault_names_the_sensor_and_what_to_do():
+    with pytest.raises(SceneError, match=r"(?s)sensors.vibrometer.*dropout describes dropout_rate.*leave out dropout"):
+        rig.load("belt_normal_force", {"sensors.vibrometer.dropout": "zero"})
+
+
+def test_a_scene_reads_back_what_was_stated_and_nothing_else():
+    changes = {"sensors.vibrometer.delay": "17 ms", "sensors.vibrometer.noise": 1e-6}
+    scene = rig.load("belt_normal_force", changes)
+    again = Scene.from_json(scene.to_json())
+    for name, sensor in scene.sensors.items():
+        assert again.sensors[name].front_end() == sensor.front_end()
+    assert again.to_json() == scene.to_json()
+    assert again.sensors["vibrometer"].front_end().noise > 0.0
+    assert again.sensors["vibrometer"].front_end().resolution == 0.0
+    values = scene.values()
+    assert values["sensors.vibrometer.delay"] == (0.017, "s")
+    assert "sensors.vibrometer.resolution" not in values
+
+
+def test_an_old_recording_of_an_ideal_instrument_has_no_flaw():
+    """Format 1 wrote down every number of it, and none of them was in force."""
+    raw = json.loads(rig.load("belt_normal_force").to_json())
+    raw["sensors"]["vibrometer"] = KINDS["laser_vibrometer"](delay=0.001).model_dump(mode="json") | {"ideal": True}
+    del raw["format"]
+    end = Scene.from_json(json.dumps(raw)).sensors["vibrometer"].front_end()
+    assert (end.delay_ns, end.noise, end.poles, end.resolution) == (0, 0.0, (), 0.0)
