@@ -29,6 +29,7 @@ from rig import bus
 from rig.bus import encode, messages, setup
 from rig.bus.port import Session
 from rig.errors import BusError, RigError, UsageError
+from rig.memory import locked
 from rig.process import as_process, stopping
 from rig.scheduling import CONTROLLER, ahead, come_first
 
@@ -177,6 +178,7 @@ def run(
             with ExitStack() as stack:
                 stop = stack.enter_context(stopping())
                 if described.paced:
+                    stack.enter_context(locked())
                     stack.enter_context(ahead(CONTROLLER, worker.fell_back))
                 worker.follow(stop.is_set)
         except RigError:

@@ -26,8 +26,8 @@ from rig.scheduling import ahead
 before = resource.getrlimit(resource.RLIMIT_RTTIME), signal.getsignal(signal.SIGXCPU)
 def of_all(): return {os.sched_getscheduler(int(t)) for t in os.listdir("/proc/self/task")}
 threading.Thread(target=time.sleep, args=(5,), daemon=True).start()
-with ahead(7) as why:
-    assert why == "", why
+with ahead(7) as found:
+    assert found.why == found.told == "", found.why
     assert of_all() == {os.SCHED_FIFO}
     threading.Thread(target=time.sleep, args=(5,), daemon=True).start()
     assert of_all() == {os.SCHED_FIFO}
@@ -46,12 +46,35 @@ with ahead(1, lambda: told.append("fell back")):
         pass
     print(*told, os.sched_getscheduler(0) == os.SCHED_OTHER)
 """
+COMES_BACK = """
+import os, time
+from rig import scheduling
+scheduling.AGAIN_S = 0.3
+def hog():
+    end = time.perf_counter() + 10.0
+    while os.sched_getscheduler(0) == os.SCHED_FIFO and time.perf_counter() < end:
+        pass
+def wait():
+    end = time.perf_counter() + 10.0
+    while os.sched_getscheduler(0) != os.SCHED_FIFO and time.perf_counter() < end:
+        time.sleep(0.01)
+with scheduling.ahead(1) as found:
+    for _ in range(2):
+        hog()
+        assert "no pause" in found.why and "stayed there" in found.told
+        wait()
+        assert found.why == ""
+    print(found.falls, round(found.fallen_ns / 1e8), found.told.partition(",")[0])
+    hog()
+time.sleep(1.5)  # longer than the third wait, which leaving has cut short
+assert os.sched_getscheduler(0) == os.SCHED_OTHER
+"""
 ELSEWHERE = """
 import os, threading
 from rig.scheduling import ahead
 def work():
-    with ahead(1) as why:
-        print(why, os.sched_getscheduler(0) == os.SCHED_OTHER)
+    with ahead(1) as found:
+        print(found.why, os.sched_getscheduler(0) == os.SCHED_OTHER)
 thread = threading.Thread(target=work)
 thread.start()
 thread.join()
@@ -80,6 +103,12 @@ def test_all_threads_go_ahead_and_come_back(allowed):
 
 def test_who_leaves_no_pause_falls_back(allowed):
     assert said(HOGS) == "fell back True"
+
+
+def test_who_fell_back_comes_ahead_again_each_time_later(allowed):
+    falls, tenths, told = said(COMES_BACK).split(" ", 2)
+    assert (falls, told) == ("2", "in real time")
+    assert 9 <= int(tenths) <= 30  # 0.3 s, then 0.6 s
 
 
 def test_only_a_main_thread_can_go_ahead():

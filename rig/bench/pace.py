@@ -158,13 +158,14 @@ def choose(frame_ns: int, frames: int = 60) -> Waiting:
     sharpen_timers()
     each = min(frame_ns, 1_000_000)
     sleep = WallClock()
+    before = spent()
     first = lateness(sleep, each, frames // 4)
     spin = int(min(np.quantile(first, 0.95) * 1.5, each / 5))
     slept, spun = [first], []
     for _ in range(3):
         spun.append(lateness(WallClock(spin), each, frames // 4))
         slept.append(lateness(sleep, each, frames // 4))
-    return judge(np.concatenate(slept), np.concatenate(spun), spin, each, os.cpu_count() or 1, _load())
+    return judge(np.concatenate(slept), np.concatenate(spun), spin, each, os.cpu_count() or 1, load(before, spent()))
 
 
 def judge(slept: np.ndarray, spun: np.ndarray, spin_ns: int, frame_ns: int, cores: int, load: float) -> Waiting:
@@ -180,7 +181,32 @@ def judge(slept: np.ndarray, spun: np.ndarray, spin_ns: int, frame_ns: int, core
     return Waiting(spin_ns, a, b, "spinning is more exact")
 
 
-def _load() -> float:
+class Spent(NamedTuple):
+    """Processor time that was spent up to a moment of the wall clock; all ns."""
+
+    wall: int
+    others: int
+    """By other processes, the system and the host; -1 where nobody tells."""
+
+
+def spent() -> Spent:
+    """What was spent up to now (Linux: to 10 ms)."""
+    tick = 1_000_000_000 // os.sysconf("SC_CLK_TCK") if sys.platform == "linux" else 0
+    try:
+        with Path("/proc/stat").open() as file:
+            user, nice, system, _, _, *more = map(int, file.readline().split()[1:9])
+    except (OSError, ValueError):
+        return Spent(time.perf_counter_ns(), -1)
+    return Spent(time.perf_counter_ns(), (user + nice + system + sum(more)) * tick - time.process_time_ns())
+
+
+def load(before: Spent, now: Spent) -> float:
+    """Processors that others kept busy between two moments; where nobody tells, the mean load of the last minute.
+
+    That mean still counts what has just ended, such as our own compiling.
+    """
+    if before.others >= 0 and now.others >= 0 and now.wall > before.wall:
+        return max(now.others - before.others, 0) / (now.wall - before.wall)
     try:
         return os.getloadavg()[0]
     except OSError:

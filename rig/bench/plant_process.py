@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 import controllers
-from rig import bus, scheduling
+from rig import bus, memory, scheduling
 from rig.bench import pace
 from rig.bench.attend import Attendant
 from rig.bench.conclude import conclude
@@ -68,8 +68,10 @@ class Plant:
         self.from_start: set[tuple[str, str]] = set()
         """Who was here at the first frame."""
         self.waiting: pace.Waiting | None = None
-        self.scheduling = ""
-        """Why frames are not scheduled in real time; "" if they are."""
+        self.memory = ""
+        """Why the memory of a paced run is not locked; "" if it is."""
+        self.ahead: scheduling.Ahead | None = None
+        """The real-time scheduling of a paced run."""
         self.begun_ns = 0
         self._refusals: queue.SimpleQueue[str] = queue.SimpleQueue()
 
@@ -126,14 +128,18 @@ class Plant:
         with ExitStack() as stack:
             if job.pace is not None:
                 self.stand.motion.foresee()
-                self.scheduling = stack.enter_context(scheduling.ahead(scheduling.PLANT, self._fell_back))
+            stack.enter_context(self.timing.interruptions.watched())
+            stack.enter_context(
+                pace.no_garbage()
+            )  # before real time: after compiling a collection takes 0.2 s and more
+            stack.callback(sys.setswitchinterval, sys.getswitchinterval())
+            sys.setswitchinterval(1e-4)  # who waits for the interpreter, waits for a tenth of a frame, not for five
+            if job.pace is not None:
+                self.memory = stack.enter_context(memory.locked())
+                self.ahead = stack.enter_context(scheduling.ahead(scheduling.PLANT, self._fell_back))
                 self.waiting = pace.choose(int(self.timing.wall_ns))
                 clock = pace.WallClock(self.waiting.spin_ns)
                 pacer = pace.Pacer(self.stand.frame_ns, job.pace, self.scene.clock.overrun, clock)
-            stack.enter_context(self.timing.interruptions.watched())
-            stack.enter_context(pace.no_garbage())
-            stack.callback(sys.setswitchinterval, sys.getswitchinterval())
-            sys.setswitchinterval(1e-4)  # who waits for the interpreter, waits for a tenth of a frame, not for five
             self.begun_ns = time.perf_counter_ns()
             self.attendant.begin(self.begun_ns, pacer)
             others = [name for role, name in sorted(self.from_start) if role != "plant"]
@@ -207,8 +213,9 @@ class Plant:
                 rows.rows.append((begin, late, pacer.waited, *spans, spent))
 
     def _fell_back(self) -> None:
-        self.scheduling = "fell back: frames left no pause for 0.2 s"
-        self.operation.journal.note("scheduling", f"real-time scheduling {self.scheduling}")
+        assert self.ahead is not None
+        text = f"real-time scheduling fell back: {self.ahead.why}"
+        self.operation.journal.note("scheduling", text)
 
     def _tell(self, show: Show) -> None:
         while not self._refusals.empty():

@@ -100,7 +100,7 @@ def _timing(found: Mapping[str, Any]) -> list[str]:
                      f"(p50, p95, p99, worst), waiting by {_waiting(found)}")  # fmt: skip
         spans = [f"{name} {s['mean']:.0f}/{s['p95']:.0f}/{s['max']:.0f}" for name, s in timing["spans"].items()]
         lines.append(f"frame {', '.join(spans)} us (mean/p95/worst)")
-        lines.append(f"scheduling {found['scheduling'] or 'in real time'}")
+        lines.append(f"scheduling {found['scheduling'] or 'in real time'}; {found['memory'] or 'memory is locked'}")
         causes = [f"{count} {cause}" for cause, count in timing["overruns"].items()]
         if causes:
             lines.append(f"overruns by cause: {', '.join(causes)}")

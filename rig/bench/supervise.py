@@ -240,6 +240,7 @@ class Team:
             "timing": {},
             "waiting": {},
             "scheduling": "",
+            "memory": "",
             "round_trip": {"max": 0.0},
             "loop": {},
             "lost": {},

@@ -130,8 +130,9 @@ def doctor(seconds: float = 8.0, report: Say | None = None) -> Report:
     begin = time.perf_counter()
     say("waiting for frames of 1 ms")
     come_first()
-    with ahead(PLANT) as scheduling:
+    with ahead(PLANT) as scheduled:
         waiting, slept, spun = _waits(0.3 * seconds)
+        scheduling = scheduled.told
     late = spun if waiting.spin_ns else slept
     say("a round trip over the bus, between two processes")
     trips, puts, fault = round_trips(0.15 * seconds)

@@ -1,13 +1,19 @@
 """Pacing, on a clock that obeys the test."""
 
 import gc
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.bench.pace import Pacer, WallClock, judge, no_garbage, sharpen_timers, stolen_ns
+from rig.bench import pace
+from rig.bench.pace import Pacer, Spent, WallClock, judge, no_garbage, sharpen_timers, stolen_ns
 
 MS = 1_000_000
 
@@ -139,6 +145,29 @@ def test_a_pause_asked_for_is_no_overrun():
 )
 def test_spinning_must_earn_its_place(spun, cores, load, method):
     assert judge(np.full(60, 90_000), np.array(spun), 120_000, MS, cores, load).method == method
+
+
+def test_the_load_is_that_of_now_not_of_the_minute_before(monkeypatch):
+    monkeypatch.setattr(pace.os, "getloadavg", lambda: (7.0, 7.0, 7.0))  # we have just compiled
+    assert pace.load(Spent(0, 900 * MS), Spent(100 * MS, 930 * MS)) == pytest.approx(0.3)
+    assert pace.load(Spent(0, -1), Spent(100 * MS, -1)) == 7.0  # nobody tells: the mean is all there is
+
+
+@pytest.mark.skipif(not Path("/proc/stat").exists(), reason="reads what Linux tells")
+def test_what_others_spend_is_seen_and_what_this_process_spends_is_not():
+    before, spent = pace.spent(), [0, 0]
+    for who in (0, 1):
+        begin = pace.spent()
+        if who:
+            with suppress(subprocess.TimeoutExpired):
+                subprocess.run([sys.executable, "-c", "while True: pass"], timeout=0.5, check=False)
+        else:
+            end = time.perf_counter() + 0.5
+            while time.perf_counter() < end:
+                pass
+        spent[who] = pace.spent().others - begin.others
+    assert spent[1] > spent[0] + 200 * MS
+    assert before.others >= 0
 
 
 @pytest.mark.parametrize("spin_ns", [0, 100_000])
