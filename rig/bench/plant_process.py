@@ -21,7 +21,7 @@ import sys
 import threading
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -36,6 +36,7 @@ from rig.bench.hub import Hub
 from rig.bench.job import Job
 from rig.bench.lockstep import Lockstep
 from rig.bench.operation import Operation
+from rig.bench.rehearse import visited
 from rig.bench.stand import Stand
 from rig.bench.timing import Timing
 from rig.bus.port import Session
@@ -51,15 +52,19 @@ Show = Callable[[dict[str, Any]], object]
 
 
 class Plant:
-    """One run of a job on an open session. `stopping()` says why it is to end at the next frame, or ""."""
+    """One run of a job on an open session. `stopping()` says why it is to end at the next frame, or "".
 
-    def __init__(self, session: Session, job: Job, stopping: Callable[[], str]) -> None:
-        self.session, self.job, self._stopping = session, job, stopping
+    `sets`: mode sets that a paced run builds before its first frame.
+    """
+
+    def __init__(self, session: Session, job: Job, stopping: Callable[[], str], sets: Iterable[int] = ()) -> None:
+        self.session, self.job, self._stopping, self._sets = session, job, stopping, sets
         self.scene = scene = Scene.from_json(job.scene)
         self.stand = stand = Stand(scene)
         duration_ns = None if job.duration is None else round(job.duration * 1e9)
         self.operation = Operation(scene, stand, duration_ns, self._retune, keeps=False)
-        self.hub = hub = Hub(session, self.operation, self._setup())
+        self.setup = self._setup()
+        self.hub = hub = Hub(session, self.operation, self.setup)
         self.desk = Desk(hub)
         self.timing = Timing(stand.frame_ns / (job.pace or 1.0))
         self.attendant = Attendant(hub, self.desk, job, self.timing)
@@ -127,7 +132,7 @@ class Plant:
         job, pacer = self.job, None
         with ExitStack() as stack:
             if job.pace is not None:
-                self.stand.motion.foresee()
+                self.stand.motion.foresee(self._sets)
             stack.enter_context(self.timing.interruptions.watched())
             stack.enter_context(
                 pace.no_garbage()
@@ -149,9 +154,10 @@ class Plant:
             if job.in_lockstep:
                 self._in_lockstep(pacer, show)
             elif pacer is not None:
-                self._paced(pacer, show)
+                self.paced(pacer, show)
 
-    def _paced(self, pacer: pace.Pacer, show: Show) -> None:
+    def paced(self, pacer: pace.Pacer, show: Show) -> None:
+        """All frames, each when `pacer` says that it is due."""
         hub, desk, operation, stand = self.hub, self.desk, self.operation, self.stand
         attendant, rows = self.attendant, self.timing
         clock, processor = time.perf_counter_ns, time.thread_time_ns
@@ -265,12 +271,12 @@ def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) 
     health while the run goes on.
     """
     scene = Scene.from_json(job.scene)
-    warm(scene)  # Ctrl-C may break this off, but nothing after it
+    sets = visited(scene, job) if job.pace is not None else warm(scene)  # Ctrl-C may break this off, but nothing later
     asked: list[str] = []
     with told_to_stop(asked.append):
         scheduling.come_first()  # the threads of the bus inherit it
         with bus.host(job.run, scene.name, job.endpoint) as session:
-            plant = Plant(session, job, lambda: f"stopped by {asked[0]}" if asked else "")
+            plant = Plant(session, job, lambda: f"stopped by {asked[0]}" if asked else "", sets)
             session.announce()
             say(f"run {session.run}")
             units = threading.Thread(target=si, args=("1 ms", "s"), name="units", daemon=True)
@@ -282,13 +288,17 @@ def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) 
             return plant.run(show)
 
 
-def warm(scene: Scene) -> None:
-    """Compile, or load what was compiled, on a stand of its own: it must not happen while time counts."""
+def warm(scene: Scene) -> tuple[int, ...]:
+    """Compile, or load what was compiled, on a stand of its own: it must not happen while time counts.
+
+    The mode sets that it has visited.
+    """
     stand = Stand(scene)
     for _ in range(3):
         stand.frame()
         stand.output_values()
     stand.statistics()
+    return stand.motion.slots.keys
 
 
 def main(arguments: list[str] | None = None) -> int:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from itertools import repeat
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,7 +17,6 @@ from controllers.loop import Loop
 from rig.bench.exchange import Exchange, Playback
 from rig.bench.operation import Operation
 from rig.bench.stand import Stand
-from rig.bench.truth import Truth
 from rig.errors import NumericsError, UsageError
 from rig.record.run import Commands, Run
 from rig.scenes.scene import Scene
@@ -43,10 +42,29 @@ def simulate(
     if duration_ns is None and scene.duration_ns is None:
         raise UsageError(f"{scene.name} has no protocol that ends; say how long: --duration 10")
     duration_ns = scene.duration_ns if duration_ns is None else duration_ns
+    return _run(scene, *carry_out(scene, controllers, duration_ns, commands, stop, events))
+
+
+class Carried(NamedTuple):
+    """What is left of a run in this process; `fault`: why the numerics stopped it."""
+
+    stand: Stand
+    operation: Operation
+    loops: dict[str, Loop]
+    fault: str
+
+
+def carry_out(
+    scene: Scene,
+    controllers: Mapping[str, Controller],
+    duration_ns: int | None = None,
+    commands: Mapping[str, Commands] | None = None,
+    stop: Stop | None = None,
+    events: Iterable[Mapping[str, Any]] = (),
+) -> Carried:
+    """Do what `simulate` does, up to the run that it makes of it. Without an end, it ends when `stop` says so."""
     loops = {name: Loop(controller) for name, controller in controllers.items()}
     stand = Stand(scene, truthful=True)
-    truth = stand.truth
-    assert truth is not None
     operation = Operation(
         scene,
         stand,
@@ -74,7 +92,7 @@ def simulate(
         operation.journal.note("diverged", fault)
         for one in working:
             one.catch_up(stand.tick + 1)
-    return _run(scene, stand, operation, truth, loops, fault)
+    return Carried(stand, operation, loops, fault)
 
 
 def _carry_on(operation: Operation, working: list[Working], until: int) -> None:
@@ -138,10 +156,11 @@ def _run(
     scene: Scene,
     stand: Stand,
     operation: Operation,
-    truth: Truth,
     loops: Mapping[str, Loop],
     fault: str,
 ) -> Run:
+    truth = stand.truth
+    assert truth is not None
     assert stand.measurements is not None
     outputs, modes = truth.outputs(stand.motion)
     units = dict(stand.units)

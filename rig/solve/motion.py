@@ -6,7 +6,7 @@ on nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -144,17 +144,16 @@ class Motion:
             if self.slots.tables.slot_of[key] < 0:
                 self.slots.add(key)
 
-    def foresee(self, most: int = 32) -> None:
-        """Build the mode sets that events of the contacts lead to, if there are at most so many.
+    def foresee(self, keys: Iterable[int] = (), most: int = 32) -> None:
+        """Build the mode sets `keys`, and those that events of the contacts lead to, if there are at most so many.
 
-        Each takes a few milliseconds when it is first met, which a paced run cannot afford on the way.
+        Each takes some milliseconds when it is first met, which a paced run cannot afford on the way.
         """
-        keys = list(islice(self.system.contacts(self.key), most + 1))
-        if len(keys) <= most:
-            for key in keys:
-                if self.slots.tables.slot_of[key] < 0:
-                    with suppress(ArithmeticError, np.linalg.LinAlgError):  # no such motion: it will not be met
-                        self.slots.add(key)
+        near = list(islice(self.system.contacts(self.key), most + 1))
+        for key in (*keys, *(near if len(near) <= most else ())):
+            if self.slots.tables.slot_of[key] < 0:
+                with suppress(ArithmeticError, np.linalg.LinAlgError):  # no such motion: it will not be met
+                    self.slots.add(key)
 
     def _set(self, system: System) -> System:
         """Take over a system, as the method sees it."""

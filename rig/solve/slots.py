@@ -46,6 +46,11 @@ class Slots:
         self.tables = empty(system, step, len(signals), read, kicks)
         self.handle = bundle(self.tables)
 
+    @property
+    def keys(self) -> tuple[int, ...]:
+        """The mode sets that are there, by slot."""
+        return tuple(modes.key for modes in self.sets)
+
     def add(self, key: int) -> ModeSet:
         """Assemble mode set `key` and append its tables; returns the mode set."""
         system = self.system

@@ -1,0 +1,39 @@
+"""The run before a paced run, so that its mode sets are known.
+
+A mode set takes milliseconds to build when it is first visited, and a frame has one. So the protocol is first carried
+out in this process, controllers and all, as fast as it goes. A paced run visits the same mode sets, or nearly so, since
+its commands arrive a frame later. What a frame calls is loaded or compiled on the way.
+"""
+
+from __future__ import annotations
+
+import time
+
+import controllers
+from rig.bench.job import Job
+from rig.bench.simulate import carry_out
+from rig.scenes.scene import Scene
+
+LONGEST_S = 3.0
+"""Longest time that a rehearsal of the protocol may take. # chosen: all but one of the shipped scenes need less"""
+
+
+def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, ...]:
+    """The mode sets that the protocol of `scene` visits, in the order of their first visits.
+
+    All of them, if it takes no longer than `longest_s` on the wall clock after the first tenth of a second of simulated
+    time, in which kernels are loaded or compiled.
+    """
+    working = {
+        name: controllers.restored(controllers.described(section, job.numbers.get(name, {})))
+        for name, section in scene.controllers.items()
+    }
+    duration_ns = scene.duration_ns if job.duration is None else round(job.duration * 1e9)
+    begun: list[float] = []
+
+    def stop() -> str:
+        now = time.perf_counter()
+        begun.append(now)
+        return "rehearsed" if now - begun[0] >= longest_s else ""
+
+    return carry_out(scene, working, duration_ns, stop=stop).stand.motion.slots.keys

@@ -1,0 +1,99 @@
+"""The run before a paced run: what it finds out, and that it leaves nothing for the frames that count."""
+
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import controllers
+from rig import scenes
+from rig.bench.job import Job
+from rig.bench.plant_process import Plant
+from rig.bench.rehearse import visited
+from rig.bench.simulate import simulate
+from rig.bus.twin import Twin
+from rig.study import design
+
+LEFT = """
+import sys
+from rig import scenes
+from rig.bench.job import Job
+from rig.bench.plant_process import Plant
+from rig.bench.rehearse import visited
+from rig.bench.timing import Interruptions
+from rig.bus.twin import Twin
+from rig.study import design
+scene = scenes.load("belt_normal_force")
+job = Job(scene.to_json(), design.numbers(scene), wait=0.0, duration=0.4, expect=(("controller", "nf"),))
+seen = Interruptions()
+plant = Plant(Twin("test").open("plant", "plant"), job, lambda: "", visited(scene, job))
+before = []
+begin = plant.attendant.begin
+def frame_0(*arguments):
+    seen.__init__()
+    before.extend(sys.modules)
+    begin(*arguments)
+plant.attendant.begin = frame_0
+plant.gather(lambda _: None)
+with seen.watched():
+    plant._go(lambda _: None)
+print(len([one for one in seen.seen if one[0] == "compile"]), sorted(set(sys.modules) - set(before)))
+"""
+
+
+def job_of(scene, **more):
+    return Job(scene.to_json(), design.numbers(scene), **more)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return scenes.load("belt_shunt")
+
+
+def test_the_mode_sets_of_a_run_are_known_before_it(scene):
+    job = job_of(scene)
+    built = {name: controllers.build(section, job.numbers[name]) for name, section in scene.controllers.items()}
+    run = simulate(scene, built)
+    found = visited(scene, job)
+    assert len(found) == run.summary["plant"]["mode_sets"] > 2
+    assert set(np.unique(run.mode)) <= set(found)
+
+
+def test_a_rehearsal_ends_in_time(scene):
+    everything = visited(scene, job_of(scene))
+    assert set(visited(scene, job_of(scene), longest_s=0.0)) < set(everything)
+
+
+def test_a_run_that_never_ends_is_rehearsed_all_the_same():
+    endless = replace(scenes.load("belt_shunt"), protocol=())
+    assert endless.duration_ns is None
+    assert len(visited(endless, job_of(endless), longest_s=0.1)) > 0
+
+
+def test_a_paced_run_builds_no_mode_set_after_its_first_frame(scene):
+    job = job_of(scene, duration=3.0, pace=30.0, wait=0.0)
+
+    def added(sets):
+        plant = Plant(Twin("test").open("plant", "plant"), job, lambda: "", sets)
+        motion, begin, first = plant.stand.motion, plant.attendant.begin, []
+        foresee = motion.foresee
+        motion.foresee = lambda keys: foresee(keys, most=0)
+
+        def begins(*given):
+            first.append(len(motion.slots.sets))
+            begin(*given)
+
+        plant.attendant.begin = begins
+        plant.run(lambda _: None)
+        return len(motion.slots.sets) - first[0]
+
+    assert added(()) > 0
+    assert added(visited(scene, job)) == 0
+
+
+def test_nothing_is_left_to_import_or_compile():
+    done = subprocess.run([sys.executable, "-c", LEFT], text=True, timeout=300, capture_output=True)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "0 []"
