@@ -17,6 +17,7 @@ study     what one learns from a rig
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -139,7 +140,13 @@ def map(
 
 
 def open(path: str | Path) -> Run:
-    """A recording as a Run. Raises rig.errors.LogError for a file that cannot be read; a broken one is read in part."""
+    """A recording as a Run. One that is cut off or damaged is read in part, and logged as such; `Run.damage` says why.
+
+    Raises rig.errors.LogError for a file that cannot be read or is no recording.
+    """
     from rig.record import reader
 
-    return reader.open(Path(path))
+    run = reader.open(Path(path))
+    for told in run.notes:
+        logging.getLogger(__name__).warning("%s: %s", path, told)  # on standard error, unless the user says otherwise
+    return run

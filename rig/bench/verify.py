@@ -42,6 +42,8 @@ class Verification:
     elsewhere: tuple[str, ...]
     """What is different here from where it was recorded."""
     faults: tuple[str, ...]
+    notes: tuple[str, ...] = ()
+    """What does not speak against the recording and should be known."""
 
     @property
     def passed(self) -> bool:
@@ -54,7 +56,8 @@ class Verification:
 
     def text(self) -> str:
         """For a reader."""
-        lines = [f"{self.log}: {'holds' if self.passed else 'does not hold'}", *(f"  {fault}" for fault in self.faults)]
+        lines = [f"{self.log}: {'holds' if self.passed else 'does not hold'}"]
+        lines += [f"  {told}" for told in (*self.faults, *self.notes)]
         told = "bit by bit" if self.identical else f"to {self.deviation:.1e} of their range"
         lines.append(f"  {self.seconds:g} s simulated again, {self.compared} numbers agree {told}")
         if self.elsewhere and not self.identical:
@@ -63,9 +66,9 @@ class Verification:
 
 
 def verify(log: Path) -> Verification:
-    """Check the recording `log`. Raises rig.errors.LogError for a file that is no recording of a run."""
+    """Check the recording `log`. Raises rig.errors.LogError for a file that is no recording, or has lost its scene."""
     run = reader.open(log)
-    scene = Scene.from_json(run.scene)
+    scene = Scene.from_json(run.scene_text())
     again = simulate(scene, {}, _duration_ns(run), run.commands, events=run.events)
     here = provenance(scene.seed)
     elsewhere = tuple(key for key in PLACE if run.provenance.get(key) != {**here, "kernel": source_key()}[key])
@@ -84,11 +87,17 @@ def verify(log: Path) -> Verification:
             deviation = max(deviation, size if np.isfinite(size) else np.inf)
     identical = not first
     faults = list(_gaps(run, again))
-    if run.fault and run.fault != again.fault:
+    if run.fault not in ("", run.damage, again.fault):
         faults.insert(0, run.fault)
+    if run.damage:
+        faults.insert(0, run.damage)
     if not identical and (not elsewhere or deviation > ELSEWHERE):
         faults.append(first)
-    return Verification(str(log), _duration_ns(run) * 1e-9, compared, identical, deviation, elsewhere, tuple(faults))
+    notes = [run.recovered] if run.recovered else []
+    if not (run.sealed or run.damage):
+        notes.append("no digest: an older version recorded it, and damage to its descriptions would not show")
+    seconds = _duration_ns(run) * 1e-9
+    return Verification(str(log), seconds, compared, identical, deviation, elsewhere, tuple(faults), tuple(notes))
 
 
 def _resolution(scene: Scene, name: str) -> float:

@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Json, Pace, pace, seconds
-from rig.errors import UsageError
+from rig.cli.options import Force, Json, Pace, pace, seconds
+from rig.cli.outputs import reserved
+from rig.errors import LogError, UsageError
+
+if TYPE_CHECKING:
+    from rig.record.run import Run
 
 Log = Annotated[Path, typer.Argument(metavar="LOG", help="A recording (MCAP).")]
+
+
+def opened(log: Path) -> Run:
+    """The run of a recording; what is damaged or missing in it is told beside the output."""
+    from rig.record.reader import open as read
+
+    run = read(log)
+    for told in run.notes:
+        tell.note(f"{log}: {told}")
+    return run
 
 
 def replay(
@@ -65,7 +79,7 @@ def diff(
     """Show where two recordings part, to the bit."""
     from rig.record.compare import compare
 
-    found = compare(first, second)
+    found = compare(opened(first), opened(second))
     if as_json:
         differences = [vars(difference) for difference in found.differences]
         tell.report({"identical": found.identical, "compared": found.compared, "differences": differences,
@@ -84,16 +98,25 @@ def diff(
 def recover(
     log: Log,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Where to put the clean file.")] = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Make a clean file from a recording that was cut off."""
+    """Make a whole file from a recording that was cut off or damaged: all that its checksums prove.
+
+    Exit code 1 where messages were lost, or may have been: what followed a cut is unknown.
+    """
     from rig.record.recover import recover as save
 
-    found = save(log, out)
+    found = save(log, out, force)
     if as_json:
-        tell.report(vars(found))
+        tell.report({**vars(found), "complete": found.complete})
     else:
         tell.line(f"{found.path}: {found.messages} messages, {found.seconds:.3f} s; the original: {found.fault}")
+        for place in found.skipped:
+            tell.line(f"  skipped {place}")
+        tell.line(f"  {found.told()}")
+    if not found.complete:
+        raise typer.Exit(1)
 
 
 def sound(
@@ -103,19 +126,20 @@ def sound(
     ] = "",
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write it as a WAV file.")] = None,
     figure: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw signal, spectrum and level (PNG).")] = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """What the microphone of a recording heard: level, squeals with their frequency; a WAV file to listen to."""
-    from rig.record.reader import open as read
     from rig.study.sound import hear
     from rig.study.sound.figure import draw
     from rig.study.sound.wav import write
 
-    run = read(log)
-    heard = hear(run, channel)
-    full = None if out is None else write(heard, out)
-    if figure is not None:
-        draw(heard, run, figure)
+    with reserved({"--out": out, "--figure": figure}, force):
+        run = opened(log)
+        heard = hear(run, channel)
+        full = None if out is None else write(heard, out)
+        if figure is not None:
+            draw(heard, run, figure)
     if as_json:
         tell.report(heard.to_json() | {"wav": out, "full_scale": full, "figure": figure})
         return
@@ -131,12 +155,13 @@ def amplitude(
     as_json: Json = False,
 ) -> None:
     """Amplitude and frequency of what each sensor measured, stage by stage; at which speeds a run still stuck."""
-    from rig.record.reader import open as read
     from rig.study.amplitude import measured
     from rig.study.stages import stages
 
     begin, end = seconds(first, "--from") or 0.0, seconds(last, "--to") or float("inf")
-    run = read(log)
+    run = opened(log)
+    if not run.time.size:
+        raise LogError(f"{log}: the recording ends before its first sample")
     if begin >= min(end, float(run.time[-1])):
         raise UsageError(f"--from {begin:g} s to {min(end, float(run.time[-1])):g} s: nothing is left; "
                          f"the recording has {run.time[0]:g} to {run.time[-1]:g} s")  # fmt: skip

@@ -21,6 +21,7 @@ Duration = Annotated[
     str | None, typer.Option(metavar="TIME", help='Simulated time, in seconds or with a unit ("500 ms").')
 ]
 Out = Annotated[Path | None, typer.Option(metavar="FILE", help="Recording to write (MCAP).")]
+Force = Annotated[bool, typer.Option("--force", help="Replace files that are there.")]
 RunName = Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name of the run; the newest by default.")]
 Pace = Annotated[
     str | None,

@@ -110,10 +110,10 @@ def _set(scene: Scene, overrides: Mapping[str, object], precision: float | None,
 
 def _draw(log: str, figure: Path) -> None:
     """Draw a recording."""
-    import rig
+    from rig.cli.logs import opened
     from rig.view.figure import draw
 
-    draw(rig.open(log), figure)
+    draw(opened(Path(log)), figure)
     tell.note(f"figure {figure}")
 
 

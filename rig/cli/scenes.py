@@ -85,9 +85,9 @@ def explain(
 
 
 def _audited(log: str, as_json: bool) -> None:
-    import rig
+    from rig.cli.logs import opened
 
-    judged = rig.open(log).summary.get("audit", [])
+    judged = opened(Path(log)).summary.get("audit", [])
     if as_json:
         tell.report({"log": log, "effects": judged})
         return

@@ -1,19 +1,24 @@
-"""Makes a clean file from a recording that was cut off, and reads it back before it calls it done."""
+"""Makes a whole recording from one that was cut off or damaged, and reads it back before it calls it done.
+
+Kept is what checksums prove, message by message. What was passed over is told: where, why and how much.
+"""
 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+import tempfile
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import BinaryIO
 
 from mcap.reader import make_reader
-from mcap.records import Message
-from mcap.writer import CompressionType
-from mcap.writer import Writer as Mcap
+from mcap.records import Channel
 
-from rig.errors import LogError
-from rig.record.reader import Scan
-from rig.record.writer import CHUNK
+from rig.errors import LogError, UsageError
+from rig.record.container import Writer as Mcap
+from rig.record.reader import Decoder
+from rig.record.scan import Scan
+from rig.record.writer import CHUNK, claim, synced
 
 
 @dataclass(frozen=True)
@@ -23,72 +28,131 @@ class Recovered:
     path: str
     messages: int
     seconds: float
+    """Simulated time of the last message."""
     fault: str
     """What was wrong with the original."""
+    lost: int | None
+    """Messages that could not be saved; None where the end is cut off and nobody knows how many followed."""
+    skipped: list[str] = field(default_factory=list)
+    """Damaged places of the original."""
+
+    @property
+    def complete(self) -> bool:
+        """Whether every message was saved."""
+        return self.lost == 0
+
+    def told(self) -> str:
+        """What was lost, in words."""
+        if self.lost is None:
+            return "lost: what followed after the end of the file, nobody knows how much"
+        return f"lost: {self.lost} of {self.messages + self.lost} messages" if self.lost else "no message lost"
 
 
-def recover(source: Path, target: Path | None = None) -> Recovered:
-    """Copy what is readable of `source` to `target` (default: NAME.recovered.mcap); a whole file is refused."""
+def recover(source: Path, target: Path | None = None, replace: bool = False) -> Recovered:
+    """Copy what is readable of `source` to `target` (default: NAME.recovered.mcap).
+
+    Raises LogError for a whole file and for one in which nothing can be read; UsageError for a target that is the
+    source, or that exists unless it is to be `replace`d.
+    """
     target = target or source.with_suffix(".recovered.mcap")
-    made = target.with_suffix(".part")
+    if target.exists() and source.exists() and target.samefile(source):
+        raise UsageError(f"--out {target}: is the damaged file itself; name another one")
     scan = Scan(source)
+    decode = _surveyed(scan)
+    if scan.whole and not decode.refused:
+        told = "is whole" if scan.sealed else "has no digest: an older version recorded it; no damage can be told"
+        raise LogError(f"{source} {told}; there is nothing to recover")
+    lost = None if scan.missing is None else max(scan.missing, 0) + decode.refused.total()
+    fault = "; ".join(filter(None, (scan.fault, decode.told())))
+    found = Recovered(
+        str(target),
+        scan.count - decode.refused.total(),
+        scan.last_ns * 1e-9,
+        fault,
+        lost,
+        [str(one) for one in scan.skipped],
+    )
+    _put(found, scan, target, replace)
+    return found
+
+
+def _surveyed(scan: Scan) -> Decoder:
+    """Walk through the whole of `scan`; which messages cannot be decoded."""
+    for _ in scan:
+        pass
+    decode = Decoder(scan.setup())
+    for record in scan:
+        decode(record.topic, record.payload)
+    return decode
+
+
+def _put(found: Recovered, scan: Scan, target: Path, replace: bool) -> None:
+    """Write the copy beside the target, check it, and put it in place: the target is this or what it was."""
     try:
-        count = _copy(scan, made)
-        if scan.whole:
-            raise LogError(f"{source} is whole; there is nothing to recover")
-        if (found := _readable(made)) != count:
-            raise LogError(f"{source}: {count} messages were copied but {found} can be read back; nothing was kept")
-        os.replace(made, target)
+        fresh = not target.exists()
+        if fresh or not replace:
+            claim(target, replace=False).close()
+        draft, name = tempfile.mkstemp(".mcap", f".{target.stem}-", target.parent)
+        try:
+            with os.fdopen(draft, "wb") as file:
+                _copy(found, scan, file)
+            if (read := _readable(Path(name))) != found.messages:
+                raise LogError(
+                    f"{scan.path}: {found.messages} messages were copied, {read} can be read; nothing was kept"
+                )
+            Path(name).chmod(target.stat().st_mode)
+            os.replace(name, target)
+        except BaseException:
+            Path(name).unlink(missing_ok=True)
+            if fresh:
+                target.unlink(missing_ok=True)
+            raise
     except OSError as fault:
         raise LogError(f"{target} cannot be written: {fault.strerror}") from None
-    finally:
-        made.unlink(missing_ok=True)
-    return Recovered(str(target), count, scan.last_ns * 1e-9, scan.fault)
 
 
-def _copy(scan: Scan, made: Path) -> int:
-    count = 0
-    with made.open("wb") as file:
-        out = Mcap(file, chunk_size=CHUNK, compression=CompressionType.ZSTD)
-        out.start(profile="friction-rig", library="friction-rig")
-        schemas: dict[int, int] = {}
-        channels: dict[int, int] = {}
-        noted: set[str] = set()
+def _copy(found: Recovered, scan: Scan, file: BinaryIO) -> None:
+    decode = Decoder(scan.setup())
+    attachments, metadata, known = dict(scan.attachments), dict(scan.metadata), dict(scan.schemas)
+    metadata["recovered"] = {"from": scan.path.name, "fault": found.fault, "lost": found.told()}
+    out = Mcap(file, CHUNK)
+    schemas: dict[int, int] = {}
+    channels: dict[int, int] = {}
+
+    def describe() -> None:
+        for one in attachments.values():
+            out.attach(one.name, one.media_type, one.data, one.log_time)
+        for name, values in metadata.items():
+            out.note(name, values)
+
+    def number(channel: Channel) -> int:
+        if channel.id not in channels:
+            if channel.schema_id not in schemas and channel.schema_id in known:
+                schema = known[channel.schema_id]
+                schemas[schema.id] = out.schema(schema.name, schema.encoding, schema.data)
+            described = schemas.get(channel.schema_id, 0)
+            channels[channel.id] = out.channel(channel.topic, channel.message_encoding, described, channel.metadata)
+        return channels[channel.id]
+
+    try:
+        describe()
         for message in scan.messages():
-            _front(scan, out, noted)
-            channel = message.channel_id
-            if channel not in channels:
-                known = scan.channels[channel]
-                if known.schema_id not in schemas:
-                    schema = scan.schemas[known.schema_id]
-                    schemas[known.schema_id] = out.register_schema(schema.name, schema.encoding, schema.data)
-                channels[channel] = out.register_channel(
-                    known.topic, known.message_encoding, schemas[known.schema_id], known.metadata
-                )
-            _add(out, channels[channel], message)
-            count += 1
-        _front(scan, out, noted)
-        out.add_metadata("recovered", {"from": scan.path.name, "fault": scan.fault})
-        out.finish()  # type: ignore[no-untyped-call]
-    return count
-
-
-def _front(scan: Scan, out: Mcap, noted: set[str]) -> None:
-    """Copy attachments and metadata as soon as they have been met: they belong before the messages."""
-    for name, attached in scan.attachments.items():
-        if name not in noted:
-            out.add_attachment(attached.create_time, attached.log_time, name, attached.media_type, attached.data)
-    for name, found in scan.metadata.items():
-        if name not in noted:
-            out.add_metadata(name, found)
-    noted |= {*scan.attachments, *scan.metadata}
-
-
-def _add(out: Mcap, channel: int, message: Message) -> None:
-    out.add_message(channel, message.log_time, message.data, message.publish_time, message.sequence)
+            channel = scan.channels[message.channel_id]
+            if decode(channel.topic, message.data) is not None:
+                out.add(number(channel), message.log_time, message.data, message.publish_time, message.sequence)
+        describe()
+        out.finish()
+        synced(file)
+    finally:
+        out.discard()
 
 
 def _readable(path: Path) -> int:
-    """How many messages an ordinary reader finds by the index."""
+    """How many messages an ordinary reader finds by the index; 0 where our own finds the file damaged."""
+    scan = Scan(path)
+    for _ in scan:
+        pass
+    if not scan.sealed:
+        return 0
     with path.open("rb") as file:
         return sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages())

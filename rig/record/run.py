@@ -8,6 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.errors import LogError
+
 Reals = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
@@ -55,4 +57,21 @@ class Run:
     """Number of the contact mode at `time`, [n]; empty where it was not recorded."""
     provenance: dict[str, str] = field(default_factory=dict)
     fault: str = ""
-    """Why it is not whole: stopped by the numerics, or a recording that breaks off. Empty for a whole one."""
+    """Why it is not whole: stopped by the numerics, or `damage`. Empty for a whole one."""
+    damage: str = ""
+    """What is missing or damaged in the recording that it was read from. Empty for a whole one."""
+    recovered: str = ""
+    """What had been lost before the recording was recovered from a damaged one; empty if it was not."""
+    sealed: bool = True
+    """Whether checksums prove every byte of the recording; those of older versions have no digest."""
+
+    def scene_text(self) -> str:
+        """The scene as JSON; raises rig.errors.LogError where damage to the recording took it away."""
+        if not self.scene:
+            raise LogError(f"the recording has lost its scene: {self.damage}")
+        return self.scene
+
+    @property
+    def notes(self) -> list[str]:
+        """What a reader must know of the recording before trusting numbers made from it."""
+        return [told for told in (self.damage, self.recovered) if told]

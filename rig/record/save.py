@@ -20,10 +20,17 @@ Stamped = tuple[int, str, bytes]
 """Simulated time, topic, payload."""
 
 
-def save(run: Run, path: Path, name: str = "simulate", controllers: Mapping[str, Any] | None = None) -> None:
+def save(
+    run: Run,
+    path: Path,
+    name: str = "simulate",
+    controllers: Mapping[str, Any] | None = None,
+    replace: bool = True,
+) -> None:
     """Write `run` to `path`; simulated time stands for the clock, so that equal runs make equal messages.
 
-    `controllers`: what the process of each would need (`controllers.described`), for a replay into them.
+    A file that is there is overwritten only to `replace` it, else LogError is raised. `controllers`: what the process
+    of each would need (`controllers.described`), for a replay into them.
     """
     setup = Setup(
         run=name,
@@ -35,7 +42,7 @@ def save(run: Run, path: Path, name: str = "simulate", controllers: Mapping[str,
         controllers=dict(controllers or {name: {} for name in run.commands}),
         provenance=run.provenance,
     )
-    writer = Writer(path, setup, "saved")
+    writer = Writer(path, setup, "saved", replace)
     try:
         sequence: dict[str, int] = {}
         for t_ns, topic, payload in _messages(run, writer):

@@ -1,7 +1,8 @@
 """Writes one run to an MCAP file, so that a killed writer leaves a file that opens.
 
-Scene and provenance stand at the front; chunks are closed every 250 ms, so that at most that much is lost. Messages
-are kept as they came off the wire. `log_time` is when the recorder had them, `publish_time` is simulated time.
+Scene and provenance stand at the front and once more at the end, so that no single damage takes both; chunks are closed
+every 250 ms, so that at most that much is lost. Messages are kept as they came off the wire. `log_time` is when the
+recorder had them, `publish_time` is simulated time.
 """
 
 from __future__ import annotations
@@ -13,43 +14,64 @@ import json
 import os
 import time
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import replace as changed
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
+from google.protobuf.message import DecodeError
 from mcap.well_known import MessageEncoding, SchemaEncoding
-from mcap.writer import CompressionType
-from mcap.writer import Writer as Mcap
 
 from rig.bus import messages, topics
 from rig.bus.setup import Setup
-from rig.errors import LogError
+from rig.errors import BusError, LogError
+from rig.record.container import Writer as Mcap
 
 CHUNK = 256 * 1024
 FLUSH_NS = 250_000_000
 PLOT_NS = 20_000_000
 
 
-def _alone(path: str, flags: int) -> int:
-    """Open a file and empty it, unless another process is writing it."""
-    file = os.open(path, flags & ~os.O_TRUNC, 0o666)
+def claim(path: Path, replace: bool) -> BinaryIO:
+    """Open a file for writing, empty and for this process alone; one with something in it only to `replace` it.
+
+    Raises OSError where it cannot be, with the reason in `strerror`.
+    """
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
     try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise OSError(errno.EBUSY, "another run is writing it; name another file") from None
+        except OSError:  # a file system without locks
+            pass
+        if os.fstat(file).st_size:
+            if not replace:
+                raise OSError(errno.EEXIST, "it exists; name another file, or add --force to replace it")
+            os.ftruncate(file, 0)
+    except OSError:
         os.close(file)
-        raise OSError(errno.EBUSY, "another run is writing it; name another file") from None
-    except OSError:  # a file system without locks
-        pass
-    if os.fstat(file).st_size:
-        os.ftruncate(file, 0)
-    return file
+        raise
+    return os.fdopen(file, "wb")
+
+
+def synced(file: BinaryIO) -> None:
+    """Have the system put a file on the disk: some tell only then that there is no room."""
+    file.flush()
+    try:
+        os.fsync(file.fileno())
+    except OSError as fault:
+        if fault.errno not in (errno.EINVAL, errno.ENOTSUP):  # no file on a disk, as /dev/null
+            raise
 
 
 class Writer:
-    """An open recording. `made` says how: "recorded" off the bus, or "saved" from a Run."""
+    """An open recording. `made` says how: "recorded" off the bus, or "saved" from a Run.
 
-    def __init__(self, path: Path, setup: Setup, made: str) -> None:
-        self.path, self.setup = path, setup
+    A file that is there is overwritten only to `replace` it. Raises LogError where the file cannot be written.
+    """
+
+    def __init__(self, path: Path, setup: Setup, made: str, replace: bool = True) -> None:
+        self.path, self.setup, self._made = path, setup, made
         self.messages = 0
         self.last_ns = 0
         """Simulated time of the latest message."""
@@ -59,33 +81,28 @@ class Writer:
         self.plot_names = [*setup.outputs, *(f"measured_{name}" for name in setup.sensors)]
         self._plot = messages.plot_type(self.plot_names)
         self._step: bytes | None = None
-        self._plot_due = 0
+        self._plot_due = self._points = 0
         self._log_ns = 0
         self._flush_due = time.monotonic_ns() + FLUSH_NS
         self._broken = False
         with self._guarded():
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = open(path, "wb", opener=_alone)
+            self._file = claim(path, replace)
+        self._mcap = Mcap(self._file, CHUNK)
         try:
-            self._begin(made)
+            with self._guarded():
+                self._describe()
+                self._file.flush()
         except LogError:
             self.abandon()
             raise
 
-    def _begin(self, made: str) -> None:
-        setup = self.setup
-        with self._guarded():
-            self._mcap = Mcap(self._file, chunk_size=CHUNK, compression=CompressionType.ZSTD)
-            self._mcap.start(profile="friction-rig", library="friction-rig")
-            self._attach("scene.json", setup.scene)
-            self._attach("setup.json", replace(setup, scene="").to_text())
-            self._mcap.add_metadata("provenance", dict(setup.provenance))
-            self._mcap.add_metadata("log", {"made": made, "run": setup.run})
-            self._file.flush()
-
-    def _attach(self, name: str, text: str) -> None:
-        now = time.time_ns()
-        self._mcap.add_attachment(now, now, name, "application/json", text.encode())
+    def _describe(self) -> None:
+        setup, now = self.setup, time.time_ns()
+        for name, text in (("scene.json", setup.scene), ("setup.json", changed(setup, scene="").to_text())):
+            self._mcap.attach(name, "application/json", text.encode(), now)
+        self._mcap.note("provenance", setup.provenance)
+        self._mcap.note("log", {"made": self._made, "run": setup.run})
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[None]:
@@ -101,8 +118,8 @@ class Writer:
         schema = kind.DESCRIPTOR.name
         if schema not in self._schemas:
             described = messages.file_descriptor_set(kind)
-            self._schemas[schema] = self._mcap.register_schema(f"rig.{schema}", SchemaEncoding.Protobuf, described)
-        return self._mcap.register_channel(topic, MessageEncoding.Protobuf, self._schemas[schema], units)
+            self._schemas[schema] = self._mcap.schema(f"rig.{schema}", SchemaEncoding.Protobuf, described)
+        return self._mcap.channel(topic, MessageEncoding.Protobuf, self._schemas[schema], units)
 
     def _kind(self, topic: str) -> tuple[Any, dict[str, str]]:
         setup = self.setup
@@ -130,17 +147,20 @@ class Writer:
         if channel is None:
             channel = self._channels[topic] = self._channel(topic)
         self._log_ns = max(self._log_ns, log_ns)  # readers want it to grow, clocks are set back at times
-        self._mcap.add_message(channel, self._log_ns, payload, t_ns, seq & 0xFFFFFFFF)
+        self._mcap.add(channel, self._log_ns, payload, t_ns, seq & 0xFFFFFFFF)
         self.messages += 1
         self.last_ns = max(self.last_ns, t_ns)
 
     def _derive(self, state: bytes, t_ns: int, log_ns: int) -> None:
         """One point of the channel that plotting programs show: the blocks at full rate mean nothing to them."""
-        found = self._state.FromString(state)
+        try:
+            found = self._state.FromString(state)
+            measured = list(messages.decode("step", self._step).values) if self._step is not None else []
+        except (DecodeError, BusError):  # no words of the plant: recorded as they came, and nothing to derive from
+            return
         values = [getattr(found, messages.field_name(name)) for name in self.setup.outputs]
-        if self._step is not None:
-            values += list(messages.decode("step", self._step).values)
-        self._add("plot", self.point(t_ns, values), t_ns, 0, log_ns)
+        self._add("plot", self.point(t_ns, values + measured), t_ns, self._points, log_ns)
+        self._points += 1
 
     def point(self, t_ns: int, values: list[float]) -> bytes:
         """A message of the derived `plot` channel: outputs, then the latest measurements."""
@@ -152,17 +172,20 @@ class Writer:
         if (now := time.monotonic_ns()) >= self._flush_due:
             self._flush_due = now + FLUSH_NS
             with self._guarded():
-                self._mcap.flush()  # type: ignore[no-untyped-call]
+                self._mcap.flush()
 
     def close(self, recording: Mapping[str, Any], summary: Mapping[str, Any]) -> None:
-        """Finish the file with an account of the recording and the summary of the run."""
+        """Finish the file with an account of the recording and the summary of the run; it is on the disk afterwards."""
         with self._guarded():
+            self._describe()
             for name, found in (("recording", recording), ("summary", summary)):
-                self._mcap.add_metadata(name, {key: json.dumps(value) for key, value in found.items()})
-            self._mcap.finish()  # type: ignore[no-untyped-call]
+                self._mcap.note(name, {key: json.dumps(value) for key, value in found.items()})
+            self._mcap.finish()
+            synced(self._file)
             self._file.close()
 
     def abandon(self) -> None:
         """Let go of the file, finished or not; what was flushed stays readable."""
+        self._mcap.discard()
         with contextlib.suppress(OSError):
             self._file.close()

@@ -85,7 +85,7 @@ def identify(scene: Scene) -> Identified:
 
 def read(run: Run) -> Identified:
     """What a run of an experiment tells, simulated or recorded. Raises UsageError for a scene that is none."""
-    scene = Scene.from_json(run.scene)
+    scene = Scene.from_json(run.scene_text())
     return _reader(scene)(scene, run)
 
 

@@ -45,7 +45,7 @@ def stages(run: Run) -> Stages | None:
     top = np.flatnonzero(v >= v.max() * (1.0 - 1e-9))
     if max(v[0], v[-1]) > _HALF * v.max():
         return None
-    system = Scene.from_json(run.scene).assemble().system()
+    system = Scene.from_json(run.scene_text()).assemble().system()
     sticks = {int(key): _sticks(system, int(key)) for key in np.unique(run.mode)}
     stuck = np.array([sticks[int(key)] for key in run.mode])
     moving = v > 0.0

@@ -205,7 +205,7 @@ def _unit(run: Run, channel: str) -> str:
 
 
 def _name(run: Run) -> str:
-    found = json.loads(run.scene)
+    found = json.loads(run.scene_text())
     return str(found.get("name") or found.get("title") or found.get("plant", ""))
 
 

@@ -1,0 +1,228 @@
+"""Writes MCAP: small chunks, a checksum over every byte, and memory that does not grow with the length of the file.
+
+    magic, header, attachments and metadata        the data section: a CRC at its end covers all of it, and before that
+    chunk, message indexes, chunk, ...             the metadata record "digest" has the SHA-256 of all bytes up to it
+    attachments and metadata, "digest", data end
+    schemas, channels, statistics, indexes         the summary section: a CRC in the footer covers it and the footer
+    footer, magic
+
+Each chunk, attachment and metadata record has a checksum of its own as well, so that a reader knows what is damaged and
+keeps the rest. No chunk holds more than a 25th of the messages before it: one damaged chunk is less than 5 % of a
+recording, however short that is. Schemas and channels stand in two chunks and in the summary.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import struct
+import tempfile
+import zlib
+from collections.abc import Iterable, Mapping
+from typing import Any, BinaryIO
+
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    Chunk,
+    DataEnd,
+    Footer,
+    Header,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+    SummaryOffset,
+)
+
+MAGIC = b"\x89MCAP0\r\n"
+PROFILE = "friction-rig"
+CRC, DIGEST = "crc32", "digest"
+SHARE = 25
+"""No chunk holds more than this part of the messages before it."""
+_SPILL = 1 << 22  # bytes of chunk indexes that are kept in memory: some 20 000 chunks
+_RECORD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<BQHIQQ")
+_INDEXED = struct.Struct("<QQ")
+_INDEX = struct.Struct("<BQHI")
+_CHUNK_INDEX = struct.Struct("<BQQQQQI")
+_OFFSET = struct.Struct("<HQ")
+_END = struct.Struct("<BQQQ")
+
+
+def checksum(name: str, values: Mapping[str, str]) -> str:
+    """Of a metadata record, whatever the order of its values; it stands in the record under `CRC`."""
+    parts = [name, *(part for key in sorted(values) if key != CRC for part in (key, values[key]))]
+    return f"{zlib.crc32(b''.join(struct.pack('<I', len(raw)) + raw for raw in map(str.encode, parts))):08x}"
+
+
+class Writer:
+    """An MCAP file that is written from front to back to `stream`; `finish` leaves the stream open.
+
+    An error of the stream passes through; the file is then cut off where it happened.
+    """
+
+    def __init__(self, stream: BinaryIO, chunk_size: int) -> None:
+        self.__stream = stream
+        self._chunk_size = chunk_size
+        self._compressor = zstandard.ZstdCompressor(write_checksum=True)
+        self._offset, self._crc, self._sha = 0, 0, hashlib.sha256()
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        self._fresh: list[Schema | Channel] = []
+        """Described in this chunk for the first time; the next one repeats it."""
+        self._counts: dict[int, int] = {}
+        self._messages = self._chunks = 0
+        self._first_ns, self._last_ns = (1 << 64) - 1, 0
+        self._attached: list[AttachmentIndex] = []
+        self._noted: list[MetadataIndex] = []
+        self._begin_chunk()
+        self._put(MAGIC + _packed(Header(PROFILE, PROFILE)))
+        self._chunk_indexes = tempfile.SpooledTemporaryFile(_SPILL)
+
+    def _put(self, raw: bytes) -> None:
+        self.__stream.write(raw)
+        self._offset += len(raw)
+        self._crc = zlib.crc32(raw, self._crc)
+        self._sha.update(raw)
+
+    def _begin_chunk(self) -> None:
+        self._parts: list[bytes] = []
+        self._size = self._held = 0
+        self._indexes: dict[int, bytearray] = {}
+        self._span = ((1 << 64) - 1, 0)
+
+    def attach(self, name: str, media_type: str, raw: bytes, time_ns: int) -> None:
+        """Add an attachment."""
+        self._end_chunk()
+        packed = _packed(Attachment(time_ns, time_ns, name, media_type, raw))
+        index = AttachmentIndex(self._offset, len(packed), time_ns, time_ns, len(raw), name, media_type)
+        self._attached.append(index)
+        self._put(packed)
+
+    def note(self, name: str, values: Mapping[str, str]) -> None:
+        """Add a metadata record."""
+        self._end_chunk()
+        packed = _packed(Metadata(name, {**values, CRC: checksum(name, values)}))
+        self._noted.append(MetadataIndex(self._offset, len(packed), name))
+        self._put(packed)
+
+    def schema(self, name: str, encoding: str, described: bytes) -> int:
+        """Describe a type of messages; its number."""
+        made = Schema(id=len(self._schemas) + 1, data=described, encoding=encoding, name=name)
+        self._schemas[made.id] = made
+        self._describe(made)
+        return made.id
+
+    def channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
+        """Describe a channel; its number."""
+        made = Channel(len(self._channels) + 1, topic, encoding, dict(metadata), schema)
+        self._channels[made.id] = made
+        self._counts[made.id] = 0
+        self._describe(made)
+        return made.id
+
+    def _describe(self, one: Schema | Channel) -> None:
+        self._fresh.append(one)
+        self._hold(_packed(one))
+
+    def _hold(self, raw: bytes) -> None:
+        self._parts.append(raw)
+        self._size += len(raw)
+
+    def add(self, channel: int, log_ns: int, payload: bytes, t_ns: int, seq: int) -> None:
+        """Add a message; a chunk that is large enough is closed."""
+        index = self._indexes.get(channel)
+        if index is None:
+            index = self._indexes[channel] = bytearray()
+        index += _INDEXED.pack(log_ns, self._size)
+        self._hold(_MESSAGE.pack(Opcode.MESSAGE, 22 + len(payload), channel, seq, log_ns, t_ns) + payload)
+        self._span = (min(self._span[0], log_ns), max(self._span[1], log_ns))
+        self._counts[channel] += 1
+        self._held += 1
+        if self._size > self._chunk_size or self._held * SHARE > self._messages:
+            self._end_chunk()
+
+    def _end_chunk(self) -> None:
+        if not self._held:
+            return
+        content = b"".join(self._parts)
+        packed = self._compressor.compress(content)
+        start, (begin, end) = self._offset, self._span
+        record = _packed(Chunk("zstd", packed, end, begin, zlib.crc32(content), len(content)))
+        self._put(record)
+        offsets, raw = bytearray(), bytearray()
+        for channel, index in self._indexes.items():
+            offsets += _OFFSET.pack(channel, self._offset + len(raw))
+            raw += _INDEX.pack(Opcode.MESSAGE_INDEX, 6 + len(index), channel, len(index)) + index
+        self._put(bytes(raw))
+        tail = struct.pack("<QI4sQQ", len(raw), 4, b"zstd", len(packed), len(content))
+        length = _CHUNK_INDEX.size - _RECORD.size + len(offsets) + len(tail)
+        head = _CHUNK_INDEX.pack(Opcode.CHUNK_INDEX, length, begin, end, start, len(record), len(offsets))
+        self._chunk_indexes.write(head + offsets + tail)
+        self._chunks += 1
+        self._messages += self._held
+        self._first_ns, self._last_ns = min(self._first_ns, begin), max(self._last_ns, end)
+        again, self._fresh = self._fresh, []
+        self._begin_chunk()
+        for one in again:
+            self._hold(_packed(one))
+
+    def flush(self) -> None:
+        """Close the chunk and hand everything to the system."""
+        self._end_chunk()
+        self.__stream.flush()
+
+    def finish(self) -> None:
+        """Write digest, indexes and footer."""
+        self._end_chunk()
+        self.note(DIGEST, {"sha256": self._sha.hexdigest()})
+        self._put(_packed(DataEnd(self._crc)))
+        start, self._crc = self._offset, 0
+        self._chunk_indexes.seek(0)
+        groups = [
+            self._group(Opcode.SCHEMA, map(_packed, self._schemas.values())),
+            self._group(Opcode.CHANNEL, map(_packed, self._channels.values())),
+            self._group(Opcode.STATISTICS, [_packed(self._statistics())]),
+            self._group(Opcode.CHUNK_INDEX, iter(lambda: self._chunk_indexes.read(1 << 20), b"")),
+            self._group(Opcode.ATTACHMENT_INDEX, map(_packed, self._attached)),
+            self._group(Opcode.METADATA_INDEX, map(_packed, self._noted)),
+        ]
+        offsets = self._offset
+        self._put(b"".join(_packed(group) for group in groups if group.group_length))
+        crc = zlib.crc32(_END.pack(Opcode.FOOTER, 20, start, offsets), self._crc)
+        self._put(_packed(Footer(start, offsets, crc)) + MAGIC)
+        self.__stream.flush()
+        self.discard()
+
+    def discard(self) -> None:
+        """Let go of what is kept beside the file, finished or not."""
+        self._chunk_indexes.close()
+
+    def _group(self, opcode: Opcode, records: Iterable[bytes]) -> SummaryOffset:
+        start = self._offset
+        for raw in records:
+            self._put(raw)
+        return SummaryOffset(opcode, start, self._offset - start)
+
+    def _statistics(self) -> Statistics:
+        return Statistics(
+            attachment_count=len(self._attached),
+            channel_count=len(self._channels),
+            channel_message_counts=self._counts,
+            chunk_count=self._chunks,
+            message_count=self._messages,
+            message_end_time=self._last_ns,
+            message_start_time=min(self._first_ns, self._last_ns),
+            metadata_count=len(self._noted),
+            schema_count=len(self._schemas),
+        )
+
+
+def _packed(record: Any) -> bytes:
+    builder = RecordBuilder()
+    record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]

@@ -1,0 +1,265 @@
+"""Damaged recordings: one wrong byte is always noticed, costs less than 5 % of the messages, and is told."""
+
+import json
+import random
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer as PlainWriter
+
+from rig.bus import encode
+from rig.bus.setup import Setup
+from rig.cli import app
+from rig.errors import LogError, UsageError
+from rig.record import container, reader
+from rig.record.compare import compare
+from rig.record.recover import recover
+from rig.record.save import save
+from rig.record.scan import Scan
+from rig.record.writer import Writer
+
+SETUP = Setup("r", '{"plant": "belt"}', 1_000_000, 1_000_000, {"x": "m"}, {"s": ("m", 1_000_000)})
+
+
+def walked(path):
+    scan = Scan(path)
+    return scan, list(scan)
+
+
+def record(path, count, finished=True):
+    """Messages as the recorder gets them."""
+    log, state = Writer(path, SETUP, "recorded"), encode.StateEncoder(1)
+    for k in range(count):
+        now = k * 1_000_000
+        log.write("step", encode.step(k, now, np.array([float(k)]), np.ones(1, np.int64)), now, k, now)
+        log.write("state", state(now, k, 0, np.array([k * 0.5])), now, k, now)
+        log.write("meas/s", encode.block(k, now, 1_000_000, [float(k)]), now, k, now)
+    if finished:
+        log.close({"messages": log.messages}, {"verdict": "VALID"})
+    else:
+        log._mcap.flush()
+    log.abandon()
+
+
+@pytest.fixture(scope="module")
+def logs(run, tmp_path_factory):
+    """A saved run, and a recorded one whose recorder was killed."""
+    folder = tmp_path_factory.mktemp("logs")
+    save(run, folder / "saved.mcap")
+    record(folder / "killed.mcap", 400, finished=False)
+    return folder
+
+
+def frames(path):
+    """Where records, chunks and their lengths begin: the bytes on which the rest hangs."""
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    starts = [c.chunk_start_offset for c in summary.chunk_indexes[::20]]
+    starts += [i.offset for i in (*summary.attachment_indexes, *summary.metadata_indexes)]
+    starts += [c.chunk_start_offset + c.chunk_length for c in summary.chunk_indexes[::20]]
+    return [start + k for start in starts for k in (0, 1, 4, 30, 45)]
+
+
+def test_one_wrong_byte_costs_less_than_a_twentieth(logs, tmp_path):
+    draw, path = random.Random(1), tmp_path / "wrong.mcap"
+    for name in ("saved.mcap", "killed.mcap"):
+        whole = (logs / name).read_bytes()
+        before, given = walked(logs / name)
+        places = [
+            *range(12),
+            *(len(whole) - 1 - k for k in range(0, 60, 2)),
+            *(draw.randrange(len(whole)) for _ in range(40)),
+        ]
+        for place in [*places, *(frames(logs / name) if before.whole else ())]:
+            data = bytearray(whole)
+            data[place] ^= draw.randrange(1, 256)
+            path.write_bytes(data)
+            scan, kept = walked(path)
+            assert len(kept) >= 0.95 * len(given), place
+            assert set(kept) <= set(given), place  # never a wrong one
+            if before.whole:
+                assert not scan.whole, place
+                assert scan.missing == len(given) - len(kept), place
+            assert scan.setup() == before.setup(), place
+
+
+def test_every_single_byte_is_covered_by_a_checksum(tmp_path):
+    path = tmp_path / "small.mcap"
+    with path.open("wb") as file:  # all kinds of records in 2 kB
+        out = container.Writer(file, 8192)
+        out.attach("scene.json", "application/json", b"{}", 0)
+        out.note("log", {"made": "recorded"})
+        channel = out.channel("state", "protobuf", out.schema("rig.State", "protobuf", b"schema"), {"x": "m"})
+        for k in range(3):
+            out.add(channel, k, b"payload", k, k)
+        out.finish()
+    whole = path.read_bytes()
+    assert walked(path)[0].sealed
+    for place in range(len(whole)):
+        data = bytearray(whole)
+        data[place] ^= 1 << place % 8
+        path.write_bytes(data)
+        scan, _ = walked(path)
+        assert scan.fault, place
+        assert not scan.sealed, place
+        assert not scan.whole, place
+    for data in (whole + b"\0", b"\0" + whole, whole[:-1], whole[1:]):
+        path.write_bytes(data)
+        assert walked(path)[0].fault
+
+
+def test_a_recording_with_a_wrong_byte_is_recovered_with_an_account(logs, run, tmp_path):
+    with (logs / "saved.mcap").open("rb") as file:
+        chunk = make_reader(file).get_summary().chunk_indexes[-1]
+    data = bytearray((logs / "saved.mcap").read_bytes())
+    data[chunk.chunk_start_offset + 100] ^= 0x10
+    path = tmp_path / "wrong.mcap"
+    path.write_bytes(data)
+    done = recover(path)
+    total = len(walked(logs / "saved.mcap")[1])
+    assert 0 < done.lost < 0.05 * total
+    assert done.messages + done.lost == total
+    assert f"{done.lost} of its {total} messages are missing" in done.fault
+    assert f"{chunk.chunk_length} bytes from byte {chunk.chunk_start_offset} on: a chunk" in done.skipped[0]
+    assert not done.complete
+    scan, kept = walked(tmp_path / "wrong.recovered.mcap")
+    assert (scan.sealed, len(kept)) == (True, done.messages)
+    assert reader.open(done.path).recovered.endswith(f"lost: {done.lost} of {total} messages")
+
+
+def test_damage_outside_of_the_messages_costs_none(logs, run, tmp_path):
+    whole = (logs / "saved.mcap").read_bytes()
+    for text in (b'"plant"', b"setup.json", b"VALID", b"provenance"):
+        data = bytearray(whole)
+        data[whole.index(text) + 2] ^= 2
+        (tmp_path / "wrong.mcap").write_bytes(data)
+        read = reader.open(tmp_path / "wrong.mcap")
+        assert "no message is missing" in read.damage, text
+        assert compare(run, read).identical
+        assert (read.scene, read.units) == (run.scene, run.units)
+        done = recover(tmp_path / "wrong.mcap", tmp_path / "again.mcap", replace=True)
+        assert done.complete
+        assert compare(run, reader.open(done.path)).identical
+
+
+def test_messages_are_within_reach_when_every_description_is_damaged(logs, run, tmp_path):
+    data = (logs / "saved.mcap").read_bytes().replace(b'"plant"', b'"plamt"').replace(b'"frame_ns"', b'"frame_ms"')
+    (tmp_path / "wrong.mcap").write_bytes(data)
+    read = reader.open(tmp_path / "wrong.mcap")
+    assert compare(run, read).identical
+    assert (read.scene, read.frame_ns, read.units) == ("", run.frame_ns, run.units)
+    with pytest.raises(LogError, match="lost its scene"):
+        read.scene_text()
+    done = recover(tmp_path / "wrong.mcap")
+    assert done.complete
+    assert compare(run, reader.open(done.path)).identical
+
+
+def test_what_cannot_be_decoded_is_named_counted_and_left_out(tmp_path):
+    path, log = tmp_path / "run.mcap", Writer(tmp_path / "run.mcap", SETUP, "recorded")
+    state = encode.StateEncoder(1)
+    for k in range(100):
+        log.write("state", state(k, k, 0, np.array([1.0])), k * 1_000_000, k, 0)
+        log.write("meas/s", encode.block(k, k * 1_000_000, 1_000_000, [1.0]), k * 1_000_000, k, 0)
+    for topic in ("state", "state", "meas/s", "event/x", "step", "health", "act/y", "applied/y", "total/z"):
+        log.write(topic, b"\xff\xff garbage", 100_000_000, 0, 0)
+    log.write("event/x", b'\x32\x02{"', 100_000_000, 0, 0)  # an Event whose data is no JSON
+    log.close({}, {})
+    read = reader.open(path)
+    told = "messages that cannot be decoded: 1 on applied/y, 2 on event/x, 1 on meas/s, 2 on state"
+    assert read.damage == told
+    assert (read.time.size, read.measurements["s"].v.size) == (100, 100)
+    assert compare(read, path).identical
+    done = recover(path)
+    assert done.lost == 10
+    assert "2 on event/x, 1 on health, 1 on meas/s" in done.fault
+    assert not reader.open(done.path).damage
+    assert reader.open(done.path).time.size == 100
+
+
+def test_a_recording_of_an_older_version_has_no_digest_and_is_not_called_whole(logs, tmp_path):
+    scan, old = Scan(logs / "saved.mcap"), tmp_path / "old.mcap"
+    with old.open("wb") as file:
+        out = PlainWriter(file)
+        out.start("friction-rig", "friction-rig")
+        channels = {}
+        for message in scan.messages():
+            for one in scan.attachments.values() if not channels else ():
+                out.add_attachment(0, 0, one.name, one.media_type, one.data)
+            if message.channel_id not in channels:
+                made = scan.channels[message.channel_id]
+                channels[made.id] = out.register_channel(made.topic, made.message_encoding, 0, made.metadata)
+            out.add_message(channels[message.channel_id], message.log_time, message.data, message.publish_time)
+        out.finish()
+    assert (walked(old)[0].whole, walked(old)[0].sealed) == (True, False)
+    assert not reader.open(old).damage
+    with pytest.raises(LogError, match=r"has no digest: .*nothing to recover"):
+        recover(old)
+
+
+def test_recover_replaces_neither_its_source_nor_what_is_there(logs, tmp_path):
+    cut = tmp_path / "c.mcap"
+    cut.write_bytes((logs / "saved.mcap").read_bytes()[:-500])
+    for name in ("c.part", "c.recovered.part", "c.recovered.mcap", "other.mcap"):
+        (tmp_path / name).write_text("mine")
+    (tmp_path / "link.mcap").symlink_to(cut)
+    there = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    for target in (cut, tmp_path / "link.mcap"):
+        for replace in (False, True):
+            with pytest.raises(UsageError, match="is the damaged file itself"):
+                recover(cut, target, replace)
+    for target in (None, tmp_path / "other.mcap"):
+        with pytest.raises(LogError, match="it exists; name another file, or add --force"):
+            recover(cut, target)
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == there
+    recover(cut, tmp_path / "other.mcap", replace=True)
+    assert walked(tmp_path / "other.mcap")[0].sealed
+
+
+def test_a_recovery_that_fails_leaves_nothing_behind(logs, tmp_path, monkeypatch):
+    cut = tmp_path / "c.mcap"
+    cut.write_bytes((logs / "saved.mcap").read_bytes()[:-500])
+
+    def full(self):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(container.Writer, "finish", full)
+    with pytest.raises(LogError, match="No space left on device"):
+        recover(cut)
+    assert [path.name for path in tmp_path.iterdir()] == ["c.mcap"]
+
+
+@pytest.fixture
+def rig(capsys):
+    """Runs a command in this process: exit code, standard output, standard error."""
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as left:
+            app.run([str(a) for a in arguments])
+        said = capsys.readouterr()
+        return left.value.code or 0, said.out, said.err
+
+    return call
+
+
+def test_exit_code_and_account_tell_what_was_lost(rig, logs, tmp_path):
+    whole = (logs / "saved.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: len(whole) // 2])
+    code, out, _ = rig("recover", cut)
+    assert code == 1
+    assert "nobody knows how much" in out
+    cut.write_bytes(whole[:-1])
+    code, out, _ = rig("recover", cut, "--force", "--json")
+    told = json.loads(out)
+    assert (code, told["lost"], told["complete"]) == (0, 0, True)
+
+
+def test_every_command_that_reads_a_cut_file_says_so(rig, logs, tmp_path):
+    whole = (logs / "killed.mcap").read_bytes()
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole[: len(whole) * 9 // 10])
+    for command in (["explain", cut], ["amplitude", cut], ["diff", cut, cut], ["replay", cut, "--pace", "max"]):
+        _, _, err = rig(*command)
+        assert "breaks off after t = 0." in err, command
