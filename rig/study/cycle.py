@@ -21,6 +21,7 @@ from rig.solve.linear import Steady, sliding_key, steady
 from rig.solve.method import chosen
 from rig.solve.motion import Event
 from rig.solve.system import System
+from rig.study.columns import columns
 from rig.study.floquet import Floquet, floquet
 from rig.study.orbit import Orbit
 from rig.study.turns import Turns
@@ -104,12 +105,11 @@ class Cycle:
         lines += [f"  period {self.period:.10g} s, {self.frequency:.6g} Hz; repeats to {self.repeats:.1e}"]
         for name, time in self.stick_time.items():
             lines += [f"  {name} sticks for {time:.10g} s, {100.0 * time / self.period:.4g} % of the period"]
-        heads = ("lowest", "highest", "amplitude", "stick starts", "stick ends")
-        lines += ["", f"  {'output':<22}" + "".join(f"{head:>16}" for head in heads)]
-        for name, (low, high) in self.extremes.items():
-            at = [f"{d[name]:>16.8g}" if d else f"{'':>16}" for d in (self.stick_start, self.stick_end)]
-            values = "".join(f"{value:>16.8g}" for value in (low, high, self.amplitude[name]))
-            lines += [f"  {name:<22}{values}{at[0]}{at[1]}  {self.units[name]}"]
+        rows: list[tuple[str, ...]] = [("output", "lowest", "highest", "amplitude", "stick starts", "stick ends", "")]
+        for name, ends in self.extremes.items():
+            values = (*ends, self.amplitude[name], self.stick_start.get(name), self.stick_end.get(name))
+            rows.append((name, *("" if value is None else f"{value:.8g}" for value in values), self.units[name]))
+        lines += ["", *columns(rows, "<>>>>><")]
         lines += ["", f"  Floquet multipliers: {self.floquet.text()}"]
         terms = ", ".join(f"{name} {v:.6g}" for name, v in self.energy.items() if name != "error" and v)
         lines += ["", f"  energy in a cycle [J]: {terms}; closes to {abs(self.energy['error']):.1e}"]

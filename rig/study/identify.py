@@ -23,6 +23,7 @@ from rig.plants.lever import Parameters
 from rig.record.run import Run
 from rig.scenes.protocol import Hold, Repeat
 from rig.scenes.scene import Scene
+from rig.study.columns import columns
 
 Array = NDArray[np.float64]
 _SETTLED = 0.5  # share of a hold after which a reading is taken
@@ -56,13 +57,14 @@ class Identified:
 
     def text(self) -> str:
         """For a reader."""
-        lines = [f"{self.scene}: {self.experiment}", f"  {'':<24}{'found':>12}{'stated':>12}{'error':>9}"]
+        rows = [("", "found", "stated", "error", "")]
         for one in self.parameters:
             unit = "" if one.unit == "1" else one.unit
-            lines.append(f"  {one.key:<24}{one.found:>12.6g}{one.stated:>12.6g}{100.0 * one.error:>8.2f} %  {unit}")
+            rows.append((one.key, f"{one.found:.6g}", f"{one.stated:.6g}", f"{100.0 * one.error:.2f} %", unit))
+        lines = [f"{self.scene}: {self.experiment}", *columns(rows, "<>>><")]
         if self.readings:
-            lines += ["", "".join(f"{name:>16}" for name in self.columns)]
-            lines += ["".join(f"{value:>16.6g}" for value in row) for row in self.readings]
+            readings = [[f"{value:.6g}" for value in row] for row in self.readings]
+            lines += ["", *columns([self.columns, *readings], ">" * len(self.columns))]
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _COLOURS = ("#1d4f91", "#c03a76", "#2a9d77", "#d1802f", "#7a5fb0", "#5a5a5a")
-_MARK = {"flutter": "o", "divergence": "s", "jump": "D"}
+_MARK = {"flutter": "o", "divergence": "s", "jump": "D", "jamming": "X"}
 _ALARM = "#b5322f"
 
 
@@ -58,9 +58,10 @@ def _compose(figure: Figure, sweep: Sweep) -> None:
     growth.tick_params(labelbottom=False)
     frequency.set_ylabel("frequency [Hz]")
     frequency.set_xlabel(sweep.axis.label)
-    low, high = float(np.nanmin(hertz)), float(np.nanmax(hertz))
-    margin = max(0.08 * (high - low), 0.02 * high, 1e-9)  # what hardly changes shall look so
-    frequency.set_ylim(low - margin, high + margin)
+    if np.any(seen):
+        low, high = float(np.nanmin(hertz)), float(np.nanmax(hertz))
+        margin = max(0.08 * (high - low), 0.02 * high, 1e-9)  # what hardly changes shall look so
+        frequency.set_ylim(low - margin, high + margin)
     locus.set_xlabel("growth [1/s]")
     locus.set_ylabel("frequency [Hz]")
     locus.set_title("root locus")

@@ -4,14 +4,14 @@ The loop is that of the scene: the controller's own numbers, its instrument, its
 discretised (rig.study.sampled). Margins come from the exact frequency response L(exp(i w T)) of the opened loop. A rig
 that rubs may be unstable without control, so gain has a range, not a margin: below it friction wins, above it the loop.
 
-    gain range     gains between which every eigenvalue decays, of the controller's sign
+    gain range     gains of both signs between which every eigenvalue decays
     phase margin   the least turn at |L| = 1 that makes L = -1        delay margin   the same turn as a delay, turn / w
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -27,10 +27,11 @@ from rig.quantities import unit_of
 from rig.scenes.faults import near
 from rig.scenes.scene import Scene
 from rig.study.axis import Axis
+from rig.study.columns import columns
 from rig.study.design import numbers
 from rig.study.plant import plant
 from rig.study.sampled import Feedback, Sampled, sampled
-from rig.study.spectrum import Spectrum, of_matrix
+from rig.study.spectrum import Spectrum, absent, of_matrix
 from rig.study.sweep import Sweep, along
 
 if TYPE_CHECKING:
@@ -47,8 +48,8 @@ GRID = 400
 class Loop:
     """A closed loop about steady sliding. `unit`: of the gain; `delay` [s]: of its sensor and of the loop together.
 
-    `gain`: the controller's; of one that has none, a factor on what it hears. `model`: with a gain of one, of the sign
-    of `gain`.
+    `gain`: the controller's; of one that has none, a factor on what it hears. `model`: with a gain of one. `energy`: of
+    the states of the rig (rig.study.plant). `others`: controllers of the scene that stay open.
     """
 
     scene: str
@@ -58,18 +59,20 @@ class Loop:
     unit: str
     delay: float
     model: Sampled
+    energy: Array
+    others: tuple[str, ...] = ()
 
     @cached_property
     def spectrum(self) -> Spectrum:
         """Eigenvalues lambda = ln(z) / T of the closed loop, least stable first; those that vanish at once left out."""
-        z, right, left = of_matrix(self.model.closed(abs(self.gain)))
+        z, right, left = of_matrix(self.model.closed(self.gain))
         seen = np.abs(z) > VANISHED
         rates = (np.log(z[seen].astype(np.complex128)) / self.model.period).astype(np.complex128)
         order = np.lexsort((-rates.imag, -rates.real))
         columns = np.flatnonzero(seen)[order]
-        coordinates = sum(f"{name}'" in self.model.states for name in self.model.states)
-        own = self.model.own
-        return Spectrum(rates[order], right[:, columns], left[:, columns], self.model.states, coordinates, own)
+        states, own = self.model.states, self.model.own
+        nq = sum(f"{name}'" in states for name in states)
+        return Spectrum(rates[order], right[:, columns], left[:, columns], states, nq, own, energy=self.energy)
 
     @property
     def growth(self) -> float:
@@ -78,7 +81,7 @@ class Loop:
 
     def response(self, omega: Array) -> Complex:
         """The opened loop L at `omega` [rad/s], with the sign in which -1 is the limit of stability."""
-        return abs(self.gain) * self._unit_response(omega)
+        return self.gain * self._unit_response(omega)
 
     def _unit_response(self, omega: Array) -> Complex:
         z = np.exp(1j * omega * self.model.period)
@@ -91,15 +94,17 @@ class Loop:
         import control
 
         m = self.model
-        return control.ss(m.F, m.G[:, None], -abs(self.gain) * m.H[None, :], [[0.0]], m.period, name=self.controller)
+        return control.ss(m.F, m.G[:, None], -self.gain * m.H[None, :], [[0.0]], m.period, name=self.controller)
 
     @cached_property
     def gain_ranges(self) -> list[tuple[float, float]]:
-        """Sizes of the gain between which the loop is stable; the last one may end at infinity."""
+        """Gains of both signs between which the loop is stable, rising; the ends may be infinite."""
         limits = sorted({0.0, *self._limits()})
         found: list[tuple[float, float]] = []
-        for low, high in pairwise([*limits, math.inf]):
-            inside = 0.5 * (low + high) if math.isfinite(high) else 2.0 * low + 1.0
+        for low, high in pairwise([-math.inf, *limits, math.inf]):
+            inside = (
+                2.0 * high - 1.0 if low == -math.inf else 2.0 * low + 1.0 if high == math.inf else 0.5 * (low + high)
+            )
             if np.abs(np.linalg.eigvals(self.model.closed(inside))).max() < 1.0:
                 joined = bool(found) and found[-1][1] == low
                 found = [*found[:-1], (found[-1][0], high)] if joined else [*found, (low, high)]
@@ -108,7 +113,7 @@ class Loop:
     @cached_property
     def gain_range(self) -> tuple[float, float] | None:
         """The range that the controller's own gain lies in; None where the loop is unstable."""
-        return next((ends for ends in self.gain_ranges if ends[0] <= abs(self.gain) < ends[1]), None)
+        return next((ends for ends in self.gain_ranges if ends[0] < self.gain < ends[1]), None)
 
     @cached_property
     def margins(self) -> dict[str, float] | None:
@@ -133,10 +138,10 @@ class Loop:
         }
 
     def _limits(self) -> list[float]:
-        """Sizes of the gain at which an eigenvalue lies on the unit circle."""
+        """Gains at which an eigenvalue lies on the unit circle."""
         top = math.pi / self.model.period
         turning = [1e-9 * top, *self._roots(lambda w: self._unit_response(w).imag), top]
-        return [float(-1.0 / value) for value in self._unit_response(np.array(turning)).real if value < 0.0]
+        return [float(-1.0 / value) for value in self._unit_response(np.array(turning)).real if value]
 
     def _roots(self, f: Callable[[Array], Array]) -> list[float]:
         """Frequencies [rad/s] below Nyquist's at which f passes zero."""
@@ -155,7 +160,7 @@ class Loop:
     def _frequencies(self) -> Array:
         """A grid up to Nyquist's frequency that is dense where the opened or the closed loop turns fast."""
         top = math.pi / self.model.period
-        z = np.concatenate([np.linalg.eigvals(self.model.F), np.linalg.eigvals(self.model.closed(abs(self.gain)))])
+        z = np.concatenate([np.linalg.eigvals(self.model.F), np.linalg.eigvals(self.model.closed(self.gain))])
         poles = np.log(z[np.abs(z) > VANISHED].astype(np.complex128)) / self.model.period
         slowest = max(float(np.abs(poles).min()), 1e-6 * top)
         around = np.concatenate([p.imag + max(abs(p.real), 1e-9 * abs(p)) * np.linspace(-8.0, 8.0, 49) for p in poles])
@@ -191,24 +196,45 @@ class Loop:
         lines = [
             f"{self.scene}: loop of {self.controller} ({self.through}), gain {self.gain:g} {self.unit}".rstrip(),
             f"  linearised about steady sliding, within all limits; {hold}, exactly discretised",
+            *([f"  not connected here: {', '.join(self.others)}"] if self.others else []),
             "",
-            f"  {'motion':<12}{'growth 1/s':>14}{'frequency Hz':>16}",
         ]
         told = self._motions()
-        lines += [f"  {'grows' if g > 0.0 else 'decays':<12}{g:>14.6g}{f:>16.6g}" for g, f in told[:MOST]]
+        rows = [("motion", "growth 1/s", "frequency Hz")]
+        rows += [("grows" if g > 0.0 else "decays", f"{g:.6g}", f"{f:.6g}") for g, f in told[:MOST]]
+        lines += columns(rows, "<>>")
         lines += [f"  and {len(told) - MOST} that decay faster"] if len(told) > MOST else []
-        lines += [""]
-        unit = f" {self.unit}" if self.unit else ""
-        for low, high in self.gain_ranges:
-            end = f"{high:.6g}{unit}" if math.isfinite(high) else "any gain"
-            own = f" ({low / abs(self.gain):.4g} to {high / abs(self.gain):.4g} times its own)" if self.gain else ""
-            lines += [f"  stable with a gain from {low:.6g} to {end}{own}"]
-        lines += [] if self.gain_ranges else ["  stable with no gain"]
+        lines += ["", *self._ranges()]
         if self.margins is not None:
             m = self.margins
             lines += [f"  phase margin {math.degrees(m['phase']):.4g} deg at {m['phase_hertz']:.5g} Hz"]
             lines += [f"  delay margin {1e3 * m['delay']:.5g} ms more, then it grows at {m['delay_hertz']:.5g} Hz"]
         return "\n".join(lines)
+
+    def _ranges(self) -> Iterator[str]:
+        """The ranges of gain in words, and what is wrong with the controller's own."""
+        unit = f" {self.unit}" if self.unit else ""
+        for low, high in self.gain_ranges:
+            ends = [low, high]
+            told = [
+                f"{end:.6g}" if math.isfinite(end) else f"any {'positive' if end > 0.0 else 'negative'} gain"
+                for end in ends
+            ]
+            own = ""
+            if (
+                self.gain
+                and min(ends) * max(ends) >= 0.0
+                and self.gain * sum(e for e in ends if math.isfinite(e)) > 0.0
+            ):
+                least, most = sorted(end / self.gain for end in ends)
+                own = f" ({least:.4g} to {most:.4g} times its own)"
+            yield f"  stable with a gain from {told[0]} to {told[1]}{unit if math.isfinite(high) else ''}{own}"
+        if not self.gain_ranges:
+            yield "  stable with no gain of either sign"
+        elif self.gain_range is None:
+            signs = {math.copysign(1.0, low + high) for low, high in self.gain_ranges}
+            wrong = self.gain and math.copysign(1.0, self.gain) not in signs
+            yield f"  its own gain, {self.gain:g}{unit}, {'has the wrong sign' if wrong else 'lies outside'}"
 
 
 def loop(scene: Scene, name: str) -> Loop:
@@ -231,10 +257,11 @@ def loop(scene: Scene, name: str) -> Loop:
     end = sensor.front_end()
     if isinstance(feedback, VelocityFeedback):
         own, unit = section.gain, unit_of(type(section), "gain")
-        one = section.model_copy(update={"gain": math.copysign(1.0, own)})
+        one = section.model_copy(update={"gain": 1.0})
         feedback = type(feedback)(one, feedback.numbers)
     try:
-        model = sampled(plant(scene), feedback, sensor.reads, end, section.delay)
+        rig = plant(scene)
+        model = sampled(rig, feedback, sensor.reads, end, section.delay)
     except ValueError as fault:
         raise SceneError(scene.name, [f"controllers.{name}.{fault}"]) from None
     return Loop(
@@ -245,9 +272,21 @@ def loop(scene: Scene, name: str) -> Loop:
         unit="" if unit == "1" else unit,
         delay=(end.delay_ns + section.delay) * 1e-9,
         model=model,
+        energy=rig.energy,
+        others=tuple(other for other in scene.controllers if other != name),
     )
 
 
 def sweep_loop(scene: Scene, axis: Axis, name: str) -> Sweep:
-    """The eigenvalues of the closed loop of controller `name` over a parameter of the rig or of that controller."""
-    return along(scene.name, axis, lambda value: loop(axis.at(scene, value), name).spectrum, name)
+    """The eigenvalues of the closed loop of controller `name` over a parameter of the rig or of that controller.
+
+    Where there is no loop (nothing slides steadily, periods that do not fit), the sweep says why.
+    """
+
+    def spectrum(value: float) -> Spectrum:
+        try:
+            return loop(axis.at(scene, value), name).spectrum
+        except SceneError as error:
+            return absent("no loop", "; ".join(error.faults))
+
+    return along(scene.name, axis, spectrum, name)

@@ -14,32 +14,41 @@ from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.errors import SceneError
 from rig.scenes.scene import Scene, plant_module
 from rig.solve.assembly import Assembly
 from rig.solve.finding import Finding
+from rig.solve.ledger import store
 from rig.solve.linear import Steady, sliding_key, steady
 from rig.solve.method import chosen
 from rig.solve.signals import signal_rows
 from rig.solve.system import System
 from rig.solve.verdict import verdict
 from rig.study.averaged import averaged
+from rig.study.columns import columns
 
 _REST = 1e-11  # of the sum of its terms, of the largest rate: what rounding leaves of a zero
-_LARGE = 0.05  # of the largest amplitude: what is told of a shape that is long, and how many at most
+_LEAST = 0.01  # of the energy: what is told of a shape that is long, and how many at most
 _LONG, _MOST = 4, 6
+Array = NDArray[np.float64]
 GENERATOR = ("dither.sin", "dither.cos")
 
 
 @dataclass(frozen=True)
 class Mode:
-    """One motion about the equilibrium; `shape` holds the amplitude of each state, the largest coordinate being 1."""
+    """One motion about the equilibrium.
+
+    `energy`: share of each coordinate in the kinetic energy, and of each network state in its own, by which metres,
+    radians and volts can be compared. `shape`: amplitude of each state, that of the largest share being 1.
+    """
 
     growth: float
     frequency: float
     damping: float
     shape: dict[str, complex]
+    energy: dict[str, float]
 
     @property
     def kind(self) -> str:
@@ -100,13 +109,13 @@ class Modes:
     free: Mapping[str, float] = field(default_factory=dict)
     limits: Mapping[str, float] = field(default_factory=dict)
 
-    COLUMNS: ClassVar = ("motion", "growth 1/s", "frequency Hz", "damping ratio", "shape")
+    COLUMNS: ClassVar = ("motion", "growth 1/s", "frequency Hz", "damping ratio", "shape (share of the energy)")
 
     def table(self) -> list[tuple[str, float, float, float, str]]:
         """A row for each motion, in the order of COLUMNS."""
         found = [(mode.kind, mode) for mode in self.sliding.modes]
         found += [(f"{mode.kind}, dithered", mode) for mode in (self.dithered.modes if self.dithered else ())]
-        return [(kind, one.growth, one.frequency, one.damping, told(one.shape)) for kind, one in found]
+        return [(kind, one.growth, one.frequency, one.damping, told(one.shape, one.energy)) for kind, one in found]
 
     def to_json(self) -> dict[str, Any]:
         """As plain values."""
@@ -133,10 +142,11 @@ class Modes:
             lines += [f"  {name} = {v:.6g} {self.units[name]}" for name, v in self.sliding.equilibrium.items()]
             lines += [f"  friction coefficient at {name} = {v:.6g}" for name, v in self.sliding.coefficient.items()]
         if self.sliding.exists or self.sliding.counts:
-            lines += ["", "  {:<22}{:>12}{:>14}{:>15}  {}".format(*self.COLUMNS)]
-            lines += [f"  {k:<22}{g:>12.6g}{f:>14.6g}{d:>15.4g}  {s}" for k, g, f, d, s in self.table()]
+            rows = [(k, f"{g:.6g}", f"{f:.6g}", f"{d:.4g}", s) for k, g, f, d, s in self.table()]
+            lines += ["", *columns([self.COLUMNS, *rows], "<>>><")]
         if self.free:
-            lines += ["", "  by itself:", *(f"  {name:<36}{hertz:>12.6g}" for name, hertz in self.free.items())]
+            free = [(name, f"{hertz:.6g}") for name, hertz in self.free.items()]
+            lines += ["", "  natural frequencies of parts by themselves [Hz]:", *columns(free, "<>")]
         if self.limits:
             known = ", ".join(
                 f"{name} {mu:.6g}" if math.isfinite(mu) else f"{name} never" for name, mu in self.limits.items()
@@ -209,10 +219,10 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
     values[np.abs(values) <= np.maximum(rounding, _REST * largest)] = 0.0
     rates, shapes = at.eigenvectors()
     zero = _REST * float(np.abs(rates).max(initial=0.0))
-    slides = bool(np.all(at.modes.sigma * at.speed > 0.0))
+    slides, form = bool(np.all(at.modes.sigma * at.speed > 0.0)), energy_form(at)
     return Sliding(
         exists=at.exists,
-        why="" if at.exists else _why(at),
+        why="" if at.exists else missing(at),
         counts=at.exists or (slides and at.modes.jam > 0.0 and not at.modes.nonlinear.any()),
         equilibrium=dict(zip(assembly.outputs, values.tolist())),
         coefficient={
@@ -220,14 +230,14 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
             for p, T, N in zip(system.patches, at.friction, at.load)
         },
         modes=tuple(
-            _mode(system, 0.0 if abs(rate) <= zero else rate, shape)
+            _mode(system, 0.0 if abs(rate) <= zero else rate, shape, form)
             for rate, shape in zip(rates, shapes.T)
             if rate.imag >= 0.0
         ),
     )
 
 
-def _why(at: Steady) -> str:
+def missing(at: Steady) -> str:
     """What keeps a rig from sliding steadily."""
     for patch, speed, load in zip(at.system.patches, at.speed.tolist(), at.load.tolist()):
         if speed == 0.0:
@@ -239,35 +249,60 @@ def _why(at: Steady) -> str:
     return "no such equilibrium is found"
 
 
-def _mode(system: System, rate: complex, vector: Any) -> Mode:
+def _mode(system: System, rate: complex, vector: Any, form: Array) -> Mode:
     return Mode(
         growth=float(rate.real),
         frequency=float(rate.imag / (2.0 * math.pi)),
         damping=float(-rate.real / abs(rate)) if rate else 0.0,
-        shape=shape(system.names, vector, len(system.coordinates)),
+        shape=shape(system.names, vector, form),
+        energy=energy_shares(system.names, vector, form),
     )
 
 
-def shape(names: Sequence[str], vector: Any, count: int) -> dict[str, complex]:
-    """Amplitudes of an eigenvector by name, the largest of the first `count`, the coordinates, being 1."""
-    first = int(np.abs(vector[:count]).argmax()) if np.any(vector[:count]) else int(np.abs(vector).argmax())
+def energy_form(at: Steady) -> Array:
+    """Twice the kinetic energy of the structure and, state by state, that of the network, as a form of x [n, n]."""
+    system = at.system
+    nq, form = len(system.coordinates), np.zeros((system.n, system.n))
+    form[nq : 2 * nq, nq : 2 * nq] = system.mass
+    network = range(2 * nq, system.one)
+    form[network, network] = np.abs(store(system, at.modes.key)[network, network])
+    return form
+
+
+def energy_shares(names: Sequence[str], vector: Any, form: Array) -> dict[str, float]:
+    """Share of each coordinate and network state in the energy of an eigenvector; empty where there is none.
+
+    `form`: of the first of the states (`energy_form`). Joule weighs metres, radians and volts alike.
+    """
+    amplitudes = np.asarray(vector[: len(form)])
+    parts = np.abs(amplitudes.conj() * (form @ amplitudes))
+    weighed = np.flatnonzero(form.any(axis=0)).tolist()
+    total = float(parts.sum())
+    return {names[i].removesuffix("'"): float(parts[i]) / total for i in weighed} if total > 0.0 else {}
+
+
+def shape(names: Sequence[str], vector: Any, form: Array) -> dict[str, complex]:
+    """Amplitudes of an eigenvector by name; that of the coordinate or network state with most of the energy is 1.
+
+    Where there is no energy in it, the largest amplitude is 1.
+    """
+    shares = energy_shares(names, vector, form)
+    first = names.index(max(shares, key=lambda name: shares[name])) if shares else int(np.abs(vector).argmax())
     return {name: complex(v) for name, v in zip(names, vector / vector[first]) if v}
 
 
-def told(shape: Mapping[str, complex]) -> str:
-    """A shape for a reader: size and angle of each amplitude; of long ones the large. Velocities follow from them.
+def told(shape: Mapping[str, complex], energy: Mapping[str, float]) -> str:
+    """A shape for a reader: share of the energy and angle of each coordinate and network state, of many the large ones.
 
-    Of long ones that move, only what moves: volts and amperes are not to be compared with metres.
+    Where there is no energy in it: size and angle of each state.
     """
-    places = {name: v for name, v in shape.items() if name.removesuffix("'") == name or name[:-1] not in shape}
-    moved = {name: v for name, v in places.items() if f"{name}'" in shape}
-    places = moved if moved and len(places) > _LONG else places
-    most = max(map(abs, places.values()), default=0.0)
-    least = max(_LARGE * most, sorted(map(abs, places.values()))[-min(_MOST, len(places))]) if places else 0.0
-    large = {name: v for name, v in places.items() if len(places) <= _LONG or abs(v) >= least}
-    parts = [f"{name} {abs(v):.3g} at {_degrees(v)} deg" for name, v in large.items()]
-    left = len(places) - len(large)
-    return ", ".join(parts) + (f"; {left} below {least:.2g}" if left else "")
+    if not energy:
+        return ", ".join(f"{name} {abs(v):.3g} at {_degrees(v)} deg" for name, v in shape.items())
+    least = max(_LEAST, sorted(energy.values())[-min(_MOST, len(energy))] if len(energy) > _LONG else 0.0)
+    large = {name: share for name, share in energy.items() if share >= least}
+    parts = [f"{name} {100.0 * share:.3g} % at {_degrees(shape[name])} deg" for name, share in large.items()]
+    left = sum(share > 0.0 for share in energy.values()) - len(large)
+    return ", ".join(parts) + (f"; {left} with less than {100.0 * least:.2g} %" if left else "")
 
 
 def _degrees(v: complex) -> int:
@@ -291,6 +326,7 @@ def _plain(sliding: Sliding) -> dict[str, Any]:
                 "frequency": mode.frequency,
                 "damping": mode.damping,
                 "shape": {name: [v.real, v.imag] for name, v in mode.shape.items()},
+                "energy": mode.energy,
             }
             for mode in sliding.modes
         ],

@@ -19,7 +19,7 @@ from rig.scenes.scene import Scene, plant_module
 from rig.solve.assembly import Assembly
 from rig.solve.linear import Steady, inputs, own_law
 from rig.solve.signals import signal_rows
-from rig.study.modes import at_rest
+from rig.study.modes import at_rest, energy_form
 
 if TYPE_CHECKING:
     from control import StateSpace
@@ -30,7 +30,10 @@ ORDER = 8
 
 @dataclass(frozen=True)
 class Plant:
-    """Matrices, the names of their rows and columns, and the `equilibrium` [state] that the x are counted from."""
+    """Matrices, the names of their rows and columns, and the `equilibrium` [state] that the x are counted from.
+
+    `energy`: the form of rig.study.modes.energy_form over the states.
+    """
 
     A: Array
     B: Array
@@ -40,6 +43,7 @@ class Plant:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     equilibrium: Array
+    energy: Array
 
 
 def plant(scene: Scene) -> Plant:
@@ -78,6 +82,7 @@ def linear(assembly: Assembly, at: Steady) -> Plant:
         inputs=tuple(commands),
         outputs=tuple(assembly.outputs),
         equilibrium=at.x[x],
+        energy=energy_form(at)[np.ix_(x, x)],
     )
 
 

@@ -1,7 +1,8 @@
 """Regions of instability: the least stable motion about steady sliding over two parameters, by eigenvalues alone.
 
 Under dither that is switched on, friction is averaged (rig.study.averaged, to leading order: what inertia leaves of the
-fast motion). Along x the edges are found by root finding; a band narrower than the distance of two values is not seen.
+fast motion). Along x the edges are found by root finding (rig.study.crossing); a band narrower than the distance of two
+values may be missed.
 Source: Liu and Ouyang, Meccanica 55 (2020), figures 8 and 12.
 """
 
@@ -23,8 +24,11 @@ from rig.scenes.scene import Scene
 from rig.solve.linear import Steady, sliding_key, steady
 from rig.study.averaged import averaged
 from rig.study.axis import Axis
-from rig.study.modes import GENERATOR
-from rig.study.sweep import NEUTRAL
+from rig.study.columns import columns
+from rig.study.critical import NEUTRAL
+from rig.study.crossing import brackets, refined, stretches
+from rig.study.modes import GENERATOR, missing
+from rig.study.spectrum import NOTHING
 
 Array = NDArray[np.float64]
 _GREY = "#b9b9b9"
@@ -36,7 +40,8 @@ class Regions:
     """What `regions` finds. `growth` [1/s] and `frequency` [Hz] of the least stable motion, [y, x].
 
     `exists`: whether the contact presses there; where it would have to pull, the numbers are those of a contact that
-    can. `edges`: for each y, the values of x at which sliding becomes unstable (True) or stable (False).
+    can, and nan where friction depends on speed. `edges`: for each y, the values of x at which unstable sliding begins
+    (True) or ends (False): it becomes stable there, or there is none any more.
     """
 
     scene: Scene
@@ -50,19 +55,31 @@ class Regions:
     def text(self) -> str:
         """For a reader: a line for each y."""
         lines = [f"{self.scene.name}: where sliding grows into vibration, over {self.x.label}", ""]
-        lines.append(f"  {self.y.label:<24}{'largest growth 1/s':>20}  unstable")
+        rows = [(self.y.label, "largest growth 1/s", "unstable")]
         for i, value in enumerate(self.y.values):
+            there = self.growth[i][np.isfinite(self.growth[i])]
             told = ", ".join(f"{start} to {end}" for start, end in self._bands(i)) or "nowhere"
-            lines.append(f"  {self.y.tell(value):<24}{np.nanmax(self.growth[i]):>20.6g}  {told}")
-        if not self.exists.all():
-            share = 100.0 * (1.0 - self.exists.mean())
+            rows.append(
+                (self.y.tell(value), f"{there.max():.6g}" if there.size else "", told if there.size else NOTHING)
+            )
+        lines += columns(rows, "<><")
+        absent = ~self.exists & np.isfinite(self.growth)
+        if absent.any():
+            share = 100.0 * absent.mean()
             lines += ["", f"  at {share:.2g} % of the points nothing slides steadily unless the contact pulls"]
+        for row, column in np.argwhere(np.isnan(self.growth))[:1]:
+            at = (
+                f"{self.x.key} = {self.x.tell(self.x.values[column])}, {self.y.key} = {self.y.tell(self.y.values[row])}"
+            )
+            why = missing(sliding(self.scene, {self.y.key: self.y.values[row], self.x.key: self.x.values[column]}))
+            count = int(np.isnan(self.growth).sum())
+            lines += ["", f"  no steady sliding at {count} of {self.growth.size} points; first at {at}: {why}"]
         return "\n".join(lines)
 
     def _bands(self, row: int) -> Iterator[tuple[str, str]]:
         edges = sorted(self.edges[row])
         low, high = sorted((self.x.values[0], self.x.values[-1]))
-        first = self.growth[row, int(np.argmin(self.x.values))]
+        first = self.growth[row, int(np.argmin(self.x.values))]  # nan where there is no sliding: not unstable
         start = self.x.tell(low) if first > 0.0 else None
         for value, unstable in edges:
             if unstable:
@@ -117,30 +134,51 @@ def put_together(scene: Scene, x: Axis, y: Axis, rows: Mapping[int, Mapping[str,
 
 
 def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
-    """One row: growth, frequency, exists [x], and edges [edge, (value, becomes unstable)]."""
+    """One row: growth, frequency, exists [x], and edges [edge, (value, unstable sliding begins)]."""
     from scipy.optimize import brentq
 
     @cache
     def at(value: float) -> tuple[complex, bool]:
         found = sliding(scene, {x.key: value})
-        return complex(found.eigenvalues()[0]), found.exists
+        return complex(found.eigenvalues()[0]) if _counts(found) else complex(math.nan, math.nan), found.exists
 
-    def grows(value: float) -> float:
+    def growth(value: float) -> float:
+        return at(value)[0].real
+
+    def clear(value: float) -> float:
+        """Growth beyond what rounding makes of a motion without damping."""
         rate, _ = at(value)
         return rate.real - NEUTRAL * abs(rate)
 
-    edges = []
-    unstable = [grows(value) > 0.0 for value in x.values]
-    for i in np.flatnonzero(np.diff(unstable)).tolist():
-        edge = float(brentq(grows, *sorted(x.values[i : i + 2]), xtol=_CLOSE * abs(x.values[i + 1])))
-        edges.append((edge, unstable[i + 1] == (x.values[i + 1] > x.values[i])))
+    def growths(value: float) -> Array | None:
+        rate, _ = at(value)
+        return None if math.isnan(rate.real) else np.array([rate.real if abs(rate.real) > NEUTRAL * abs(rate) else 0.0])
+
+    edges: list[tuple[float, bool]] = []
+    grid = refined(x.values, growths)
+    order = sorted(grid)
+    for stretch in stretches(grid, growths):
+        low, high = sorted((stretch[0], stretch[-1]))
+        edges += [(order[order.index(low) - 1], True)] if low > order[0] and clear(low) > 0.0 else []
+        edges += [(order[order.index(high) + 1], False)] if high < order[-1] and clear(high) > 0.0 else []
+        for _, a, b, how in brackets(stretch, growths):
+            if how != "ends":
+                of, close = growth if how == "passes" else clear, _CLOSE * max(abs(a), abs(b))
+                edges.append((float(brentq(of, a, b, xtol=close)), (of(b) > of(a)) == (b > a)))
     rates = np.array([at(value)[0] for value in x.values])
     return {
         "growth": rates.real,
         "frequency": np.abs(rates.imag) / (2.0 * math.pi),
         "exists": np.array([at(value)[1] for value in x.values]),
-        "edges": np.array(edges, dtype=np.float64).reshape(-1, 2),
+        "edges": np.array(sorted(edges), dtype=np.float64).reshape(-1, 2),
     }
+
+
+def _counts(at: Steady) -> bool:
+    """Whether the eigenvalues say something: under a coefficient that is constant also where the contact would open."""
+    slides = bool(np.all(at.modes.sigma * at.speed > 0.0)) and at.modes.jam > 0.0
+    dithered = GENERATOR[0] in at.system.names
+    return at.exists or (slides and (dithered or not at.modes.nonlinear.any()))
 
 
 def sliding(scene: Scene, values: dict[str, float]) -> Steady:
@@ -172,14 +210,15 @@ def draw(found: Regions, path: Path) -> None:
         FigureCanvasAgg(figure)
         axes = figure.add_subplot()
         axes.grid(visible=False)
-        most = float(np.abs(found.growth).max()) or 1.0
+        most = float(np.nanmax(np.abs(found.growth), initial=0.0)) or 1.0
         norm = SymLogNorm(linthresh=most / 20.0, vmin=-most, vmax=most)
         mesh = axes.pcolormesh(x, y, found.growth, cmap="RdBu_r", norm=norm, shading="nearest")
         mesh.set_rasterized(True)
         if not found.exists.all():
-            pulls = np.where(found.exists, np.nan, 1.0)
-            axes.pcolormesh(x, y, pulls, cmap=ListedColormap([_GREY]), shading="nearest")
-            axes.plot([], [], "s", color=_GREY, label="no steady sliding unless the contact pulls")
+            absent = np.where(found.exists, np.nan, 1.0)
+            axes.pcolormesh(x, y, absent, cmap=ListedColormap([_GREY]), shading="nearest")
+            pulls = " unless the contact pulls" if np.isfinite(found.growth).all() else ""
+            axes.plot([], [], "s", color=_GREY, label=f"no steady sliding{pulls}")
         scale = found.x.scale
         points = np.array([(value / scale, y[j]) for j, row in enumerate(found.edges) for value, _ in row])
         if len(points):

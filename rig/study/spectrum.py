@@ -15,12 +15,12 @@ from numpy.typing import NDArray
 
 from rig.scenes.scene import Scene
 from rig.solve.linear import Steady
-from rig.study.modes import at_rest
+from rig.study.modes import at_rest, energy_form, missing
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 SURE = 0.7  # MAC of a pair that needs no closer look
-NOTHING = "no steady sliding"
+NOTHING, OPENS, JAMS = "no steady sliding", "the contact would open", "jams"
 DEPTH = 8  # halvings of a step between two values in which the pairs are not sure
 
 
@@ -28,8 +28,9 @@ class Spectrum(NamedTuple):
     """Eigenvalues `rates` [i], least stable first, right and left vectors [state, i], names of the states.
 
     The first states are those of the rig, `own` of them, and of these the first are its `coordinates`. `exists`:
-    whether the rig slides steadily there; `counts`: whether the rates say something; `note`: what speaks against it.
-    `inertia`: determinant of the mass matrix with friction in it over that without; the rig jams below zero.
+    whether the rig slides steadily there; `counts`: whether the rates say something; `note`: what speaks against it,
+    and `why`, in words. `inertia`: determinant of the mass matrix with friction in it over that without; the rig jams
+    below zero. `energy`: the form of rig.study.modes.energy_form over the first states; empty where it is not known.
     """
 
     rates: Complex
@@ -42,6 +43,8 @@ class Spectrum(NamedTuple):
     counts: bool = True
     note: str = ""
     inertia: float = 1.0
+    why: str = ""
+    energy: Array = np.zeros((0, 0))
 
 
 Spectra = Callable[[float], Spectrum]
@@ -66,9 +69,11 @@ def sliding(at: Steady) -> Spectrum:
     slides = bool(np.all(at.modes.sigma * at.speed > 0.0))
     inertia = _inertia(at)
     counts = inertia > 0.0 and (at.exists or (slides and not at.modes.nonlinear.any()))
-    note = "jams" if inertia <= 0.0 else "" if at.exists else "the contact would open" if counts else NOTHING
+    note = JAMS if inertia <= 0.0 else "" if at.exists else OPENS if counts else NOTHING
     names, nq = tuple(at.system.names[i] for i in at.moving), len(at.system.coordinates)
-    return Spectrum(rates, right, left, names, nq, len(names), at.exists and counts, counts, note, inertia)
+    why = "" if at.exists else missing(at)
+    exists, energy = at.exists and counts, energy_form(at)[np.ix_(at.moving, at.moving)]
+    return Spectrum(rates, right, left, names, nq, len(names), exists, counts, note, inertia, why, energy)
 
 
 def _inertia(at: Steady) -> float:
@@ -121,5 +126,10 @@ def equilibrium(scene: Scene) -> Spectrum:
     try:
         return sliding(at_rest(scene)[1])
     except np.linalg.LinAlgError:  # the mass matrix has no inverse: exactly where it jams
-        none = np.zeros((0, 0), dtype=np.complex128)
-        return Spectrum(none.diagonal(), none, none, (), 0, 0, False, False, "jams", 0.0)
+        return absent(JAMS, "friction takes up all of the inertia", 0.0)
+
+
+def absent(note: str, why: str, inertia: float = 1.0) -> Spectrum:
+    """The spectrum where there is none."""
+    none = np.zeros((0, 0), dtype=np.complex128)
+    return Spectrum(none.diagonal(), none, none, (), 0, 0, False, False, note, inertia, why)

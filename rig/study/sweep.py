@@ -1,53 +1,24 @@
-"""The eigenvalues of a rig along one of its parameters: branches, and the critical values where growth changes sign.
-
-The real parts of all eigenvalues in falling order are continuous functions of the parameter, whatever branches cross or
-coalesce in between. So a critical value is a root of one of them, found without following anything, to the rounding of
-the key (Brent). A stable or unstable island between two values is found by minimising in between. Where friction falls
-with a kink, growth may jump over zero: told as a jump.
-"""
+"""The eigenvalues of a rig along one of its parameters: branches, and the critical values where growth changes sign."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import pairwise
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.scenes.scene import Scene
 from rig.study.axis import Axis
-from rig.study.modes import shape, told
+from rig.study.columns import columns
+from rig.study.critical import NEUTRAL, ROUNDING, Critical, Gap, search
+from rig.study.modes import told
 from rig.study.spectrum import Spectra, Spectrum, equilibrium, follow
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-NEUTRAL = 1e-9  # of |lambda|: growth that is none
-ROUNDING = 1e-12  # of the largest |lambda|
-RELATIVE = 4.0 * float(np.finfo(float).eps)  # the finest that a root is asked for
-CUSP = 4.0  # times the steps to both sides, growth may rise to a peak between: it bends like a root where modes meet
-JUMP = 1e-3  # of the growth beside it: what is left at a root of a continuous function is far less
-
-
-@dataclass(frozen=True)
-class Critical:
-    """A value of the key at which a motion stops or begins to grow, and the motion there.
-
-    kind     flutter (an oscillation), divergence (a monotone growth), jump (growth leaps over zero), jamming (friction
-             takes up all of the inertia; no motion, branch -1)
-    becomes  what the motion becomes as the key rises: "unstable" or "stable"
-    branch   number of the branch of the sweep that it belongs to; `frequency` [Hz]
-    """
-
-    value: float
-    kind: Literal["flutter", "divergence", "jump", "jamming"]
-    becomes: Literal["unstable", "stable"]
-    frequency: float
-    branch: int
-    shape: dict[str, complex]
 
 
 @dataclass(frozen=True)
@@ -55,7 +26,8 @@ class Sweep:
     """Eigenvalues `rates` [value, branch] at the values of `axis`; NaN where a branch is not there.
 
     `shapes` [value, branch, state]: amplitudes in the order of `states`. `exists` [value]: whether the rig slides
-    steadily, and `notes` [value] what speaks against it. `loop`: the controller whose loop is closed, "" for none.
+    steadily, and `notes` [value] what speaks against it. `gaps`: where it does not, and why. `resolution`: critical
+    values closer together than this may be missed. `loop`: the controller whose loop is closed, "" for none.
     """
 
     scene: str
@@ -66,6 +38,8 @@ class Sweep:
     exists: NDArray[np.bool_]
     notes: tuple[str, ...]
     critical: tuple[Critical, ...]
+    gaps: tuple[Gap, ...]
+    resolution: float
     loop: str = ""
 
     @property
@@ -108,6 +82,8 @@ class Sweep:
                 {**vars(one), "shape": {name: [v.real, v.imag] for name, v in one.shape.items()}}
                 for one in self.critical
             ],
+            "gaps": [gap._asdict() for gap in self.gaps],
+            "resolution": self.resolution,
         }
 
     def text(self) -> str:
@@ -117,23 +93,30 @@ class Sweep:
         lines = [f"{self.scene}: {what} over {axis.label}"]
         for one in self.critical:
             at = f" at {one.frequency:.6g} Hz" if one.frequency else ""
-            side = "above" if one.kind != "jamming" or one.becomes == "unstable" else "below"
-            what = "jams" if one.kind == "jamming" else f"{one.kind}{at}, {one.becomes}"
-            lines += [f"  {axis.tell(one.value, 12)}: {what} {side}"]
-            lines += [f"    {told(one.shape)}"] if one.shape else []
+            what = one.sides if one.kind == "jamming" else f"{one.kind}{at}, {one.sides}"
+            lines += [f"  {axis.tell(one.value, 12)}: {what}"]
+            lines += [f"    {told(one.shape, one.energy)} (share of the energy)"] if one.energy else []
         if not self.critical:
-            lines += ["  no critical value between these ends"]
-        lines += ["", f"  {axis.label:<26}{'largest growth 1/s':>20}{'frequency Hz':>16}  motions that grow"]
+            lines += [f"  no critical value {'where the rig slides steadily' if self.gaps else 'between these ends'}"]
+        lines += [f"  {gap.note} {self._span(gap)}{f': {gap.why}' * bool(gap.why)}" for gap in self.gaps]
+        lines += [
+            f"  looked at every {axis.tell(self.resolution, 3)}; two critical values closer together may be missed"
+        ]
+        rows = [(axis.label, "largest growth 1/s", "frequency Hz", "motions that grow", "")]
         for value, row, note in zip(axis.values, self.rates, self.notes):
             if not np.isfinite(row).any():
-                lines += [f"  {axis.tell(value):<26}{note:>20}"]
+                rows += [(axis.tell(value), "", "", "", note)]
                 continue
             top = row[int(np.nanargmax(row.real))]
             upper = row[np.isfinite(row) & (row.imag >= 0.0)]
             count = int(np.count_nonzero(upper.real > NEUTRAL * np.abs(upper)))
             hertz = abs(top.imag) / (2.0 * math.pi)
-            lines += [f"  {axis.tell(value):<26}{top.real:>20.6g}{hertz:>16.6g}  {count or ''}  {note}".rstrip()]
-        return "\n".join(lines)
+            rows += [(axis.tell(value), f"{top.real:.6g}", f"{hertz:.6g}", f"{count or ''}", note)]
+        return "\n".join([*lines, "", *columns(rows, "<>>><")])
+
+    def _span(self, gap: Gap) -> str:
+        start, end = (self.axis.tell(value) for value in gap[:2])
+        return f"at {start}" if start == end else f"from {start} to {end}"
 
 
 def sweep(scene: Scene, axis: Axis) -> Sweep:
@@ -146,6 +129,7 @@ def along(name: str, axis: Axis, spectrum_at: Spectra, loop: str = "") -> Sweep:
     spectra = lru_cache(maxsize=4096)(spectrum_at)
     found = [spectra(value) for value in axis.values]
     rates, order = _branches(axis.values, found, spectra)
+    critical = search(axis.values, rates, spectra)
     states = tuple(dict.fromkeys(name for one in found for name in one.names))
     shapes = np.zeros((*rates.shape, len(states)), dtype=np.complex128)
     for row, one, places in zip(shapes, found, order):
@@ -160,7 +144,9 @@ def along(name: str, axis: Axis, spectrum_at: Spectra, loop: str = "") -> Sweep:
         states=states,
         exists=np.array([one.exists for one in found]),
         notes=tuple(one.note for one in found),
-        critical=tuple(_critical(axis.values, found, rates, spectra)),
+        critical=critical.critical,
+        gaps=critical.gaps,
+        resolution=critical.resolution,
         loop=loop,
     )
 
@@ -186,118 +172,3 @@ def _branches(
         for i, place in places.items():
             row[place] = one.rates[i]
     return rates, order
-
-
-def _none(spectrum: Spectrum) -> Array:
-    """Growth rate of each motion up to which it is none: what rounding makes of a motion without damping."""
-    size = np.abs(spectrum.rates)
-    return np.asarray(np.maximum(NEUTRAL * size, ROUNDING * size.max(initial=0.0)))
-
-
-def _sign(spectrum: Spectrum, k: int) -> int:
-    """Of the growth of motion k: 1, -1, or 0 where it is none."""
-    growth = float(spectrum.rates[k].real)
-    return 0 if abs(growth) <= _none(spectrum)[k] else 1 if growth > 0.0 else -1
-
-
-def _critical(values: tuple[float, ...], found: list[Spectrum], rates: Complex, spectra: Spectra) -> Iterator[Critical]:
-    """Critical values in the order of the key, each told once though a pair of eigenvalues passes there."""
-    known = list(_jamming(values, found, spectra))
-    for start, end in _stretches(found):
-        among = list(values[start:end])
-        for k in range(min(len(one.rates) for one in found[start:end])):
-            x = sorted([*among, *_islands(among, k, spectra)], reverse=values[0] > values[-1])
-            for a, b, shift in _brackets(x, [_sign(spectra(value), k) for value in x]):
-                one = _root(spectra, k, a, b, shift, values, rates)
-                span = 1e-9 * abs(values[-1] - values[0])
-                if not any(abs(c.value - one.value) <= span and c.kind == one.kind for c in known):
-                    known.append(one)
-    yield from sorted(known, key=lambda one: one.value)
-
-
-def _jamming(values: tuple[float, ...], found: list[Spectrum], spectra: Spectra) -> Iterator[Critical]:
-    """Where the mass matrix with friction in it stops or begins to be one."""
-    from scipy.optimize import brentq
-
-    for (a, b), (one, other) in zip(pairwise(values), pairwise(found)):
-        if one.inertia * other.inertia < 0.0:
-            ends = sorted((a, b))
-            root = float(brentq(lambda value: spectra(value).inertia, *ends, xtol=1e-300, rtol=RELATIVE))
-            rises = (other.inertia > one.inertia) == (b > a)
-            yield Critical(root, "jamming", "stable" if rises else "unstable", 0.0, -1, {})
-
-
-def _stretches(found: list[Spectrum]) -> Iterator[tuple[int, int]]:
-    """First and last + 1 of the values that follow one another with a spectrum that counts."""
-    start = None
-    for k, one in enumerate([*found, None]):
-        if one is not None and one.counts:
-            start = k if start is None else start
-        elif start is not None:
-            if k - start > 1:
-                yield start, k
-            start = None
-
-
-def _islands(x: list[float], k: int, spectra: Spectra) -> Iterator[float]:
-    """Values between those of the sweep at which the growth number k has another sign than on both sides."""
-    from scipy.optimize import minimize_scalar
-
-    def growth(value: float) -> float:
-        return float(spectra(value).rates[k].real)
-
-    at = [growth(value) for value in x]
-    for i in range(1, len(x) - 1):
-        sign = 1.0 if at[i] > 0.0 else -1.0
-        left, here, right = (sign * g for g in at[i - 1 : i + 2])
-        least = 0.0 < here < min(left, right) * (1.0 - NEUTRAL)
-        if least and here < CUSP * (max(left, right) - here):  # a bend that could reach zero beside this value
-            ends = sorted((x[i - 1], x[i + 1]))
-            options = {"xatol": 1e-6 * (ends[1] - ends[0])}
-            found = minimize_scalar(
-                lambda v, s=sign: s * growth(float(v)), bounds=ends, method="bounded", options=options
-            )
-            if found.fun < 0.0:
-                yield float(found.x)
-
-
-def _brackets(x: list[float], signs: list[int]) -> Iterator[tuple[float, float, bool]]:
-    """Neighbours between which the sign changes; the flag tells growth that begins from none, as without damping."""
-    clear = [k for k, sign in enumerate(signs) if sign]
-    for i, j in pairwise(clear):
-        if signs[i] != signs[j] and j - i <= 2:
-            yield x[i], x[j], False
-    for k, (a, b) in enumerate(pairwise(signs)):
-        beyond = k - 1 if a == 0 else k + 2
-        lone = 0 <= beyond < len(x) and signs[beyond] != 0  # a value of the sweep that is a critical one by chance
-        if {a, b} == {0, 1} and not lone:
-            yield x[k], x[k + 1], True
-
-
-def _root(
-    spectra: Spectra, k: int, a: float, b: float, shift: bool, values: tuple[float, ...], rates: Complex
-) -> Critical:
-    """The critical value between a and b, where the growth number k changes sign."""
-    from scipy.optimize import brentq
-
-    def growth(value: float) -> float:
-        one = spectra(value)
-        return float(one.rates[k].real - (_none(one)[k] if shift else 0.0))
-
-    root = float(brentq(growth, a, b, xtol=1e-15 * max(abs(a), abs(b)), rtol=RELATIVE, maxiter=200))
-    low, high = sorted((a, b))
-    at, sides = spectra(root), (growth(low), growth(high))
-    jumps = not shift and abs(growth(root)) > JUMP * min(map(abs, sides))
-    grown = spectra(high if sides[1] > 0.0 else low) if jumps else at
-    i = k if grown.rates[k].imag >= 0.0 else int(np.abs(grown.rates - grown.rates[k].conj()).argmin())
-    rate = grown.rates[i]
-    near = int(np.abs(np.array(values) - root).argmin())
-    here = np.where(np.isfinite(rates[near]), np.abs(rates[near] - rate), np.inf)
-    return Critical(
-        value=root,
-        kind="jump" if jumps else "flutter" if rate.imag else "divergence",
-        becomes="unstable" if sides[1] > sides[0] else "stable",
-        frequency=float(rate.imag / (2.0 * math.pi)),
-        branch=int(here.argmin()),
-        shape=shape(grown.names[: grown.own], grown.right[: grown.own, i], grown.coordinates),
-    )

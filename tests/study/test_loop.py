@@ -218,6 +218,36 @@ def test_a_card_that_is_too_slow_has_no_gain_that_works():
     assert "stable with no gain" in loop.text()
 
 
+def test_a_gain_of_the_wrong_sign_is_named():
+    right, wrong = (rig.loop(rig.load("belt_normal_force", {"controllers.nf.gain": g}), "nf") for g in (200.0, -200.0))
+    assert wrong.gain_ranges == [pytest.approx(one, rel=1e-9) for one in right.gain_ranges]
+    assert wrong.gain_range is None
+    assert wrong.margins is None
+    assert "stable with a gain from 132.266 to 36180.4 N*s/m" in wrong.text()
+    assert "its own gain, -200 N*s/m, has the wrong sign" in wrong.text()
+    assert "wrong sign" not in right.text()
+
+
+def test_a_negative_gain_has_its_range_and_margins():
+    """Late by half a period of 0.28 s: now the other sign damps. Against python-control."""
+    late = {"controllers.nf.delay": "140 ms", "controllers.nf.gain": -200.0}
+    loop = rig.loop(rig.load("belt_normal_force", late), "nf")
+    assert loop.growth < 0.0
+    [(low, high)] = loop.gain_ranges
+    assert low < -200.0 < high < 0.0
+    for gain in np.linspace(2.0 * low, -2.0 * low, 41):
+        stable = np.abs(np.linalg.eigvals(loop.model.closed(gain))).max() < 1.0
+        assert stable is np.bool_(low < gain < high)
+    omega = np.unique(np.concatenate([np.geomspace(1.0, 3000.0, 4000), np.linspace(10.0, 50.0, 8000)]))
+    data = control.FRD(loop.response(omega), omega)
+    gains, phases, _, _, at_phase, _ = control.stability_margins(data, returnall=True)
+    assert -200.0 * max(g for g in gains if g < 1.0) == pytest.approx(high, rel=1e-5)
+    assert -200.0 * min(g for g in gains if g > 1.0) == pytest.approx(low, rel=1e-5)
+    assert math.degrees(loop.margins["phase"]) == pytest.approx(np.abs(phases).min(), rel=1e-5)
+    turns = np.mod(np.radians(phases), 2.0 * math.pi) / at_phase
+    assert loop.margins["delay"] == pytest.approx(turns.min(), rel=1e-4)
+
+
 def test_without_gain_the_loop_is_the_rig_alone():
     loop = rig.loop(rig.load("belt_normal_force", {"controllers.nf.gain": 0.0}), "nf")
     assert loop.growth == pytest.approx(rig.modes("belt").sliding.growth, rel=1e-9)

@@ -108,6 +108,17 @@ def test_a_pin_leaves_sliding_beyond_its_limit_of_friction(tmp_path):
     assert found.onsets[0] == pytest.approx([0.727389], abs=6e-7)
 
 
+def test_a_boundary_next_to_a_point_without_sliding_is_found(tmp_path):
+    """slope(v0) F0 = d at 1.0375 N; at 0 N nothing presses. The columns of the report keep apart."""
+    found = rig.map("belt", "load.force=0:40:5", "drive.speed=0.03:0.06:2", runs=("near",), longest=1.0,
+                    folder=tmp_path, workers=1)  # fmt: skip
+    loads = [2.0 / (6.4 * np.exp(-speed / 0.05)) for speed in (0.03, 0.06)]
+    assert [row.tolist() for row in found.onsets] == [[pytest.approx(load, rel=1e-8)] for load in loads]
+    lines = found.text().splitlines()
+    head = next(line for line in lines if "sliding loses stability" in line)
+    assert all(line[head.index("sliding") :].startswith(f"{load:.6g} N  ") for line, load in zip(lines[-2:], loads))
+
+
 def test_a_drive_that_stands_still_is_stuck(tmp_path):
     found = rig.map("belt", "drive.speed=0:0.1:3", folder=tmp_path, runs=("up", "down"))
     assert [REGIONS[r] for r in found.regions[0]] == ["stuck", "III", "III"]

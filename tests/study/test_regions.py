@@ -1,6 +1,7 @@
 """Regions of instability: what they say of the slider on a disc, and of a rig whose answer is known in closed form."""
 
 import json
+import math
 from pathlib import Path
 
 import numpy as np
@@ -40,10 +41,11 @@ def test_dither_leaves_a_thin_strip():
 
 
 def test_edges_do_not_depend_on_the_direction_of_an_axis():
+    """Values 20 rad/s apart, and between two of them a band of stable sliding 2 rad/s wide."""
     up = found("disc_slider_a", "drive.speed=905:985 rad/s:5", "load.force=20:50 N:2")
     down = found("disc_slider_a", "drive.speed=985:905 rad/s:5", "load.force=20:50 N:2")
     for row, turned in zip(up.edges, down.edges):
-        assert [u for _, u in row] == [True, False, True]
+        assert [u for _, u in row] == [True, False, True, False, True]
         assert sorted(turned) == [(pytest.approx(edge, rel=1e-7), unstable) for edge, unstable in row]
 
 
@@ -61,6 +63,20 @@ def test_regions_agree_with_the_closed_form_of_a_falling_law(tmp_path):
     assert lines[0] == "load.force,body.damping,growth,frequency,exists"
     assert len(lines) == 16
     assert np.array(got.to_json()["growth"]).shape == (3, 5)
+
+
+def test_an_edge_next_to_a_point_without_sliding_is_found():
+    """Belt, characteristic A: slope(v) F0 = d. Nothing presses at 0 N, the belt stands still at 0 m/s."""
+    slopes = [6.4 * math.exp(-v / 0.05) for v in (0.05, 0.175)]
+    got = found("belt", "load.force=0:40 N:9", "drive.speed=0.05:0.175 m/s:2")
+    assert list(got.edges) == [((pytest.approx(2.0 / slope, rel=1e-8), True),) for slope in slopes]
+    assert np.isnan(got.growth[:, 0]).all()
+    assert "no steady sliding at 2 of 18 points" in got.text()
+    assert "nothing presses contact" in got.text()
+    got = found("belt", "drive.speed=0:0.4 m/s:9", "load.force=0:20 N:2")
+    limit = pytest.approx(0.05 * math.log(64.0), rel=1e-8)
+    assert got.edges == ((), ((0.0, True), (limit, False)))
+    assert "no steady sliding" in got.text()
 
 
 def test_workers_find_the_same_and_a_folder_keeps_it(tmp_path):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 import rig
 from rig.cli import app
@@ -160,6 +161,74 @@ def test_a_critical_value_on_a_value_of_the_sweep_is_told_once():
     assert [one.value for one in found.critical] == [pytest.approx(0.5, rel=1e-12)]
 
 
+@pytest.mark.parametrize(("start", "end", "becomes", "sides"), [
+    (0.0, 0.5, "unstable", (0, None)), (0.5, 1.0, "unstable", (0, 2)), (1.0, 0.5, "unstable", (0, 2)),
+])  # fmt: skip
+def test_a_critical_value_at_an_end_of_the_axis_is_told(start, end, becomes, sides):
+    [one] = over(lambda p: turning(p - 0.5, 5.0), start, end, 6).critical
+    assert one.value == pytest.approx(0.5, rel=1e-7)
+    assert (one.becomes, one.below, one.above) == (becomes, *sides)
+
+
+@pytest.mark.parametrize("width", [1e-2, 1e-3])
+@pytest.mark.parametrize("count", [4, 7, 11])
+def test_two_critical_values_far_closer_than_the_grid_are_found(count, width):
+    found = over(lambda p: turning(width**2 - (p - 0.47) ** 2, 5.0), count=count)
+    assert [one.value for one in found.critical] == pytest.approx([0.47 - width, 0.47 + width], rel=1e-9)
+    assert [(one.below, one.above) for one in found.critical] == [(0, 2), (2, 0)]
+    assert found.resolution <= 1.0 / (count - 1)
+
+
+FORCE = 2.0 / (0.32 / 0.05 * math.exp(-1.2))  # slope(v0) F0 = d
+
+
+@pytest.mark.parametrize(
+    "values",
+    [np.linspace(0.0, 40.0, 9), np.linspace(40.0, 0.0, 9), np.linspace(0.1, 40.0, 9), np.geomspace(0.01, 40, 5)],
+)
+def test_a_critical_value_next_to_a_point_without_sliding_is_found(values):
+    found = rig.sweep("belt", "load.force", values)
+    [one] = found.critical
+    assert one.value == pytest.approx(FORCE, rel=1e-12)
+    assert (one.below, one.above) == (0, 2)
+    assert [gap[:2] for gap in found.gaps] == [(0.0, 0.0)] * (0.0 in values)
+    assert ("no steady sliding at 0 N: nothing presses contact" in found.text()) is (0.0 in values)
+
+
+def test_where_nothing_slides_the_report_says_why_and_not_none():
+    found = rig.sweep(rig.load("belt", {"drive.speed": 0.0}), "load.force", np.linspace(1.0, 4.0, 4))
+    assert found.critical == ()
+    assert "no critical value where the rig slides steadily" in found.text()
+    assert "no steady sliding from 1 N to 4 N: the surface at contact stands still" in found.text()
+    assert found.to_json()["gaps"][0]["why"] == "the surface at contact stands still"
+
+
+def test_a_loop_is_swept_through_a_point_without_sliding():
+    """(slope(v) F0 - d - mu(v) K) / 2 m = 0 for a loop without delay; sample and hold moves it by 1e-4."""
+    found = rig.sweep("belt_normal_force", "drive.speed", np.linspace(0.0, 0.1, 5), controller="nf")
+    [one] = found.critical
+
+    def growth(v):
+        falling = 0.32 * math.exp(-v / 0.05)
+        return falling / 0.05 * 20.0 - 2.0 - (0.18 + falling) * 200.0
+
+    assert one.value == pytest.approx(brentq(growth, 0.01, 0.1), rel=1e-3)
+    assert found.notes[0] == "no loop"
+    assert "no loop at 0 m/s: nothing slides steadily" in found.text()
+
+
+def test_one_of_two_growing_motions_leaves():
+    """north: the stiffness is singular at (c1 + c2) c_phi + c1 c2 s (s - mu h) = 0; another divergence goes on."""
+    found = rig.sweep("north", "friction.mu", np.linspace(20.0, 30.0, 11))
+    [one] = found.critical
+    assert one.value == pytest.approx((0.003 + 1e8 * 1.5e4 / (2e7 * 8e7 * 0.003)) / 0.012, rel=1e-9)
+    grow = np.count_nonzero(found.rates.real > 1.0, axis=1)
+    assert (one.below, one.above) == (grow[0], grow[-1]) == (2, 1)
+    assert "unstable on both sides: 2 eigenvalues grow below, 1 above" in found.text()
+    assert "stable above" not in found.text()
+    assert one.value == pytest.approx(found.gaps[0].start, rel=1e-6)  # beyond a divergence the contact would pull
+
+
 def test_a_motion_without_damping_is_not_critical_everywhere():
     assert over(lambda p: turning(0.0, 5.0 + p)).critical == ()
     assert over(lambda p: beside(turning(0.0, 5.0 + p), turning(-0.1, 7.0))).critical == ()
@@ -218,6 +287,9 @@ def test_what_cannot_be_swept_is_refused(key, values, told):
 def test_the_figure_is_drawn(tmp_path):
     from matplotlib.image import imread
 
+    locus.draw(rig.sweep("pin", "friction.mu", np.linspace(0.0, 1.5, 7)), tmp_path / "jams.png")
+    stands = rig.load("belt", {"drive.speed": 0.0})
+    locus.draw(rig.sweep(stands, "load.force", np.linspace(1.0, 4.0, 4)), tmp_path / "nothing.png")
     found = rig.sweep("north", "friction.mu", np.linspace(0.1, 0.5, 9))
     locus.draw(found, tmp_path / "new" / "locus.png")
     pixels = imread(tmp_path / "new" / "locus.png")

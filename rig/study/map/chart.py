@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.study.columns import columns
 from rig.study.map.job import RUNS, Arrays, Job
 from rig.study.map.judge import NAMES, SLIDING, STICK_SLIP, STOPPED, STUCK, UNDECIDED, VIBRATION
 
@@ -87,7 +88,7 @@ class Map:
             span += f"; {y.key} from {y.tell(y.values[0])} to {y.tell(y.values[-1])}, {len(y.values)} values"
         lines = [f"{job.scene.name}: {span}", f"  runs: {', '.join(settings.runs)}; output {settings.output}", ""]
         counts = np.bincount(self.regions.ravel(), minlength=len(REGIONS))
-        lines += [f"  {REGIONS[r]:<6}{MEANING[r]:<24}{counts[r]:>7} points" for r in (1, 2, 3, 4, 0) if counts[r]]
+        lines += columns([(REGIONS[r], MEANING[r], f"{counts[r]} points") for r in (1, 2, 3, 4, 0) if counts[r]], "<<>")
         if "near" in settings.runs:
             both = ~np.isnan(self.growth)
             wrong = self.disagreement
@@ -99,14 +100,15 @@ class Map:
 
     def _boundaries(self) -> Iterator[str]:
         y, x = self.job.y, self.job.x
-        head = y.label if y else ""
-        yield f"  {head:<22}{'sliding loses stability':<28}{'run-up loses vibration':<26}run-down loses vibration"
+        heads = ("sliding loses stability", "run-up loses vibration", "run-down loses vibration")
+        table: list[tuple[str, ...]] = [(y.label if y else "", *heads)]
         rows = range(len(self.onsets))
         chosen = sorted({round(r) for r in np.linspace(0, rows[-1], min(_ROWS, len(rows)))})
         for row in chosen:
             onset = ", ".join(x.tell(v) for v in self.onsets[row]) or "-"
-            up, down = (self._end(end[row]) for end in self.ends)
-            yield f"  {y.tell(y.values[row]) if y else '':<22}{onset:<28}{up:<26}{down}"
+            ends = (self._end(end[row]) for end in self.ends)
+            table.append((y.tell(y.values[row]) if y else "", onset, *ends))
+        yield from columns(table if y else [row[1:] for row in table], "<" * len(table[0][bool(not y) :]))
         if len(chosen) < len(rows):
             yield f"  and {len(rows) - len(chosen)} more rows"
 

@@ -31,6 +31,7 @@ from rig.solve.method import chosen
 from rig.solve.motion import Motion
 from rig.solve.system import System
 from rig.study.averaged import averaged, fast_motion
+from rig.study.columns import columns
 from rig.study.map.job import Arrays, Job
 from rig.study.modes import GENERATOR
 
@@ -71,14 +72,14 @@ class Boundary:
         x, y = self.job.x, self.job.y
         assert y is not None
         lines = [f"{self.job.scene.name}: least amplitude of dither that keeps the rig sliding", ""]
-        lines.append(f"  {x.label:<24}{'leading order':>16}{'averaged':>16}{'simulated':>28}{'to averaged':>14}")
+        rows: list[tuple[str, ...]] = [(x.label, "leading order", "averaged", "simulated", "to averaged")]
         for i, frequency in enumerate(x.values):
             low, high = self.simulated[i] / y.scale
-            seen = f"{low:.6g} to {high:.6g}"
             deviation = self.deviation[i]
             told = f"{100.0 * deviation:+.2f} %" if np.isfinite(deviation) else ""
-            theory = "".join(f"{found[i] / y.scale:>16.6g}" for found in (self.leading, self.averaged))
-            lines.append(f"  {x.tell(frequency):<24}{theory}{seen:>28}{told:>14}")
+            theory = (f"{found[i] / y.scale:.6g}" for found in (self.leading, self.averaged))
+            rows.append((x.tell(frequency), *theory, f"{low:.6g} to {high:.6g}", told))
+        lines += columns(rows, "<>>>>")
         lines += ["", f"  amplitudes in {y.shown}; 0: stable from the smallest on, inf: not even at the largest"]
         return "\n".join(lines)
 

@@ -33,6 +33,8 @@ _SOURCES = (
     "study/map/*",
     "study/axis",
     "study/averaged",
+    "study/critical",
+    "study/crossing",
     "study/cycle",
     "study/regions",
 )

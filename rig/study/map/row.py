@@ -12,12 +12,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import NumericsError
+from rig.study.crossing import brackets, refined, stretches
 from rig.study.map.judge import BLANK, NONE, NOTHING, SLIDING, STICK_SLIP, STOPPED, VIBRATION, Point
 from rig.study.map.track import Place, Track
 
@@ -156,9 +156,25 @@ class Row:
             t[column][run, i] = getattr(point.window, column)
 
     def _onsets(self) -> Iterable[float]:
-        """Where the growth rate of sliding passes through zero, in every gap in which its sign changes."""
+        """Where the growth rate of sliding passes through zero, in every gap in which its sign changes.
+
+        One at the first value of the part behind this one is told by that part.
+        """
         from scipy.optimize import brentq
 
-        for (a, b), (low, high) in zip(pairwise(self._next), pairwise(self._least.real)):
-            if low * high < 0.0:
-                yield brentq(lambda value: self.track.least(value).real, a, b, xtol=_ROOT * abs(b - a))
+        known: dict[float, float] = dict(zip(self._next, self._least.real.tolist()))
+
+        def rate(value: float) -> float:
+            if value not in known:
+                known[value] = float(self.track.least(value).real)
+            return known[value]
+
+        def growths(value: float) -> Array | None:
+            return None if math.isnan(rate(value)) else np.array([rate(value)])
+
+        width = abs(self._next[-1] - self._next[0]) / len(self._next)
+        for stretch in stretches(refined(self._next, growths), growths):
+            for _, a, b, how in brackets(stretch, growths):
+                at = b if how == "ends" else float(brentq(rate, a, b, xtol=_ROOT * width))
+                if at != self._next[-1] or self._next[-1] == self.x[-1]:
+                    yield at
