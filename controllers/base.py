@@ -18,13 +18,13 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, ClassVar, Protocol, TypeVar, runtime_checkable
+from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import BeforeValidator, PlainSerializer, ValidationError
+from pydantic import ValidationError
 
 from rig.errors import UsageError
-from rig.quantities import Nanoseconds, Section, Unit, nanoseconds, quantity, si
+from rig.quantities import Nanoseconds, Section, duration, optional, quantity
 
 Numbers = Mapping[str, Any]
 Values = tuple[float, ...]
@@ -57,16 +57,7 @@ class Controller(Protocol):
 
 C = TypeVar("C", bound=Controller)
 
-Delay = Annotated[int, Unit("s"), BeforeValidator(nanoseconds), Ge(0), PlainSerializer(lambda ns: ns * 1e-9)]
-
-
-def optional(unit: str, *bounds: Gt | Ge | Lt | Le) -> Any:
-    """A quantity that may be left out (None)."""
-    inner = Annotated[float, BeforeValidator(lambda value: si(value, unit)), *bounds]
-    return Annotated[inner | None, Unit(unit)]
-
-
-Speed = quantity("m/s", Ge(0.0))
+Delay = duration(Ge(0))
 OptionalSpeed = optional("m/s", Ge(0.0))
 OptionalHertz = optional("Hz", Gt(0.0))
 OptionalForce = optional("N", Ge(0.0))

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from controllers.base import OptionalSpeed, Speed
+from controllers.base import OptionalSpeed
 from controllers.feedback import FeedbackSection, VelocityFeedback
-from rig.quantities import Number
+from rig.quantities import Number, Speed
 
 
 class BeltVelocity(FeedbackSection):

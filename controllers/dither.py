@@ -21,9 +21,9 @@ from typing import ClassVar, Literal, NamedTuple, Self
 
 from pydantic import model_validator
 
-from controllers.base import ControllerSection, Fraction, Margin, Numbers, OptionalHertz, OptionalSpeed, Speed, Values
+from controllers.base import ControllerSection, Fraction, Margin, Numbers, OptionalHertz, OptionalSpeed, Values
 from rig.errors import UsageError
-from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveSecond, Second
+from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveSecond, Second, Speed
 
 FALLING = 0.8  # an oscillation that falls less than this from one window to the next is not dying away
 SPEED_BAND = 0.1  # share of `band` in which a measured belt speed is believed: the dither rides on it

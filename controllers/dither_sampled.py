@@ -14,9 +14,9 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from controllers.base import ControllerSection, Numbers, OptionalSpeed, Speed, Values
+from controllers.base import ControllerSection, Numbers, OptionalSpeed, Values
 from rig.errors import UsageError
-from rig.quantities import Hertz, MetrePerSecond, PositiveMetrePerSecond, Second
+from rig.quantities import Hertz, MetrePerSecond, PositiveMetrePerSecond, Second, Speed
 
 
 class SampledDither(ControllerSection):

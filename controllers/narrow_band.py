@@ -13,9 +13,9 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from controllers.base import ControllerSection, Gain, Numbers, Speed, Values
+from controllers.base import ControllerSection, Gain, Numbers, Values
 from rig.errors import UsageError
-from rig.quantities import Hertz, PositiveVolt, Second
+from rig.quantities import Hertz, PositiveVolt, Second, Speed
 
 Modes = tuple[complex, ...]
 KEYS = ("poles", "driven", "corrected", "fed_back")

@@ -8,18 +8,58 @@ A parameter is declared once, as a field of a `Section`:
 
 A value may be given as a number (taken as SI), as text with a unit ("2 rpm"), or as a list
 [value, origin, note] whose origin says where it comes from. Inside the project every number is SI.
+
+Every quantity has a range: its own bounds, and the sizes that a bench of this kind can have in its unit (`SIZES`).
+Products of a few values within these sizes stay far from what a double can hold.
 """
 
 from __future__ import annotations
 
 import math
+import re
+from collections.abc import Iterable
 from functools import cache, partial
 from typing import Annotated, Any
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import BaseModel, BeforeValidator, ConfigDict, PlainSerializer
+from pydantic import BaseModel, BeforeValidator, ConfigDict, GetCoreSchemaHandler, PlainSerializer
+from pydantic_core import CoreSchema, core_schema
 
 ORIGINS = ("paper", "public", "derived", "calibrated", "chosen", "user")
+LONGEST = 1_000_000_000_000_000
+"""Longest duration [ns]: 1e6 s, eleven days."""
+
+SIZES: dict[str, tuple[float, float]] = {
+    "1": (1e-15, 1e9),
+    "kg": (1e-9, 1e6),
+    "kg*m^2": (1e-12, 1e6),
+    "kg/m^3": (1e-3, 1e5),
+    "Pa": (1e-9, 1e13),
+    "m": (1e-12, 1e4),
+    "m/s": (1e-12, 1e4),
+    "m/s^2": (1e-12, 1e9),
+    "rad": (1e-12, 1e4),
+    "rad/s": (1e-12, 1e6),
+    "N": (1e-12, 1e9),
+    "N/m": (1e-6, 1e12),
+    "N*s/m": (1e-9, 1e9),
+    "N*m/rad": (1e-9, 1e12),
+    "N*m*s/rad": (1e-12, 1e9),
+    "N*s": (1e-12, 1e6),
+    "s": (1e-9, 1e6),
+    "Hz": (1e-6, 1e6),
+    "F": (1e-15, 1.0),
+    "N/V": (1e-9, 1e6),
+    "m/V": (1e-15, 1.0),
+    "V": (1e-9, 1e6),
+    "ohm": (1e-9, 1e15),
+    "H": (1e-15, 1e6),
+}
+"""Unit -> least and largest size of a value: far beyond what is built, near enough to tell a slip of the keyboard."""
+OTHERS = (1e-15, 1e12)
+"""The same for a unit that has no line of its own."""
+NOTHING = 1e-30
+"""A value that may be 0 is 0 or at least of this size."""
 
 
 class Unit(str):
@@ -32,6 +72,42 @@ class Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+class Range:
+    """What a quantity of `unit` may be: from `low` to `high` (SI), in size `least` or more where it is not 0.
+
+    As metadata of a field it refuses anything else with a ValueError; not finite values are refused by their section.
+    """
+
+    def __init__(self, unit: str, bounds: Iterable[Gt | Ge | Lt | Le] = ()) -> None:
+        least, most = SIZES.get(unit, OTHERS)
+        self.unit, self.low, self.high, self.least = unit, -most, most, NOTHING
+        for bound in bounds:
+            if isinstance(bound, Gt):
+                self.low = float(bound.gt)  # type: ignore[arg-type]
+                if self.low == 0.0:
+                    self.low = self.least = least
+            elif isinstance(bound, Ge):
+                self.low = float(bound.ge)  # type: ignore[arg-type]
+            elif isinstance(bound, Lt):
+                self.high = float(bound.lt)  # type: ignore[arg-type]
+            else:
+                self.high = float(bound.le)  # type: ignore[arg-type]
+
+    def check(self, value: float) -> float:
+        """`value` if it is in the range. Raises ValueError with what is allowed."""
+        if (self.low <= value <= self.high and (value == 0.0 or abs(value) >= self.least)) or not math.isfinite(value):
+            return value
+        unit = "" if self.unit == "1" else f" {self.unit}"
+        tiny = self.low <= value <= self.high
+        raise ValueError(f"must be 0 or at least {self.least:g}{unit} in size" if tiny else f"must be {self}")
+
+    def __str__(self) -> str:
+        return f"{self.low:g} to {self.high:g}" + ("" if self.unit == "1" else f" {self.unit}")
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self.check, handler(source))
+
+
 @cache
 def _registry() -> Any:
     import pint  # 0.3 s: only when a text with a unit is met
@@ -39,9 +115,17 @@ def _registry() -> Any:
     return pint.UnitRegistry()
 
 
+_POWER = r"(?:\^|\*\*)\s*[-+]?\d{1,2}(?:\.\d)?(?!\s*(?:\^|\*\*))"
+_UNIT = re.compile(rf"(?:[^\W\d]|[°%µμ*/()·\s]|1(?=\s*/)|{_POWER})+")
+"""Names of units, products, quotients and small powers: no other arithmetic, which could take for ever."""
+_LONGEST_UNIT = 60
+
+
 @cache
 def _factor(text: str, unit: str) -> tuple[float, float]:
     """Scale and offset that turn `text`'s unit into `unit`."""
+    if len(text) > _LONGEST_UNIT or not _UNIT.fullmatch(text):
+        raise ValueError(text)
     registry = _registry()
     target = registry.parse_units("" if unit == "1" else unit)
     source = registry.parse_units(text)
@@ -60,24 +144,41 @@ def si(value: Any, unit: str) -> float:
     if isinstance(value, bool):
         raise ValueError(f"is {value}; expected a number in {_named(unit)}")
     if isinstance(value, int | float):
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError:
+            raise ValueError(f"must be {Range(unit)}") from None
     if not isinstance(value, str):
-        raise ValueError(f"is {value!r}; expected a number or a text with a unit in {_named(unit)}")
+        raise ValueError(f"is {brief(value)}; expected a number or a text with a unit in {_named(unit)}")
     number, _, rest = value.strip().partition(" ")
     try:
         magnitude = float(number)
     except ValueError:
-        raise ValueError(f"is {value!r}; expected a number, a space and a unit in {_named(unit)}") from None
+        raise ValueError(f"is {brief(value)}; expected a number, a space and a unit in {_named(unit)}") from None
     rest = rest.strip()
     if rest == unit or (not rest and unit == "1"):
         return magnitude
     if not rest:
-        raise ValueError(f"is {value!r} without a unit; expected {_named(unit)}")
+        raise ValueError(f"is {brief(value)} without a unit; expected {_named(unit)}")
     try:
         scale, offset = _factor(rest, unit)
     except Exception:  # pint raises many kinds: unknown unit, wrong dimension, bad syntax
-        raise ValueError(f"is {value!r}; expected a unit of {_named(unit)}") from None
+        raise ValueError(f"is {brief(value)}; expected a unit of {_named(unit)}") from None
     return magnitude * scale + offset
+
+
+def finite(value: Any, unit: str, *bounds: Gt | Ge | Lt | Le) -> float:
+    """`value` as `si` reads it, within `bounds` and the sizes of its unit. Raises ValueError."""
+    found = si(value, unit)
+    if not math.isfinite(found):
+        raise ValueError(f"must be a finite number, {Range(unit, bounds)}")
+    return Range(unit, bounds).check(found)
+
+
+def brief(value: Any) -> str:
+    """A value as Python writes it, shortened where long."""
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."
 
 
 def _named(unit: str) -> str:
@@ -86,12 +187,24 @@ def _named(unit: str) -> str:
 
 def quantity(unit: str, *bounds: Gt | Ge | Lt | Le) -> Any:
     """An annotated float with SI `unit` and bounds, for use in a `Section`."""
-    return Annotated[float, Unit(unit), BeforeValidator(partial(si, unit=unit)), *bounds]
+    return Annotated[float, Unit(unit), BeforeValidator(partial(si, unit=unit)), *bounds, Range(unit, bounds)]
+
+
+def optional(unit: str, *bounds: Gt | Ge | Lt | Le) -> Any:
+    """A quantity that may be left out (None)."""
+    return Annotated[quantity(unit, *bounds) | None, Unit(unit)]
 
 
 def nanoseconds(value: Any) -> int:
     """A duration as whole nanoseconds; text is read with its unit, a number is seconds."""
-    return round(si(value, "s") * 1e9)
+    return round(finite(value, "s") * 1e9)
+
+
+def duration(*bounds: Gt | Ge | Lt | Le) -> Any:
+    """An annotated duration in whole nanoseconds, with bounds [ns]; told in seconds."""
+    return Annotated[
+        int, Unit("s"), BeforeValidator(nanoseconds), *bounds, Le(LONGEST), PlainSerializer(lambda ns: ns * 1e-9)
+    ]
 
 
 def unit_of(section: type[BaseModel], field: str) -> str:
@@ -126,7 +239,7 @@ PositiveSecond = quantity("s", Gt(0.0))
 Hertz = quantity("Hz", Gt(0.0))
 SecondPerMetre = quantity("s/m", Ge(0.0))
 PositiveSecondPerMetre = quantity("s/m", Gt(0.0))
-SpeedAmplitude = quantity("m/s", Ge(0.0))
+Speed = quantity("m/s", Ge(0.0))
 Angle = quantity("rad")
 AcuteAngle = quantity("rad", Gt(0.0), Lt(math.pi / 2.0))
 NewtonPerRootSpeed = quantity("N/(m/s)^0.5", Ge(0.0))
@@ -139,4 +252,4 @@ Henry = quantity("H", Ge(0.0))
 PositiveHenry = quantity("H", Gt(0.0))
 Volt = quantity("V")
 PositiveVolt = quantity("V", Gt(0.0))
-Nanoseconds = Annotated[int, Unit("s"), BeforeValidator(nanoseconds), Gt(0), PlainSerializer(lambda ns: ns * 1e-9)]
+Nanoseconds = duration(Gt(0))

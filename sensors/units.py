@@ -6,9 +6,9 @@ from functools import partial
 from typing import Annotated
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import AfterValidator, BeforeValidator, PlainSerializer
+from pydantic import AfterValidator, BeforeValidator
 
-from rig.quantities import PositiveMetre, Unit, nanoseconds, quantity, si
+from rig.quantities import PositiveMetre, Unit, duration, quantity, si
 
 SECOND = 1_000_000_000  # ns
 
@@ -26,7 +26,7 @@ def _whole_period(rate: float) -> float:
 Rate = Annotated[
     float, Unit("Hz"), BeforeValidator(partial(si, unit="Hz")), Ge(1.0), Le(100e3), AfterValidator(_whole_period)
 ]
-Delay = Annotated[int, Unit("s"), BeforeValidator(nanoseconds), Ge(0), PlainSerializer(lambda ns: ns * 1e-9)]
+Delay = duration(Ge(0))
 GainError = quantity("1", Gt(-1.0))
 Quality = quantity("1", Ge(0.55))  # of a second-order filter: at 1/2 its poles meet and have no modal form
 PerSecond = quantity("1/s", Ge(0.0))

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from rig.quantities import Angle, Hertz, PositiveNewton, Section, SpeedAmplitude
+from rig.quantities import Angle, Hertz, PositiveNewton, Section, Speed
 from rig.solve.assembly import Assembly, Input
 from rig.solve.assembly import add as add_row
 
@@ -33,7 +33,7 @@ class BeltDither(_Dither):
     """On the speed of the belt or disc surface; amplitude in m/s."""
 
     on: Literal["belt"]
-    amplitude: SpeedAmplitude
+    amplitude: Speed
 
 
 class MassDither(_Dither):

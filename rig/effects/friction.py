@@ -17,7 +17,6 @@ from __future__ import annotations
 from typing import Annotated, Literal, Self
 
 import numpy as np
-from annotated_types import Ge
 from pydantic import Field, model_validator
 
 from rig.quantities import (
@@ -29,6 +28,7 @@ from rig.quantities import (
     Ratio,
     SecondPerMetre,
     Section,
+    Speed,
 )
 from rig.solve import laws
 from rig.solve.laws import Law
@@ -115,8 +115,8 @@ class Table(Section):
     """Measured points. Without `mu_static` a stuck contact holds the first value."""
 
     law: Literal["table"]
-    speeds: tuple[Annotated[float, Ge(0.0)], ...] = Field(min_length=2)
-    values: tuple[Annotated[float, Ge(0.0)], ...] = Field(min_length=2)
+    speeds: tuple[Speed, ...] = Field(min_length=2)
+    values: tuple[Ratio, ...] = Field(min_length=2)
     mu_static: Ratio | None = None
 
     @model_validator(mode="after")

@@ -15,16 +15,15 @@ import math
 from typing import Annotated
 
 from annotated_types import Ge, Gt, Le, Lt
-from pydantic import BeforeValidator
 
-from rig.quantities import Section, Unit, si
+from rig.quantities import Section, quantity
 from rig.solve.assembly import Assembly, Output, Row
 
 TURN = "disc.turn"
 _PERIOD = 2.0 * math.pi
 
-Depth = Annotated[float, Unit("1"), BeforeValidator(lambda v: si(v, "1")), Gt(0.0), Lt(0.5)]
-Place = Annotated[float, Unit("rad"), BeforeValidator(lambda v: si(v, "rad")), Ge(0.0), Lt(_PERIOD)]
+Depth = quantity("1", Gt(0.0), Lt(0.5))
+Place = quantity("rad", Ge(0.0), Lt(_PERIOD))
 Count = Annotated[int, Ge(4), Le(96)]
 
 

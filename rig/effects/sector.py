@@ -10,20 +10,18 @@ Source: Liu and Ouyang, Mechanical Systems and Signal Processing (2022), the dis
 from __future__ import annotations
 
 import math
-from typing import Annotated
 
 from annotated_types import Ge, Gt, Lt
-from pydantic import BeforeValidator
 
 from rig.effects.friction import Friction
-from rig.quantities import Section, Unit, si
+from rig.quantities import Section, quantity
 from rig.solve.assembly import Assembly, Output, Row
 
 TURN = "disc.turn"
 _PERIOD = 2.0 * math.pi
 
-Span = Annotated[float, Unit("rad"), BeforeValidator(lambda v: si(v, "rad")), Gt(0.0), Lt(_PERIOD)]
-Place = Annotated[float, Unit("rad"), BeforeValidator(lambda v: si(v, "rad")), Ge(0.0), Lt(_PERIOD)]
+Span = quantity("rad", Gt(0.0), Lt(_PERIOD))
+Place = quantity("rad", Ge(0.0), Lt(_PERIOD))
 
 
 class Sector(Section):

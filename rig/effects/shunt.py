@@ -28,19 +28,19 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from annotated_types import Gt
 from numpy.typing import NDArray
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import Field, model_validator
 
 from rig.effects import shunt_limits
 from rig.effects.stack import Stack, scaled, total
 from rig.errors import SceneError
-from rig.quantities import Henry, Number, Ohm, PositiveHenry, PositiveOhm, PositiveVolt, Section, Unit, si
+from rig.quantities import Henry, Number, Ohm, PositiveHenry, PositiveOhm, PositiveVolt, Section, quantity
 from rig.solve.assembly import Assembly, Circuit, Input, Output, Row
 
 VOLTAGE, CURRENT, OFFSET, POSITION = "shunt.voltage", "shunt.current", "shunt.offset", "shunt.position"
 OP_AMP = "op-amp"
 _UNNOTICED = 1e-8
 
-Beyond = Annotated[float, Unit("1"), BeforeValidator(lambda v: si(v, "1")), Gt(-1.0)]
+Beyond = quantity("1", Gt(-1.0))
 Bank = Annotated[tuple[PositiveHenry, ...], Field(min_length=2)]
 
 

@@ -15,18 +15,18 @@ Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equation
 from __future__ import annotations
 
 import math
-from typing import Annotated, Self
+from typing import Self
 
 from annotated_types import Ge
-from pydantic import BeforeValidator, field_validator, model_validator
+from pydantic import field_validator, model_validator
 
-from rig.quantities import Angle, NewtonPerMetre, Section, Unit, si
+from rig.quantities import Angle, NewtonPerMetre, Section, optional, quantity
 from rig.solve.assembly import Assembly, Output
 from rig.solve.assembly import add as add_row
 
-AbsorberMass = Annotated[float, Unit("kg"), BeforeValidator(lambda v: si(v, "kg")), Ge(0.0)]
-Damping = Annotated[Annotated[float, BeforeValidator(lambda v: si(v, "N*s/m")), Ge(0.0)] | None, Unit("N*s/m")]
-DampingRatio = Annotated[Annotated[float, BeforeValidator(lambda v: si(v, "1")), Ge(0.0)] | None, Unit("1")]
+AbsorberMass = quantity("kg", Ge(0.0))
+Damping = optional("N*s/m", Ge(0.0))
+DampingRatio = optional("1", Ge(0.0))
 
 
 class TunedMass(Section):

@@ -12,10 +12,9 @@ Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import partial
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field
+from pydantic import Field
 
 from rig.quantities import (
     Kilogram,
@@ -24,12 +23,12 @@ from rig.quantities import (
     NewtonPerMetre,
     Section,
     Unit,
-    si,
+    quantity,
 )
 from rig.solve.assembly import Row
 
 GROUND = "ground"
-Place = Annotated[float, BeforeValidator(partial(si, unit="m"))]
+Place = quantity("m")
 Point = Annotated[tuple[Place, Place], Unit("m")]
 """(along x, along z) from the centre of mass."""
 

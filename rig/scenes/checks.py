@@ -5,14 +5,15 @@ Every check yields (dotted key, line), as `faults.lines` does.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
-from math import ceil, floor, inf
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from math import ceil, floor, inf, isqrt
 from typing import Any
 
 from controllers import KINDS
 from controllers.base import hears
+from rig.quantities import LONGEST
 from rig.scenes.faults import near, shown
-from rig.scenes.protocol import Connect, Disconnect, Load, Ramp, Repeat, Set, flat
+from rig.scenes.protocol import Connect, Disconnect, Load, Ramp, Repeat, Set, flat, longest_ns
 from rig.scenes.scene import Clock, controller_drives, controller_reads
 
 Fault = tuple[str, str]
@@ -67,8 +68,8 @@ def steps(clock: Clock, step_ns: int, raw: Mapping[str, Any]) -> Iterator[Fault]
     """The fixed step of rk4 and kick divides the sample step."""
     if clock.method in ("rk4", "kick") and step_ns % clock.rk4_step:
         parts = max(1, round(step_ns / clock.rk4_step))
-        while step_ns % parts:
-            parts += 1
+        pairs = ((d, step_ns // d) for d in range(1, isqrt(step_ns) + 1) if step_ns % d == 0)
+        parts = min(d for pair in pairs for d in pair if d >= parts)
         given = _raw(raw, "clock", "rk4_step", default=f"{clock.rk4_step / 1e9:g} s")
         yield (
             "clock.rk4_step",
@@ -80,13 +81,20 @@ def steps(clock: Clock, step_ns: int, raw: Mapping[str, Any]) -> Iterator[Fault]
 def lengths(clock: Clock, protocol: Iterable[Any], raw: Any, prefix: str = "protocol") -> Iterator[Fault]:
     """Every time in the protocol is a whole number of frames."""
     for i, step in enumerate(protocol):
-        told = raw[i] if isinstance(raw, list) and i < len(raw) else {}
+        told = raw[i] if isinstance(raw, list) and i < len(raw) and isinstance(raw[i], Mapping) else {}
         for field in TIMES:
             value = getattr(step, field, 0)
             given = shown(told[field]) if field in told else f"{value / 1e9:g} s"
             yield from _whole(f"{prefix}[{i + 1}].{field}", given, value, clock.frame, zero=True)
         if isinstance(step, Repeat):
             yield from lengths(clock, step.steps, told.get("steps", []), f"{prefix}[{i + 1}].steps")
+
+
+def whole(protocol: Sequence[Any]) -> Iterator[Fault]:
+    """The protocol ends in a time that can be counted, or never."""
+    length = longest_ns(protocol)
+    if length is not None and length > LONGEST:
+        yield "protocol", f"protocol: takes up to {length / 1e9:.3g} s; at most {LONGEST / 1e9:g} s are possible"
 
 
 def _whole(key: str, given: str, value: int, frame: int, zero: bool) -> Iterator[Fault]:
@@ -104,12 +112,12 @@ def readings(sensors: Mapping[str, Any], outputs: Mapping[str, Any], plant: str)
     for name, section in sensors.items():
         key = f"sensors.{name}.reads"
         if section.reads not in outputs:
-            yield key, f'{key} = "{section.reads}": {plant} has no such output; {near(section.reads, outputs)}'
+            yield key, f"{key} = {shown(section.reads)}: {plant} has no such output; {near(section.reads, outputs)}"
         elif outputs[section.reads].unit != section.reads_unit:
             fitting = [n for n, output in outputs.items() if output.unit == section.reads_unit]
             yield (
                 key,
-                f'{key} = "{section.reads}": is in {outputs[section.reads].unit}, a {section.kind} reads '
+                f"{key} = {shown(section.reads)}: is in {outputs[section.reads].unit}, a {section.kind} reads "
                 f"{section.reads_unit}; fitting: {', '.join(fitting)}",
             )
 
@@ -124,11 +132,11 @@ def wiring(
         for field, sensor in controller_reads(section).items():
             if sensor not in sensors:
                 key = f"controllers.{name}.{field}"
-                yield key, f'{key} = "{sensor}": unknown sensor; {near(sensor, sensors)}'
+                yield key, f"{key} = {shown(sensor)}: unknown sensor; {near(sensor, sensors)}"
         for actuator in controller_drives(section):
             key = f"controllers.{name}.drive"
             if actuator not in inputs:
-                yield key, f'{key} = "{actuator}": {plant} has no such actuator; {near(actuator, inputs)}'
+                yield key, f"{key} = {shown(actuator)}: {plant} has no such actuator; {near(actuator, inputs)}"
             elif actuator in owners:
                 yield key, f"controllers.{owners[actuator]} and controllers.{name}: both drive {actuator}; only one can"
             else:

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 from pydantic.fields import FieldInfo
 
-from rig.quantities import Unit
+from rig.quantities import Unit, brief
 
 BOUNDS = {
     "greater_than": ("greater than", "gt"),
@@ -26,12 +26,13 @@ BOUNDS = {
 }
 TAGS = ("law", "kind", "step", "direction")
 _MANY = 24  # names: more than a reader looks through
+_LONG = 100  # letters: no name has as many, and to compare them takes long
 Loc = tuple[int | str, ...]
 
 
 def lines(error: ValidationError, model: Any, raw: Any, prefix: str = "") -> Iterator[tuple[str, str]]:
     """(dotted key, line) for every fault in `error`, found when `raw` was read as `model`."""
-    for fault in error.errors(include_url=False):
+    for fault in error.errors(include_url=False, include_input=False):
         kind, context = fault["type"], fault.get("ctx", {})
         path, owner, annotation, unit = _walk(model, fault["loc"])
         key = dotted(path, prefix)
@@ -73,10 +74,12 @@ def _told(kind: str, context: Mapping[str, Any], message: str, given: Any, unit:
         return "expected a table"
     if kind in ("tuple_type", "list_type"):
         return "expected a list"
-    text = message.removeprefix("Value error, ")
-    repeated = f"is {given!r}"
-    if text.startswith(repeated):
-        text = text.removeprefix(repeated).lstrip(";").strip()
+    return reworded(message.removeprefix("Value error, "), given)
+
+
+def reworded(message: str, given: Any) -> str:
+    """What is wrong with a value, for a line that has told the value already."""
+    text = message.removeprefix(f"is {brief(given)}").lstrip(";").strip()
     return text[:1].lower() + text[1:]
 
 
@@ -85,6 +88,7 @@ def unknown_key(key: str, known: Iterable[str]) -> str:
     parent, _, last = key.rpartition(".")
     names = sorted(known)
     likely = close(last, names)
+    key = shortened(key)
     full = [f"{parent}.{name}" if parent else name for name in (likely or names)]
     if likely:
         return f"{key}: unknown key; did you mean {' or '.join(full)}?"
@@ -112,6 +116,8 @@ def near(what: str, known: Iterable[str], lists: str = "rig explain SCENE --all"
 
 def close(what: str, names: Iterable[str]) -> list[str]:
     """The names that `what` may have meant, the likeliest first, none that is much less likely than the first."""
+    if len(what) > _LONG:
+        return []
     score = {name: SequenceMatcher(None, what, name).ratio() for name in names}
     best = max(score.values(), default=0.0)
     return sorted((n for n in score if score[n] >= max(0.6, best - 0.15)), key=lambda n: -score[n])[:3]
@@ -123,7 +129,11 @@ def _given(key: str, given: Any) -> str:
 
 def shown(value: Any) -> str:
     """A value as it stands in a scene file, shortened where long."""
-    text = json.dumps(value, ensure_ascii=False, default=str)
+    return shortened(json.dumps(value, ensure_ascii=False, default=str))
+
+
+def shortened(text: str) -> str:
+    """A text of at most 60 letters."""
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

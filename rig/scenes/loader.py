@@ -8,12 +8,13 @@ from math import gcd
 from pathlib import Path
 from typing import Any, TypeVar
 
+from annotated_types import Gt
 from pydantic import ValidationError
 
 from controllers import KINDS as CONTROLLERS
 from rig.errors import SceneError
 from rig.plants import PLANTS
-from rig.quantities import Section, si
+from rig.quantities import Section, finite
 from rig.scenes import checks, faults, source
 from rig.scenes.protocol import UNKNOWN, Known, Load, Mark, Ramp, Step, flat
 from rig.scenes.scene import STEP, STEPS, Clock, Origin, Scene, known, plant_module
@@ -21,6 +22,10 @@ from rig.scenes.shelf import path as path_of
 from sensors import KINDS as SENSORS
 
 S = TypeVar("S", bound=Section)
+MOST = 100
+"""Faults that are told."""
+PARTS = 100
+"""Sensors, and controllers, that a scene may have."""
 OWN = ("title", "plant", "about", "seed", "clock", "sensors", "controllers", "protocol", "limits")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
@@ -34,7 +39,8 @@ def load(name_or_path: str | Path, overrides: Mapping[str, object] | None = None
     reading = _Reading(source.tree(path), overrides or {})
     scene = reading.scene(path.stem)
     if scene is None:
-        raise SceneError(str(name_or_path), reading.faults)
+        told = reading.faults[:MOST]
+        raise SceneError(str(name_or_path), [*told, "and more"] if len(reading.faults) > MOST else told)
     return scene
 
 
@@ -69,6 +75,7 @@ class _Reading:
             self._report(checks.periods(clock, controllers, raw))
             self._report(checks.steps(clock, gcd(clock.frame, *(s.period_ns for s in sensors.values())), raw))
             self._report(checks.lengths(clock, protocol, raw.get("protocol")))
+            self._report(checks.whole(protocol))
         if assembly is not None:
             self._report(checks.readings(sensors, assembly.outputs, plant))
         if told.whole:
@@ -78,12 +85,13 @@ class _Reading:
             if parameters is not None and assembly is not None:
                 inputs = plant_module(plant).assemble(parameters, ramped).inputs if ramped else assembly.inputs
                 self._report(checks.commanded(protocol, inputs))
+        title, about = self._text("title", name), self._text("about", "").strip()
         if self.faults or clock is None or parameters is None:
             return None
         return Scene(
             name=name,
-            title=str(raw.get("title", name)),
-            about=str(raw.get("about", "")).strip(),
+            title=title,
+            about=about,
             plant=plant,
             parameters=parameters,
             clock=clock,
@@ -96,7 +104,11 @@ class _Reading:
         )
 
     def _report(self, found: Iterator[tuple[str, str]]) -> None:
-        self.faults += [line for _, line in found if line not in self.faults]
+        for _, line in found:
+            if len(self.faults) > MOST:  # more than a reader looks through, and each takes time to be put into words
+                return
+            if line not in self.faults:
+                self.faults.append(line)
 
     def _section(self, model: type[S], prefix: str, raw: Any) -> S | None:
         """`raw` as a section; None after reporting what is wrong. Keys of a law that was replaced are dropped."""
@@ -121,15 +133,23 @@ class _Reading:
         if plant is None:
             self.faults.append(f"plant: is missing; known: {', '.join(sorted(PLANTS))}")
             return "", None
-        if plant not in PLANTS:
+        if not isinstance(plant, str) or plant not in PLANTS:
             self.faults.append(faults.unknown_choice("plant", plant, PLANTS))
             return str(plant), None
         model = plant_module(plant).Parameters
         tables = {key: value for key, value in self.raw.items() if key not in OWN}
-        for key in tables.keys() - model.model_fields.keys():
-            self.faults.append(faults.unknown_key(key, [*OWN, *model.model_fields]))
+        unknown = [key for key in tables if key not in model.model_fields]
+        self._report((key, faults.unknown_key(key, [*OWN, *model.model_fields])) for key in unknown)
+        for key in unknown:
             del tables[key]
         return plant, self._section(model, "", tables)
+
+    def _text(self, key: str, default: str) -> str:
+        text = self.raw.get(key, default)
+        if not isinstance(text, str):
+            self.faults.append(f"{key} = {faults.shown(text)}: expected a text")
+            return ""
+        return text
 
     def _seed(self, seed: Any) -> int:
         if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
@@ -143,6 +163,9 @@ class _Reading:
         if not isinstance(tables, dict):
             self.faults.append(f"{room} = {faults.shown(tables)}: expected tables [{room}.NAME]")
             return {}
+        if len(tables) > PARTS:
+            self.faults.append(f"{room}: there are {len(tables)}; at most {PARTS} are possible")
+            return {}
         return {name: self._one(f"{room}.{name}", name, raw, kinds) for name, raw in tables.items()}
 
     def _one(self, key: str, name: str, raw: Any, kinds: Mapping[str, type[Any]]) -> Any:
@@ -155,7 +178,7 @@ class _Reading:
         if "kind" not in raw:
             self.faults.append(f"{key}.kind: is missing; known: {', '.join(sorted(kinds))}")
             return None
-        if raw["kind"] not in kinds:
+        if not isinstance(raw["kind"], str) or raw["kind"] not in kinds:
             self.faults.append(faults.unknown_choice(f"{key}.kind", raw["kind"], kinds))
             return None
         return self._section(kinds[raw["kind"]], key, raw)
@@ -191,11 +214,7 @@ class _Reading:
                 continue
             unit = assembly.outputs[name].unit
             try:
-                limits[name] = si(given, unit)
+                limits[name] = finite(given, unit, Gt(0.0))
             except ValueError as error:
-                text = str(error).removeprefix(f"is {given!r}").lstrip("; ")
-                self.faults.append(f"{key} = {faults.shown(given)}: {text}")
-                continue
-            if not limits[name] > 0.0:
-                self.faults.append(f"{key} = {faults.shown(given)}: must be greater than 0 {unit}")
+                self.faults.append(f"{key} = {faults.shown(given)}: {faults.reworded(str(error), given)}")
         return limits

@@ -20,17 +20,18 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Annotated, Any, Literal, Self
 
-from annotated_types import Ge
+from annotated_types import Ge, Le
 from pydantic import BeforeValidator, Field, PlainSerializer, ValidationInfo, field_validator, model_validator
 
-from rig.quantities import Nanoseconds, PositiveNewton, Section, Unit, nanoseconds, si
+from rig.quantities import LONGEST, Nanoseconds, PositiveNewton, Section, Unit, finite, nanoseconds, quantity
 from rig.scenes.faults import near
 
-Length = Annotated[int, Unit("s"), BeforeValidator(nanoseconds), Ge(0), PlainSerializer(lambda ns: ns / 1e9)]
-Impulse = Annotated[float, Unit("N*s"), BeforeValidator(partial(si, unit="N*s"))]
+Length = Annotated[
+    int, Unit("s"), BeforeValidator(nanoseconds), Ge(0), Le(LONGEST), PlainSerializer(lambda ns: ns / 1e9)
+]
+Impulse = quantity("N*s")
 DEFAULT_TIMEOUT = 60_000_000_000
 DEFAULT_WINDOW = 1_000_000_000
 
@@ -62,13 +63,15 @@ def _named(value: str, what: str, info: ValidationInfo, *rooms: str) -> str:
 
 def _read(value: Any, field: str, info: ValidationInfo, *rooms: str) -> Any:
     """A value in the unit of what `field` names; a name that is wrong is reported by itself."""
-    if value is None or (isinstance(value, int | float) and not isinstance(value, bool)):
-        return value
+    if value is None:
+        return None
     told, name = info.context, info.data.get(field, "")
     if told is None:
-        raise ValueError("expected a number in SI")
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ValueError("expected a number in SI")
+        return value
     unit = next((getattr(told, room)[name] for room in rooms if name in getattr(told, room)), None)
-    return 0.0 if unit is None else si(value, unit)
+    return 0.0 if unit is None else finite(value, unit)
 
 
 class Load(Section):
@@ -228,8 +231,8 @@ class Disconnect(_Connection):
 
 
 def _times(value: Any) -> Any:
-    if value != "forever" and (isinstance(value, bool) or not isinstance(value, int) or value < 1):
-        raise ValueError('expected a whole number above 0, or "forever"')
+    if value != "forever" and (isinstance(value, bool) or not isinstance(value, int) or not 1 <= value <= 1_000_000):
+        raise ValueError('expected a whole number above 0 and at most 1000000, or "forever"')
     return value
 
 

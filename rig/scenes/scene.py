@@ -7,25 +7,27 @@ import importlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import cached_property
 from math import gcd
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from annotated_types import Ge, Gt, Le
-from pydantic import BaseModel, BeforeValidator, TypeAdapter, model_validator
+from pydantic import BaseModel, TypeAdapter, model_validator
 
 from controllers import KINDS as CONTROLLERS
 from controllers.base import hears
 from rig.plants import PLANTS
-from rig.quantities import Nanoseconds, PositiveMetrePerSecond, Section, Unit, si
+from rig.quantities import PositiveMetrePerSecond, Section, duration, quantity
 from rig.scenes.faults import unit_of
 from rig.scenes.protocol import Known, Load, Ramp, Set, Step, flat, longest_ns
 from sensors import KINDS as SENSORS
 
-Count = Annotated[int, Gt(0)]
-Share = Annotated[float, Unit("1"), BeforeValidator(partial(si, unit="1")), Ge(0.0), Le(1.0)]
-Small = Annotated[float, Unit("1"), BeforeValidator(partial(si, unit="1")), Gt(0.0), Le(1e-2)]
-Large = Annotated[float, Unit("1"), BeforeValidator(partial(si, unit="1")), Gt(0.0)]
+Count = Annotated[int, Gt(0), Le(1_000_000)]
+Frame = duration(Ge(10_000), Le(1_000_000_000))
+FixedStep = duration(Ge(10), Le(1_000_000_000))
+Share = quantity("1", Ge(0.0), Le(1.0))
+Small = quantity("1", Gt(0.0), Le(1e-2))
+Large = quantity("1", Gt(0.0))
 FORMAT = 2
 """Of the JSON text of a scene. In format 1 an ideal instrument listed flaws that it did not have."""
 STEP: TypeAdapter[Step] = TypeAdapter(Step)
@@ -54,10 +56,10 @@ class Clock(Section):
     limit     largest norm of the state; beyond, the run has diverged [chosen]
     """
 
-    frame: Nanoseconds = 1_000_000
+    frame: Frame = 1_000_000
     method: Literal["auto", "exact", "dopri5", "rk4", "kick", "smooth"] = "auto"
     tolerance: Small = 1e-7
-    rk4_step: Nanoseconds = 100_000
+    rk4_step: FixedStep = 100_000
     smoothing: PositiveMetrePerSecond = 1e-3
     overrun: Literal["catch-up", "skip", "slow", "stop"] = "catch-up"
     late_share_valid: Share = 0.01

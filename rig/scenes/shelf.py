@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import tomllib
 from pathlib import Path
 
 from rig.errors import SceneError
+from rig.quantities import brief
 from rig.scenes.faults import near
 
 HERE = Path(__file__).parent
@@ -23,11 +25,13 @@ def path(name_or_path: str | Path) -> Path:
     if text in names():
         return shipped
     given = Path(name_or_path)
+    if not given.name:
+        raise SceneError(repr(text), ["names no scene; rig list shows the shipped ones"])
     if given.suffix == ".toml" or "/" in text:
         return given
     beside = given.with_suffix(".toml")
-    hint = f"the file is called {beside}" if beside.is_file() else near(text, names(), "rig list")
-    raise SceneError(text, [f"no scene has this name; {hint}"])
+    hint = f"the file is called {beside}" if os.path.isfile(beside) else near(text, names(), "rig list")
+    raise SceneError(brief(text)[1:-1], [f"no scene has this name; {hint}"])
 
 
 def card(name: str) -> dict[str, str]:

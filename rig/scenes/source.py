@@ -4,24 +4,27 @@ from __future__ import annotations
 
 import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
 from rig.errors import SceneError
-from rig.quantities import ORIGINS
+from rig.files import contents
+from rig.quantities import ORIGINS, brief
 from rig.scenes.faults import shown, unknown_choice
 from rig.scenes.scene import Origin
 
 FIXED = ("title", "plant", "about", "protocol")
 _POSITION = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 _NUMBER = re.compile(r"[+-]?(\d|\.\d)")
+_DEEPEST = 20
+_DIGITS = 18  # of a whole number: 64 bits hold them
 
 
 def tree(path: Path) -> dict[str, Any]:
     """The tables of a TOML file; a SceneError says line and column where it is broken."""
     try:
-        text = path.read_bytes().decode("utf-8-sig")  # some editors begin a file with a mark
+        text = contents(path).decode("utf-8-sig")  # some editors begin a file with a mark
     except FileNotFoundError:
         raise SceneError(str(path), ["there is no such file"]) from None
     except UnicodeDecodeError as error:
@@ -29,7 +32,9 @@ def tree(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise SceneError(str(path), [f"cannot be read: {error.strerror}"]) from None
     try:
-        return tomllib.loads(text)
+        found = tomllib.loads(text)
+    except RecursionError:
+        raise SceneError(str(path), [f"tables or lists are nested more than {_DEEPEST} deep"]) from None
     except tomllib.TOMLDecodeError as error:
         message = str(error)
         found = _POSITION.search(message)
@@ -39,6 +44,27 @@ def tree(path: Path) -> dict[str, Any]:
             line, column = str(len(lines)), str(len(lines[-1]) + 1)
         what = _POSITION.sub("", message)
         raise SceneError(str(path), [f"line {line}, column {column}: {what[:1].lower()}{what[1:]}"]) from None
+    except ValueError:  # of Python, which reads no whole number of more than 4300 digits
+        raise SceneError(str(path), [f"holds a whole number of more than {_DIGITS} digits"]) from None
+    if faults := list(beyond(found)):
+        raise SceneError(str(path), faults)
+    return found
+
+
+def beyond(raw: Any, key: str = "") -> Iterator[str]:
+    """What is deeper or longer than anything in a scene: without it the rest is safe to look at."""
+    inside = [(key, raw, 0)]
+    while inside:
+        key, value, depth = inside.pop()
+        if isinstance(value, int) and abs(value) >= 10**_DIGITS:
+            yield f"{key}: a whole number has at most {_DIGITS} digits"
+        elif depth > _DEEPEST:
+            yield f"{shown(key)}: tables or lists are nested more than {_DEEPEST} deep"
+            return
+        elif isinstance(value, Mapping):
+            inside += [(f"{key}.{name}" if key else str(name), one, depth + 1) for name, one in value.items()]
+        elif isinstance(value, list | tuple):
+            inside += [(f"{key}[{i}]", one, depth + 1) for i, one in enumerate(value, 1)]
 
 
 def stripped(raw: Any, origins: dict[str, Origin], faults: list[str], key: str = "") -> Any:
@@ -75,13 +101,16 @@ def change(
     recast: set[str] = set()
     for key, value in overrides.items():
         *parents, last = key.split(".")
-        if not all((*parents, last)):
-            faults.append(f"{key!r}: is not a dotted key such as drive.speed")
+        if not all((*parents, last)) or len(parents) >= _DEEPEST:
+            faults.append(f"{brief(key)}: is not a dotted key such as drive.speed")
             continue
         if (parents or [last])[0] in FIXED:
             faults.append(f"{key}: cannot be changed here; copy the scene file and change it there")
             continue
         value = _read(value)
+        if too_much := list(beyond(value, key)):
+            faults += too_much
+            continue
         table = _table(raw, parents)
         if table is None:
             faults.append(f"{key} = {shown(value)}: {'.'.join(parents)} is a value, not a table")
@@ -109,7 +138,7 @@ def _read(value: object) -> Any:
         return None
     try:
         found = tomllib.loads(f"value = {text}")["value"]
-    except (tomllib.TOMLDecodeError, KeyError):
+    except (ValueError, RecursionError, KeyError):  # no value of TOML, or none that can be read
         return text
     return found if isinstance(found, bool | int | float | str | list) else text
 

@@ -131,7 +131,7 @@ def test_one_fault_one_line(faults, old, new, told):
             "limits.displacment: this rig has no such output; did you mean displacement?",
         ),
         ('[limits]\ndisplacement = "1 kg"', 'limits.displacement = "1 kg": expected a unit of m'),
-        ("[limits]\ndisplacement = 0", "limits.displacement = 0: must be greater than 0 m"),
+        ("[limits]\ndisplacement = 0", "limits.displacement = 0: must be 1e-12 to 10000 m"),
         ('[clock]\nmethod = "exct"', 'clock.method = "exct": unknown; known: auto, exact, dopri5, rk4'),
         (
             '[clock]\nmethod = "rk4"\nrk4_step = "0.3 ms"',
@@ -161,7 +161,7 @@ def test_one_fault_one_line(faults, old, new, told):
         ),
         (
             '[[protocol]]\nstep = "repeat"\ntimes = 0\nsteps = []',
-            'protocol[1].times = 0: expected a whole number above 0, or "forever"',
+            'protocol[1].times = 0: expected a whole number above 0 and at most 1000000, or "forever"',
         ),
         (
             '[[protocol]]\nstep = "repeat"\ntimes = "forever"\nsteps = [{step = "mark", text = "x"}]',

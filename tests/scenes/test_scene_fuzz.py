@@ -1,0 +1,250 @@
+"""Scenes that were damaged at random: each is refused with a SceneError that names the key, or is a scene that holds.
+
+The draws are the same on every machine. A larger share of them is behind the marker `slow`.
+"""
+
+import copy
+import json
+import math
+import os
+import random
+import signal
+import tomllib
+from contextlib import suppress
+
+import pytest
+
+from rig import scenes
+from rig.bench.stand import Stand
+from rig.errors import RigError, SceneError
+from rig.scenes.explain import explain
+from rig.scenes.scene import Scene
+from rig.scenes.shelf import HERE
+from rig.solve.method import chosen
+from rig.solve.verdict import verdict
+from rig.study.design import numbers
+from rig.study.warmup import ready, shape
+
+SECONDS = 30
+"""In which every one of them must be judged."""
+HUGE = (1e300, -1e300, 1.7e308, math.inf, -math.inf, math.nan, int("9" * 400))
+ODD = (
+    *HUGE, 0, 0.0, -0.0, -1, -1.0, 1e-300, -1e-300, 5e-324, 1e30, -1e30, 1e16, 2**31, 2**63, 2**64, -(2**63) - 1,
+    1e-9, 1e9, True, False, [], {}, [[]], [{}], {"a": 1}, [1], [1, 2], ["5 kg", "paper"], ["5 kg", "papr"], [None],
+    "", " ", "none", "nan", "inf", "1e300", "1e999 m", "-1e300 N", "5 kg", "1 ns", "1e300 s", "nan s", "5 furlong",
+    "9^9^9^9 m", "1 m**m**m", "1 " + "(" * 300, "1 m" + "*m" * 300, "x" * 100_000, "\x00", "\u202e", "0x10", "1_000",
+    "٣ kg", "1,5 kg", "5kg", "forever", "belt", "../../etc/passwd", [1.0] * 5000, list(range(300)), {"kind": []},
+    {"kind": {}}, {"law": "table"}, {"law": []}, {"step": "hold"}, [{"step": []}], [{"step": "repeat"}],
+)  # fmt: skip
+RAW = (
+    "9" * 5000, "-" + "9" * 5000, "1e" + "9" * 400, "0x" + "f" * 5000, "[" * 3000, "[" * 3000 + "]" * 3000,
+    "{a=" * 2000 + "1" + "}" * 2000, "1979-05-27", "07:32:00", "1979-05-27T07:32:00Z", '"""', "'", "nan", "+inf", "1e",
+)  # fmt: skip
+
+
+def toml(value):
+    """A value as it stands in a TOML file; None has no place in one, an empty text is the nearest."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(str(key))} = {toml(inner)}" for key, inner in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(map(toml, value)) + "]"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return repr(value)
+    return str(value) if isinstance(value, int) else json.dumps("" if value is None else value)
+
+
+def places(tree, path=()):
+    """Path of everything in a tree."""
+    if path:
+        yield path
+    inside = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    for key, value in inside:
+        yield from places(value, (*path, key))
+
+
+def at(tree, path):
+    for key in path:
+        tree = tree[key]
+    return tree
+
+
+class Raw(str):
+    """Text that goes into the file as it is."""
+
+
+def written(tree):
+    return "\n".join(f"{json.dumps(key)} = {toml(value)}" for key, value in tree.items())
+
+
+def damaged(draw, text):
+    """The text of a scene with one to three things wrong, as bytes."""
+    tree = tomllib.loads(text)
+    raw = ""
+    for _ in range(draw.choice((1, 1, 1, 2, 3))):
+        path = draw.choice(list(places(tree)))
+        *parents, last = path
+        table = at(tree, parents)
+        what = draw.randrange(10)
+        if what < 5:
+            table[last] = draw.choice(ODD)
+        elif what == 5:
+            del table[last]
+        elif what == 6 and isinstance(table, dict):
+            table[draw.choice(("kind", "law", "extra", "", "a.b", "step", "x" * 300, "é"))] = table.pop(last)
+        elif what == 7:
+            table[last] = copy.deepcopy(at(tree, draw.choice(list(places(tree)))))
+        elif what == 8:
+            value = table[last]
+            table[last] = value * draw.choice((1e12, -1.0, 1e-12)) if isinstance(value, float) else [value] * 3
+        else:
+            raw = "\x01raw"
+            table[last] = raw
+        if not list(places(tree)):
+            break
+    told = written(tree)
+    if raw:
+        told = told.replace(json.dumps(raw), draw.choice(RAW))
+    data = told.encode()
+    return scrambled(draw, data) if draw.random() < 0.1 else data
+
+
+def scrambled(draw, data):
+    """Bytes that an editor would not write."""
+    where = draw.randrange(len(data) + 1)
+    return draw.choice(
+        (
+            data[:where],
+            data[:where] + bytes([draw.randrange(256)]) + data[where + 1 :],
+            data + b"\n" + data,
+            b"\xff\xfe" + data.decode().encode("utf-16-le"),
+            data[:where] + b"\x00" + data[where:],
+            b"\xef\xbb\xbf" + data,
+            data + b"\n" + b"a." * 5000 + b"a = 1",
+            b"",
+        )
+    )
+
+
+def read(path, overrides=None):
+    """A scene, or its faults."""
+    try:
+        return scenes.load(path, overrides or {}), ()
+    except SceneError as error:
+        return None, error.faults
+
+
+def told_well(faults):
+    return 0 < len(faults) <= 101 and all(one.strip() and "\n" not in one and len(one) < 1000 for one in faults)
+
+
+def give_up(*_):
+    raise AssertionError(f"not judged within {SECONDS} s")
+
+
+def judge(path, deep=False):
+    """The scene of a file as it was read, None where it is refused in words. `deep`: carry it through a frame too."""
+    before = signal.signal(signal.SIGALRM, give_up)
+    signal.alarm(SECONDS)
+    try:
+        scene, faults = read(path)
+        if scene is None:
+            assert told_well(faults), faults
+            return None
+        explain(scene)
+        system = scene.assemble().system()
+        verdict(system, chosen(scene.clock.method, system), scene.step_ns * 1e-9, 1)
+        with suppress(RigError):  # a controller that cannot be designed
+            numbers(scene)
+        if deep and shape(scene) in ready():
+            with suppress(RigError):
+                Stand(scene).frames(1)
+        assert Scene.from_json(scene.to_json()).digest == scene.digest
+        for key, (value, _) in scene.values().items():
+            for one in value if isinstance(value, list) else [value]:
+                if isinstance(one, float | int):
+                    assert abs(one) <= 1e15, f"{key} = {one} was accepted"
+        return scene
+    finally:
+        signal.alarm(0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def fuzz(folder, seed, count, deep=False):
+    """Damage scenes and judge them; a list of what was wrong with the judgement."""
+    draw, found = random.Random(seed), []
+    texts = [path.read_text() for path in sorted(HERE.glob("*.toml"))]
+    path = folder / "mine.toml"
+    refused = 0
+    for number in range(count):
+        data = damaged(draw, draw.choice(texts))
+        path.write_bytes(data)
+        try:
+            refused += judge(path, deep) is None
+        except Exception as error:
+            (folder / f"bad-{seed}-{number}.toml").write_bytes(data)
+            found.append(f"{seed}-{number}: {type(error).__name__}: {str(error)[:200]}")
+    assert refused > count // 2, "most of them are refused, else nothing was tried"
+    return found
+
+
+def test_a_damaged_scene_is_refused_in_words_or_holds(tmp_path):
+    assert fuzz(tmp_path, seed=1, count=300) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(2, 8))
+def test_thousands_of_damaged_scenes(tmp_path, seed):
+    assert fuzz(tmp_path, seed, count=2000, deep=True) == []
+
+
+@pytest.mark.parametrize("override", [*ODD, *RAW], ids=lambda value: repr(value)[:20])
+@pytest.mark.parametrize(
+    "key", ["body.mass", "friction.law", "clock.frame", "seed", "sensors.laser.kind", "body", "x.y"]
+)
+def test_an_odd_change_is_refused_in_words_or_holds(key, override):
+    scene, faults = read("belt", {key: override})
+    if scene is None:
+        assert told_well(faults), faults
+    else:
+        assert 1e-9 <= scene.parameters.body.mass <= 1e6
+        assert 10_000 <= scene.clock.frame <= 1_000_000_000
+
+
+@pytest.mark.parametrize(
+    "text", ["x.toml", "/dev/zero", "/dev/null", "", ".", "..", "/", "\0.toml", "\0", "x" * 5000, "~", "a/" * 3000]
+)
+def test_what_is_no_file_is_refused_at_once(tmp_path, monkeypatch, text):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SceneError):
+        scenes.load(text)
+
+
+def test_a_pipe_a_folder_and_a_file_without_end_are_no_scenes(tmp_path):
+    os.mkfifo(tmp_path / "pipe.toml")
+    (tmp_path / "folder.toml").mkdir()
+    (tmp_path / "large.toml").write_bytes(b"#" * (1 << 21))
+    for name, told in (("pipe", "no regular file"), ("folder", "is a folder"), ("large", "larger than 1 MiB")):
+        with pytest.raises(SceneError, match=told):
+            scenes.load(tmp_path / f"{name}.toml")
+
+
+@pytest.mark.parametrize(
+    ("key", "given", "told"),
+    [
+        ("body.mass", 1e300, "body.mass = 1e+300: must be 1e-09 to 1e+06 kg"),
+        ("body.mass", "1e-300 kg", 'body.mass = "1e-300 kg": must be 1e-09 to 1e+06 kg'),
+        ("body.damping", 1e-300, "body.damping = 1e-300: must be 0 or at least 1e-30 N*s/m in size"),
+        ("drive.speed", "-1e300 m/s", 'drive.speed = "-1e300 m/s": must be -10000 to 10000 m/s'),
+        ("clock.frame", "1 ns", 'clock.frame = "1 ns": must be at least 1e-05 s'),
+        ("clock.frame", "2 s", 'clock.frame = "2 s": must be at most 1 s'),
+        ("clock.frame", "inf s", 'clock.frame = "inf s": must be a finite number, -1e+06 to 1e+06 s'),
+        ("seed", "9" * 5000, "seed = "),
+        ("limits.displacement", 1e300, "limits.displacement = 1e+300: must be 1e-12 to 10000 m"),
+    ],
+)
+def test_a_fault_says_what_is_allowed(key, given, told):
+    with pytest.raises(SceneError) as caught:
+        scenes.load("belt", {key: given})
+    assert [fault[: len(told)] for fault in caught.value.faults] == [told]
