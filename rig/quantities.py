@@ -41,9 +41,9 @@ SIZES: dict[str, tuple[float, float]] = {
     "rad": (1e-12, 1e4),
     "rad/s": (1e-12, 1e6),
     "N": (1e-12, 1e9),
-    "N/m": (1e-6, 1e12),
+    "N/m": (1e-6, 1e15),
     "N*s/m": (1e-9, 1e9),
-    "N*m/rad": (1e-9, 1e12),
+    "N*m/rad": (1e-9, 1e15),
     "N*m*s/rad": (1e-12, 1e9),
     "N*s": (1e-12, 1e6),
     "s": (1e-9, 1e6),
@@ -58,8 +58,6 @@ SIZES: dict[str, tuple[float, float]] = {
 """Unit -> least and largest size of a value: far beyond what is built, near enough to tell a slip of the keyboard."""
 OTHERS = (1e-15, 1e12)
 """The same for a unit that has no line of its own."""
-NOTHING = 1e-30
-"""A value that may be 0 is 0 or at least of this size."""
 
 
 class Unit(str):
@@ -73,19 +71,17 @@ class Section(BaseModel):
 
 
 class Range:
-    """What a quantity of `unit` may be: from `low` to `high` (SI), in size `least` or more where it is not 0.
+    """What a quantity of `unit` may be: from `low` to `high` (SI); where it must be positive, at least the least size.
 
     As metadata of a field it refuses anything else with a ValueError; not finite values are refused by their section.
     """
 
     def __init__(self, unit: str, bounds: Iterable[Gt | Ge | Lt | Le] = ()) -> None:
         least, most = SIZES.get(unit, OTHERS)
-        self.unit, self.low, self.high, self.least = unit, -most, most, NOTHING
+        self.unit, self.low, self.high = unit, -most, most
         for bound in bounds:
             if isinstance(bound, Gt):
-                self.low = float(bound.gt)  # type: ignore[arg-type]
-                if self.low == 0.0:
-                    self.low = self.least = least
+                self.low = float(bound.gt) or least  # type: ignore[arg-type]
             elif isinstance(bound, Ge):
                 self.low = float(bound.ge)  # type: ignore[arg-type]
             elif isinstance(bound, Lt):
@@ -116,7 +112,7 @@ def _registry() -> Any:
 
 
 _POWER = r"(?:\^|\*\*)\s*[-+]?\d{1,2}(?:\.\d)?(?!\s*(?:\^|\*\*))"
-_UNIT = re.compile(rf"(?:[^\W\d]|[°%µμ*/()·\s]|1(?=\s*/)|{_POWER})+")
+_UNIT = re.compile(rf"(?:[^\W\d]\d?|[°%µμ*/()·\s]|1(?=\s*/)|{_POWER})+")
 """Names of units, products, quotients and small powers: no other arithmetic, which could take for ever."""
 _LONGEST_UNIT = 60
 

@@ -8,12 +8,12 @@ from typing import Annotated, Any
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Json, RunName
+from rig.cli.options import LONGEST, Json, RunName, number
 from rig.errors import UsageError
 
 topic = typer.Typer(no_args_is_help=True, help="See what is said on the bus of a run.")
 Pattern = Annotated[str, typer.Argument(help='Topics: "*" stands for one part, "**" for all that follow.')]
-For = Annotated[float, typer.Option("--for", metavar="SECONDS", help="How long to listen.")]
+For = Annotated[str, typer.Option("--for", metavar="TIME", help="How long to listen, in seconds or with a unit.")]
 
 
 def tune(
@@ -51,12 +51,12 @@ def _plain(value: str) -> Any:
 
 
 @topic.command("ls", epilog="Example:  rig topic ls")
-def topic_ls(run: RunName = None, listen: For = 1.0, as_json: Json = False) -> None:
+def topic_ls(run: RunName = None, listen: For = "1", as_json: Json = False) -> None:
     """List the topics that are spoken on, with their senders and what they carry."""
     from rig.bus import topics
 
     rows = []
-    for name, (count, _) in sorted(_heard("**", run, listen).items()):
+    for name, (count, _) in sorted(_heard("**", run, _time(listen)).items()):
         row = topics.of(name)
         rows.append({"topic": name, "message": row.message, "from": row.sender, "heard": count, "about": row.about})
     if as_json:
@@ -67,10 +67,11 @@ def topic_ls(run: RunName = None, listen: For = 1.0, as_json: Json = False) -> N
 
 
 @topic.command("hz", epilog='Example:  rig topic hz "meas/*" --for 5')
-def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = 2.0, as_json: Json = False) -> None:
+def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = "2", as_json: Json = False) -> None:
     """Messages per second of each topic, and how many were lost on the way here."""
-    heard = sorted(_heard(pattern, run, listen).items())
-    rows = [{"topic": name, "hz": count / listen, "lost": lost} for name, (count, lost) in heard]
+    length = _time(listen)
+    heard = sorted(_heard(pattern, run, length).items())
+    rows = [{"topic": name, "hz": count / length, "lost": lost} for name, (count, lost) in heard]
     if as_json:
         tell.report(rows)
     else:
@@ -81,7 +82,7 @@ def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = 2.0, as
 def topic_echo(
     pattern: Pattern,
     run: RunName = None,
-    count: Annotated[int, typer.Option(help="Messages to show; 0 for all until the run ends or Ctrl-C.")] = 0,
+    count: Annotated[int, typer.Option(min=0, help="Messages to show; 0 for all until the run ends or Ctrl-C.")] = 0,
 ) -> None:
     """Print messages as they come, one JSON object to a line."""
     import json
@@ -101,6 +102,10 @@ def topic_echo(
                 said = MessageToDict(decode(message.topic, message.payload), preserving_proto_field_name=True)
                 tell.line(json.dumps({"topic": message.topic, "seq": message.seq, "t_ns": message.t_ns, **said}))
                 shown += 1
+
+
+def _time(listen: str) -> float:
+    return number(listen, "--for", "s", 0.01, LONGEST)
 
 
 def _heard(pattern: str, run: str | None, listen: float) -> dict[str, tuple[int, int]]:

@@ -15,7 +15,21 @@ from rig.errors import LogError, UsageError
 if TYPE_CHECKING:
     from rig.record.run import Run
 
-Log = Annotated[Path, typer.Argument(metavar="LOG", help="A recording (MCAP).")]
+
+def _file(path: Path) -> Path:
+    """A path that is no folder, pipe or device; one that is not there is told by whoever reads it."""
+    from rig.files import regular
+
+    try:
+        regular(path)
+    except FileNotFoundError:
+        pass
+    except OSError as error:
+        raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
+    return path
+
+
+Log = Annotated[Path, typer.Argument(metavar="LOG", help="A recording (MCAP).", callback=_file)]
 
 
 def opened(log: Path) -> Run:
@@ -72,8 +86,8 @@ def verify(log: Log, as_json: Json = False) -> None:
 
 
 def diff(
-    first: Annotated[Path, typer.Argument(metavar="A", help="A recording.")],
-    second: Annotated[Path, typer.Argument(metavar="B", help="Another one.")],
+    first: Annotated[Path, typer.Argument(metavar="A", help="A recording.", callback=_file)],
+    second: Annotated[Path, typer.Argument(metavar="B", help="Another one.", callback=_file)],
     as_json: Json = False,
 ) -> None:
     """Show where two recordings part, to the bit."""
@@ -158,7 +172,7 @@ def amplitude(
     from rig.study.amplitude import measured
     from rig.study.stages import stages
 
-    begin, end = seconds(first, "--from") or 0.0, seconds(last, "--to") or float("inf")
+    begin, end = seconds(first, "--from", low=0.0) or 0.0, seconds(last, "--to") or float("inf")
     run = opened(log)
     if not run.time.size:
         raise LogError(f"{log}: the recording ends before its first sample")

@@ -31,6 +31,13 @@ Pace = Annotated[
 ]
 Lockstep = Annotated[bool, typer.Option("--lockstep", help="Wait for every controller at every step.")]
 
+Wait = Annotated[str, typer.Option(metavar="TIME", help="Longest wait for the run, in seconds or with a unit.")]
+
+SHORTEST, LONGEST = 1e-9, 1e6
+"""Shortest and longest time [s] that can be asked for."""
+PACES = (1e-3, 1e6)
+"""Slowest and fastest pace."""
+
 Budget = Annotated[
     str | None, typer.Option("--budget", metavar="SHARE", help="Of a frame, that compute may take at p99: 40%.")
 ]
@@ -55,37 +62,33 @@ def changes(given: list[str] | None) -> dict[str, str]:
     return found
 
 
-def seconds(given: str | None, option: str = "--duration") -> float | None:
-    """A duration in seconds; a plain number is seconds."""
-    if given is None:
-        return None
-    from rig.quantities import si
+def number(given: str, option: str, unit: str, low: float, high: float, also: str = "") -> float:
+    """A number from `low` to `high`, plain or with a unit. Raises UsageError; `also`: what else may be said."""
+    from rig.quantities import brief, si
 
     try:
         found = float(given)
     except ValueError:
         try:
-            found = si(given, "s")
+            found = si(given, unit)
         except ValueError as error:
-            raise UsageError(f"{option} {error}") from None
-    if not 0.0 < found < 1e9:
-        raise UsageError(f"{option} {given}: must be greater than 0 s")
+            raise UsageError(f"{option} {error}{also}") from None
+    if not low <= found <= high:
+        told = f"{low:g} to {high:g}" + ("" if unit == "1" else f" {unit}")
+        raise UsageError(f"{option} {brief(given)[1:-1]}: must be {told}{also}")
     return found
+
+
+def seconds(given: str | None, option: str = "--duration", low: float = SHORTEST) -> float | None:
+    """A duration in seconds; a plain number is seconds."""
+    return None if given is None else number(given, option, "s", low, LONGEST, ', such as 2.5 or "500 ms"')
 
 
 def pace(given: str | None, lockstep: bool = False) -> float | None:
     """Simulated seconds for each second of the clock; None for as fast as it goes, as in lockstep by default."""
     if given is None:
         return None if lockstep else 1.0
-    if given == "max":
-        return None
-    try:
-        found = float(given)
-    except ValueError:
-        found = 0.0
-    if not 0.0 < found < 1e6:
-        raise UsageError(f'--pace {given}: expected a factor greater than 0, or "max"')
-    return found
+    return None if given == "max" else number(given, "--pace", "1", *PACES, ', or "max"')
 
 
 def share(given: str | None, option: str = "--budget") -> float | None:
@@ -93,13 +96,8 @@ def share(given: str | None, option: str = "--budget") -> float | None:
     if given is None:
         return None
     text = given.strip()
-    try:
-        found = float(text.removesuffix("%")) * (0.01 if text.endswith("%") else 1.0)
-    except ValueError:
-        found = 0.0
-    if not 0.0 < found <= 1.0:
-        raise UsageError(f"{option} {given}: expected a share of a frame greater than 0 and at most 100%, as 40%")
-    return found
+    plain = f"{text[:-1]} %" if text.endswith("%") else text
+    return number(plain, option, "1", 1e-6, 1.0, ", a share of a frame such as 40%")
 
 
 def at(folder: Path) -> Path:
@@ -111,6 +109,6 @@ def at(folder: Path) -> Path:
 
 def accuracy(given: float | None, option: str) -> float | None:
     """A relative error."""
-    if given is not None and not 0.0 < given < 1.0:
-        raise UsageError(f"{option} {given:g}: expected a relative error greater than 0 and below 1, as 1e-4")
+    if given is not None and not 1e-15 <= given < 1.0:
+        raise UsageError(f"{option} {given:g}: expected a relative error of at least 1e-15 and below 1, as 1e-4")
     return given

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Changes, Duration, Lockstep, Out, Pace, RunName, SceneName, changes, pace, seconds
+from rig.cli.options import Changes, Duration, Lockstep, Out, Pace, RunName, SceneName, Wait, changes, pace, seconds
 
 
 def plant(
@@ -19,10 +19,11 @@ def plant(
     lockstep: Lockstep = False,
     duration: Duration = None,
     name: Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name for the run.")] = None,
-    wait: Annotated[float, typer.Option(metavar="SECONDS", help="Longest wait for the controllers.")] = 30.0,
+    wait: Annotated[str, typer.Option(metavar="TIME", help="Longest wait for the controllers; 0 for none.")] = "30",
 ) -> None:
     """Run the plant with its sensors; controllers, recorder and viewer join as they come."""
     factor, length, overrides = pace(speed, lockstep), seconds(duration), changes(p)
+    patience = seconds(wait, "--wait", low=0.0) or 0.0
     from rig.bench.job import Job
     from rig.bench.outcome import Outcome
     from rig.bench.plant_process import carry_out
@@ -38,8 +39,8 @@ def plant(
         pace=factor,
         lockstep=lockstep,
         duration=length,
-        expect=tuple(("controller", each) for each in loaded.controllers) if wait > 0.0 else (),
-        wait=wait,
+        expect=tuple(("controller", each) for each in loaded.controllers) if patience > 0.0 else (),
+        wait=patience,
         command=tuple(sys.argv),
     )
     live = Live()
@@ -55,23 +56,25 @@ def control(
     name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A controller of the scene, or a Python file.")],
     run: RunName = None,
     p: Changes = None,
-    wait: Annotated[float, typer.Option(metavar="SECONDS", help="Longest wait for the run.")] = 10.0,
+    wait: Wait = "10",
 ) -> None:
     """Run one controller as a process of its own: one of the scene, or one of yours from a file."""
+    overrides, patience = changes(p), seconds(wait, "--wait", low=0.0) or 0.0
     from controllers.process import run as serve
 
-    serve(name, run, changes=changes(p), wait=wait, say=tell.note)
+    serve(name, run, changes=overrides, wait=patience, say=tell.note)
 
 
 def record(
     run: RunName = None,
     out: Out = None,
-    wait: Annotated[float, typer.Option(metavar="SECONDS", help="Longest wait for the run.")] = 10.0,
+    wait: Wait = "10",
 ) -> None:
     """Record a live run until it ends."""
+    patience = seconds(wait, "--wait", low=0.0) or 0.0
     from rig.record.process import record as write
 
-    found = write(run, out, wait=wait)
+    found = write(run, out, wait=patience)
     lost = f"{found.lost} lost" if found.lost else "none lost"
     tell.line(f"{found.path}: {found.messages} messages, {lost}, {found.seconds:.3f} s ({found.ended})")
     if found.lost:
@@ -84,12 +87,13 @@ def view(
     save: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write it to a file of rerun (.rrd) instead.")
     ] = None,
-    wait: Annotated[float, typer.Option(metavar="SECONDS", help="Longest wait for the run.")] = 10.0,
+    wait: Wait = "10",
 ) -> None:
     """Show a live run in rerun."""
+    patience = seconds(wait, "--wait", low=0.0) or 0.0
     from rig.view.process import view as show
 
-    show(run, web=web, save=save, wait=wait, say=tell.note)
+    show(run, web=web, save=save, wait=patience, say=tell.note)
 
 
 COMMANDS = {

@@ -39,7 +39,7 @@ Output = Annotated[
 Longest = Annotated[
     str | None, typer.Option(metavar="TIME", help="Simulated time for one point; at least 480 slow periods.")
 ]
-Workers = Annotated[int | None, typer.Option(min=1, help="Processes; one for each core by default.")]
+Workers = Annotated[int | None, typer.Option(min=1, max=256, help="Processes; one for each core by default.")]
 Eigenvalues = Annotated[
     bool, typer.Option("--eigenvalues", help="No runs: where sliding is unstable, by eigenvalues, over both axes.")
 ]

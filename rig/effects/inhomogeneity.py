@@ -12,7 +12,7 @@ the turn (depth derived).
 from __future__ import annotations
 
 import math
-from typing import Annotated
+from typing import Annotated, Any
 
 from annotated_types import Ge, Gt, Le, Lt
 
@@ -22,8 +22,8 @@ from rig.solve.assembly import Assembly, Output, Row
 TURN = "disc.turn"
 _PERIOD = 2.0 * math.pi
 
-Depth = quantity("1", Gt(0.0), Lt(0.5))
-Place = quantity("rad", Ge(0.0), Lt(_PERIOD))
+Depth: Any = quantity("1", Gt(0.0), Lt(0.5))
+Place: Any = quantity("rad", Ge(0.0), Lt(_PERIOD))
 Count = Annotated[int, Ge(4), Le(96)]
 
 

@@ -10,6 +10,7 @@ Source: Liu and Ouyang, Mechanical Systems and Signal Processing (2022), the dis
 from __future__ import annotations
 
 import math
+from typing import Any
 
 from annotated_types import Ge, Gt, Lt
 
@@ -20,8 +21,8 @@ from rig.solve.assembly import Assembly, Output, Row
 TURN = "disc.turn"
 _PERIOD = 2.0 * math.pi
 
-Span = quantity("rad", Gt(0.0), Lt(_PERIOD))
-Place = quantity("rad", Ge(0.0), Lt(_PERIOD))
+Span: Any = quantity("rad", Gt(0.0), Lt(_PERIOD))
+Place: Any = quantity("rad", Ge(0.0), Lt(_PERIOD))
 
 
 class Sector(Section):

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from annotated_types import Gt
@@ -40,7 +40,7 @@ VOLTAGE, CURRENT, OFFSET, POSITION = "shunt.voltage", "shunt.current", "shunt.of
 OP_AMP = "op-amp"
 _UNNOTICED = 1e-8
 
-Beyond = quantity("1", Gt(-1.0))
+Beyond: Any = quantity("1", Gt(-1.0))
 Bank = Annotated[tuple[PositiveHenry, ...], Field(min_length=2)]
 
 

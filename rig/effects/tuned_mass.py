@@ -15,7 +15,7 @@ Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equation
 from __future__ import annotations
 
 import math
-from typing import Self
+from typing import Any, Self
 
 from annotated_types import Ge
 from pydantic import field_validator, model_validator
@@ -24,9 +24,9 @@ from rig.quantities import Angle, NewtonPerMetre, Section, optional, quantity
 from rig.solve.assembly import Assembly, Output
 from rig.solve.assembly import add as add_row
 
-AbsorberMass = quantity("kg", Ge(0.0))
-Damping = optional("N*s/m", Ge(0.0))
-DampingRatio = optional("1", Ge(0.0))
+AbsorberMass: Any = quantity("kg", Ge(0.0))
+Damping: Any = optional("N*s/m", Ge(0.0))
+DampingRatio: Any = optional("1", Ge(0.0))
 
 
 class TunedMass(Section):

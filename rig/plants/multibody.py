@@ -28,7 +28,7 @@ from rig.quantities import (
 from rig.solve.assembly import Row
 
 GROUND = "ground"
-Place = quantity("m")
+Place: Any = quantity("m")
 Point = Annotated[tuple[Place, Place], Unit("m")]
 """(along x, along z) from the centre of mass."""
 

@@ -31,7 +31,7 @@ from rig.scenes.faults import near
 Length = Annotated[
     int, Unit("s"), BeforeValidator(nanoseconds), Ge(0), Le(LONGEST), PlainSerializer(lambda ns: ns / 1e9)
 ]
-Impulse = quantity("N*s")
+Impulse: Any = quantity("N*s")
 DEFAULT_TIMEOUT = 60_000_000_000
 DEFAULT_WINDOW = 1_000_000_000
 

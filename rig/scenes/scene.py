@@ -23,11 +23,11 @@ from rig.scenes.protocol import Known, Load, Ramp, Set, Step, flat, longest_ns
 from sensors import KINDS as SENSORS
 
 Count = Annotated[int, Gt(0), Le(1_000_000)]
-Frame = duration(Ge(10_000), Le(1_000_000_000))
-FixedStep = duration(Ge(10), Le(1_000_000_000))
-Share = quantity("1", Ge(0.0), Le(1.0))
-Small = quantity("1", Gt(0.0), Le(1e-2))
-Large = quantity("1", Gt(0.0))
+Frame: Any = duration(Ge(10_000), Le(1_000_000_000))
+FixedStep: Any = duration(Ge(10), Le(1_000_000_000))
+Share: Any = quantity("1", Ge(0.0), Le(1.0))
+Small: Any = quantity("1", Gt(0.0), Le(1e-2))
+Large: Any = quantity("1", Gt(0.0))
 FORMAT = 2
 """Of the JSON text of a scene. In format 1 an ideal instrument listed flaws that it did not have."""
 STEP: TypeAdapter[Step] = TypeAdapter(Step)

@@ -37,8 +37,8 @@ def tree(path: Path) -> dict[str, Any]:
         raise SceneError(str(path), [f"tables or lists are nested more than {_DEEPEST} deep"]) from None
     except tomllib.TOMLDecodeError as error:
         message = str(error)
-        found = _POSITION.search(message)
-        line, column = found.groups() if found else (None, None)
+        place = _POSITION.search(message)
+        line, column = place.groups() if place else (None, None)
         if line is None:
             lines = text.rstrip().split("\n")
             line, column = str(len(lines)), str(len(lines[-1]) + 1)

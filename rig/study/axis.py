@@ -7,6 +7,7 @@ An end without a unit takes that of the other end; without any, numbers are SI.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Self
@@ -17,8 +18,8 @@ from pydantic import BaseModel
 
 from rig.bench.stand import with_value
 from rig.errors import SceneError
-from rig.quantities import si
-from rig.scenes.faults import near, unit_of
+from rig.quantities import finite, si
+from rig.scenes.faults import near, shortened, unit_of
 from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -45,28 +46,28 @@ class Axis:
         key, equals, rest = text.partition("=")
         key, parts = key.strip(), [part.strip() for part in rest.split(":")]
         if not equals or not key or len(parts) != 3 or not all(parts):
-            raise SceneError(text, [FORM])
+            raise SceneError(shortened(text), [FORM])
         known = _numbers(scene, controller)
         faults = []
         if key not in known:
-            faults.append(f"{key}: is no number of this scene's rig; {near(key, known)}")
-        count = int(parts[2]) if parts[2].isdigit() else 0
+            faults.append(f"{shortened(key)}: is no number of this scene's rig; {near(key, known)}")
+        count = int(parts[2]) if re.fullmatch("[0-9]{1,9}", parts[2]) else 0
         if not 2 <= count <= MOST:
-            faults.append(f"count = {parts[2]}: must be a whole number from 2 to {MOST}")
+            faults.append(f"count = {shortened(parts[2])}: must be a whole number from 2 to {MOST}")
         if key not in known:
-            raise SceneError(text, faults)
+            raise SceneError(shortened(text), faults)
         unit = known[key]
         shown = next((u for u in (_unit(part) for part in parts[:2]) if u), unit)
         ends = []
         for name, part in zip(("from", "to"), parts):
             try:
-                ends.append(si(part if _unit(part) else f"{part} {shown if shown != '1' else ''}".strip(), unit))
+                ends.append(finite(part if _unit(part) else f"{part} {shown if shown != '1' else ''}".strip(), unit))
             except ValueError as error:
                 faults.append(f"{name} {error}")
         if len(ends) == 2 and ends[0] == ends[1]:
             faults.append(f"from {parts[0]} to {parts[1]}: the ends are the same; -p {key}=... sets a single value")
         if faults:
-            raise SceneError(text, faults)
+            raise SceneError(shortened(text), faults)
         one = 1.0 if shown == unit else si(f"1 {shown}", unit) - si(f"0 {shown}", unit)
         axis = cls(key, unit, tuple(np.linspace(ends[0], ends[1], count).tolist()), shown, one)
         axis._check(text, scene)
@@ -79,7 +80,7 @@ class Axis:
         Raises SceneError with every fault.
         """
         known, given = _numbers(scene, controller), tuple(float(value) for value in values)
-        faults = [] if key in known else [f"{key}: is no number of this scene's rig; {near(key, known)}"]
+        faults = [] if key in known else [f"{shortened(key)}: is no number of this scene's rig; {near(key, known)}"]
         steps = np.diff(given)
         if not 2 <= len(given) <= MOST:
             faults.append(f"{len(given)} values: must be from 2 to {MOST}")
@@ -102,7 +103,7 @@ class Axis:
         if refused:
             value, why = refused[0]
             others = f" (and {len(refused) - 1} more values)" if len(refused) > 1 else ""
-            raise SceneError(text, [f"{self.key} = {self.tell(value)}{others}: {why}"])
+            raise SceneError(shortened(text), [f"{self.key} = {self.tell(value)}{others}: {why}"])
 
     def at(self, scene: Scene, value: float) -> Scene:
         """`scene` with this parameter at `value` (SI). Raises SceneError where the scene cannot have it."""
