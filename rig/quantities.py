@@ -91,11 +91,9 @@ class Range:
 
     def check(self, value: float) -> float:
         """`value` if it is in the range. Raises ValueError with what is allowed."""
-        if (self.low <= value <= self.high and (value == 0.0 or abs(value) >= self.least)) or not math.isfinite(value):
+        if self.low <= value <= self.high or not math.isfinite(value):
             return value
-        unit = "" if self.unit == "1" else f" {self.unit}"
-        tiny = self.low <= value <= self.high
-        raise ValueError(f"must be 0 or at least {self.least:g}{unit} in size" if tiny else f"must be {self}")
+        raise ValueError(f"must be {self}")
 
     def __str__(self) -> str:
         return f"{self.low:g} to {self.high:g}" + ("" if self.unit == "1" else f" {self.unit}")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -13,7 +12,7 @@ from pydantic import Field, ValidationError, model_validator
 from rig import scenes
 from rig.errors import SceneError, UsageError
 from rig.quantities import Nanoseconds, Section
-from rig.scenes import faults
+from rig.scenes import faults, source
 from rig.solve.tables import UNROLLED
 
 FOLDER = Path(__file__).parent / "cases"
@@ -100,12 +99,7 @@ class Case(Section):
 
 def read(path: Path, overrides: Mapping[str, Any] | None = None) -> Case:
     """The case of a file. Raises SceneError with every fault."""
-    try:
-        raw = tomllib.loads(path.read_text())
-    except OSError as error:
-        raise SceneError(str(path), [f"cannot be read: {error.strerror}"]) from None
-    except tomllib.TOMLDecodeError as error:
-        raise SceneError(str(path), [str(error)]) from None
+    raw = source.tree(path)
     raw["set"] = raw.get("set", {}) | dict(overrides or {})
     raw["acts"] = raw.pop("act", [])
     try:
