@@ -36,10 +36,11 @@ def conclude(plant: Plant) -> dict[str, Any]:
     operation.journal.note("end", ended)
     hub.put_events()
     plant.attendant.tell_health(time.perf_counter_ns())
-    lost = _lost_elsewhere(plant) | _unanswered(plant)
+    lost, unknown = _lost_elsewhere(plant)
+    lost |= _unanswered(plant)
     hub.receive()
     lost |= hub.lost()
-    verdict = _verdict(plant, lost)
+    verdict = _verdict(plant, lost, unknown)
     statistics = stand.statistics()
     t = stand.t_ns / 1e9
     summary: dict[str, Any] = {
@@ -63,6 +64,7 @@ def conclude(plant: Plant) -> dict[str, Any]:
         "round_trip": hub.round_trip.told(),
         "loop": operation.exchange.counters(),
         "lost": lost,
+        "unknown": unknown,
         "faults": plant.attendant.faults,
         "energy": statistics.pop("energy"),
         "plant": statistics,
@@ -77,7 +79,7 @@ def conclude(plant: Plant) -> dict[str, Any]:
     return summary
 
 
-def _verdict(plant: Plant, lost: dict[str, int]) -> Verdict:
+def _verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> Verdict:
     faults = list(plant.attendant.faults)
     for name, line in plant.operation.exchange.lines.items():
         if line.counts.safe:
@@ -86,7 +88,7 @@ def _verdict(plant: Plant, lost: dict[str, int]) -> Verdict:
         faults.append(plant.fault.partition("\n")[0])
     clock, pacer = plant.scene.clock, plant.attendant.pacer
     broken = pacer is not None and pacer.stopped
-    return plant.timing.verdict(clock.late_share_valid, clock.late_share_degraded, lost, faults, broken)
+    return plant.timing.verdict(clock.late_share_valid, clock.late_share_degraded, lost, faults, broken, unknown)
 
 
 def _unanswered(plant: Plant) -> dict[str, int]:
@@ -104,8 +106,8 @@ def _unanswered(plant: Plant) -> dict[str, int]:
     return found
 
 
-def _lost_elsewhere(plant: Plant) -> dict[str, int]:
-    """Messages of the plant that the others miss: "topic to name" -> how many."""
+def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
+    """Messages of the plant that the others miss: "topic to name" -> how many; recorders of which nobody knows."""
     hub, session = plant.hub, plant.session
     hub.totals.drain()
     hub.put_totals()
@@ -129,4 +131,5 @@ def _lost_elsewhere(plant: Plant) -> dict[str, int]:
             found[f"{topic} to {heard.process}"] = count
     for name in sorted(asked):
         plant.attendant.faults.append(f"{roles[name]} {name} did not tell what it received")
-    return found
+    gone = {name for role, name in plant.from_start - hub.watch.present if role == "recorder"}
+    return found, [f"recorder {name}" for name in sorted(asked | gone)]

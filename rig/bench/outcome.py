@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rig.bench import status
+from rig.bench.timing import NOTHING_LOST
 
 
 @dataclass(frozen=True)
@@ -22,11 +23,18 @@ class Outcome:
     died: tuple[str, ...] = field(default_factory=tuple)
     """Processes that ended otherwise than they should."""
     unrecorded: bool = False
-    """Whether the recording that was asked for broke off."""
+    """Whether the recording that was asked for is not there, or not complete."""
+
+    def without_recording(self, why: str) -> Outcome:
+        """The outcome of a run whose recording is not complete: at best DEGRADED; `why` tells what is lost."""
+        reasons = [reason for reason in self.summary["reasons"] if reason != NOTHING_LOST]
+        verdict = "DEGRADED" if self.summary["verdict"] == "VALID" else self.summary["verdict"]
+        told = {**self.summary, "verdict": verdict, "reasons": [*reasons, f"the recording is not complete: {why}"]}
+        return replace(self, summary=told, unrecorded=True)
 
     @property
     def exit_code(self) -> int:
-        """0 as it should be, 1 plant or recorder died, 3 timing invalid, 4 diverged or beyond a limit."""
+        """0 as it should be, 1 plant died or recording not complete, 3 timing invalid, 4 diverged or beyond a limit."""
         return int(self.summary["exit_code"]) or int(self.unrecorded)
 
     def to_json(self) -> dict[str, Any]:
@@ -35,5 +43,6 @@ class Outcome:
 
     def text(self) -> str:
         """The summary in lines, with what to try next."""
-        following = [f"rig verify {self.log}", f"rig replay {self.log}"] if self.log else []
+        commands = ("recover",) if self.unrecorded else ("verify", "replay")
+        following = [f"rig {command} {self.log}" for command in commands] if self.log else []
         return status.summary(self.to_json(), self.said or self.log, following)

@@ -137,7 +137,8 @@ def _counted(name: str, counts: Mapping[str, int]) -> list[str]:
 
 
 def _lost(found: Mapping[str, Any]) -> list[str]:
-    return [f"{count} of {topic}" for topic, count in found["lost"].items()]
+    lines = [f"{count} of {topic}" for topic, count in found["lost"].items()]
+    return lines + [f"unknown what did not reach {who}" for who in found["unknown"]]
 
 
 def _plant(found: Mapping[str, Any]) -> list[str]:

@@ -31,7 +31,9 @@ JOIN_S = 30.0
 """Longest wait of a process for the run, and of the plant for the processes."""
 VIEWER, RECORDER = ("viewer", "viewer"), ("recorder", "recorder")
 LEAVE_S = 3.0
-"""Time in which everybody has left after the plant."""
+"""Time in which everybody has left after the plant, but for the recorder,"""
+WRITE_S = 20.0
+"""which finishes its file."""
 TOLD = frozenset(
     "begin joined left mark timeout parameter knock limit diverged fault "
     "missing safe back refused overruled evicted pause".split()
@@ -50,12 +52,14 @@ def run(
     web: bool = False,
     record: bool = True,
     out: Path | None = None,
+    replace: bool = False,
     name: str | None = None,
     say: Callable[[str], object] | None = None,
 ) -> Outcome:
     """Run `scene` as processes; returns when all have ended. `numbers`: of the design of its controllers.
 
-    `pace` None: as fast as the controllers answer. `say` gets lines; without it they go to standard error, under the
+    `pace` None: as fast as the controllers answer. `out`, which is overwritten only to `replace` it, is the recording.
+    `say` gets lines; without it they go to standard error, under the
     live line.
     """
     expect = [("controller", controller) for controller in scene.controllers]
@@ -75,7 +79,7 @@ def run(
     )
     live, interrupts = Live(), list[str]()
     with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder, told_to_stop(interrupts.append):
-        team = Team(Path(folder), job, out, web, say or live.say)
+        team = Team(Path(folder), job, out, replace, web, say or live.say)
         try:
             return team.run(live, interrupts)
         finally:
@@ -86,8 +90,10 @@ def run(
 class Team:
     """The processes of one run."""
 
-    def __init__(self, folder: Path, job: Job, out: Path | None, web: bool, say: Callable[[str], object]) -> None:
-        self.job, self._out, self._web, self._say = job, out, web, say
+    def __init__(
+        self, folder: Path, job: Job, out: Path | None, replace: bool, web: bool, say: Callable[[str], object]
+    ) -> None:
+        self.job, self._out, self._replace, self._web, self._say = job, out, replace, web, say
         self._summary = folder / "summary.json"
         description = folder / "job.json"
         description.write_text(job.to_json())
@@ -96,9 +102,9 @@ class Team:
         self.others: dict[tuple[str, str], Child] = {}
         self.died: list[str] = []
         self.name = ""
+        self._recorder: Child | None = None
         self._asked = 0
         self._over = False
-        self._unrecorded = False
         self._health: dict[str, Any] = {}
 
     @property
@@ -127,7 +133,11 @@ class Team:
                     self._show(health, live)
                 self._tell(events)
         begun = self.plant.code != Interrupted.exit_code  # else the others may wait for it still
-        killed = end(self.others.values(), LEAVE_S if begun else 0.0)
+        recorder = self.others.get(RECORDER)
+        rest = [child for child in self.others.values() if child is not recorder]
+        killed = end(rest, LEAVE_S if begun else 0.0)
+        if recorder is not None:  # it may have much to put on a slow disk
+            killed += end([recorder], WRITE_S if begun else 0.0)
         self.died += [f"{name} did not end by itself" for name in killed]
         self._hear()
         return self._outcome()
@@ -135,13 +145,15 @@ class Team:
     def _start(self) -> None:
         for role, name in self.job.expect:
             self.others[role, name] = Child(f"{role} {name}", self._arguments(role, name))
+        self._recorder = self.others.get(RECORDER)
 
     def _arguments(self, role: str, name: str) -> list[str]:
         joining = ["--run", self.name, "--wait", str(JOIN_S)]
         if role == "controller":
             return ["controllers.process", name, *joining]
         if role == "recorder":
-            return ["rig", "record", *joining, *(["--out", str(self._out)] if self._out else [])]
+            out = ["--out", str(self._out)] if self._out else []
+            return ["rig", "record", *joining, *out, *(["--force"] if self._replace else [])]
         return ["rig", "view", *joining, *(["--web"] if self._web else [])]
 
     def _join(self) -> Session | None:
@@ -170,7 +182,6 @@ class Team:
             if child.code is None or self._over:
                 continue
             del self.others[who]
-            self._unrecorded |= who == RECORDER
             self.died.append(child.told)
             self._say(f"{child.told}; the plant goes on")
             try:
@@ -208,9 +219,10 @@ class Team:
             self._asked += 1
 
     def _outcome(self) -> Outcome:
-        recorder = self.others.get(RECORDER)
+        recorder = self._recorder
         said = recorder.tail[-1] if recorder is not None and recorder.tail else ""
-        log = said.partition(": ")[0] if said else ""
+        found = (Path(said.partition(": ")[0]), self._out)
+        log = next((str(path) for path in found if path is not None and path.is_file()), "")
         try:
             summary = json.loads(self._summary.read_text())
         except (OSError, ValueError):
@@ -221,7 +233,10 @@ class Team:
             fault = UsageError(summary["failed"])
             fault.exit_code = summary["exit_code"]
             raise fault
-        return Outcome(summary, log, said, tuple(self.died), self._unrecorded)
+        if recorder is None or not recorder.code:
+            return Outcome(summary, log, said, tuple(self.died))
+        died = self.died if recorder.told in self.died else [*self.died, recorder.told]
+        return Outcome(summary, log, "", tuple(died)).without_recording(recorder.told)
 
     def _obituary(self) -> dict[str, Any]:
         """What is known of a plant that died without a word."""
@@ -244,6 +259,7 @@ class Team:
             "round_trip": {"max": 0.0},
             "loop": {},
             "lost": {},
+            "unknown": [],
             "faults": [],
             "plant": {},
         }

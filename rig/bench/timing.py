@@ -30,6 +30,7 @@ import numpy as np
 from numba.core import event
 from numpy.typing import NDArray
 
+NOTHING_LOST = "nothing lost"
 SPANS = ("receive", "plant", "publish", "serve")
 CAUSES = ("wake", "preempted", "gc", "compile", *SPANS)
 _PER_OCTAVE = 16
@@ -209,9 +210,11 @@ class Timing:
         lost: Mapping[str, int] | None = None,
         faults: Sequence[str] = (),
         broken: bool = False,
+        unknown: Sequence[str] = (),
     ) -> Verdict:
         """The verdict: shares of late frames up to which a run is valid or degraded, losses by topic, other faults.
 
+        `unknown`: processes of which nobody knows what they lost.
         `broken`: an overrun has ended the run, so that it is invalid whatever the shares.
         """
         share = self.late_share
@@ -224,11 +227,16 @@ class Timing:
         missing = {topic: count for topic, count in (lost or {}).items() if count}
         if self.stolen_share > _STOLEN:
             reasons.append(f"the host of this machine took {self.stolen_share:.1%} of its processors' time")
-        reasons.append("lost " + ", ".join(f"{n} of {t}" for t, n in missing.items()) if missing else "nothing lost")
+        if missing:
+            reasons.append("lost " + ", ".join(f"{n} of {t}" for t, n in missing.items()))
+        if unknown:
+            reasons.append(f"unknown what was lost on the way to {', '.join(unknown)}")
+        if not (missing or unknown):
+            reasons.append(NOTHING_LOST)
         reasons.extend(faults)
         if broken or share > degraded:
             word = "INVALID"
-        elif share > valid or missing or faults:
+        elif share > valid or missing or unknown or faults:
             word = "DEGRADED"
         else:
             word = "VALID"

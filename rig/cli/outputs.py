@@ -38,6 +38,8 @@ def _hold(path: Path, force: bool, made: list[Path]) -> str:
         path.open("xb").close()
         made.append(path)
     except FileExistsError:
+        if path in made:
+            return "is named twice"
         if path.is_dir():
             return "is a folder; name a file"
         if path.stat().st_size and not force:

@@ -9,7 +9,21 @@ from typing import Annotated
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Changes, Duration, Lockstep, Out, Pace, RunName, SceneName, Wait, changes, pace, seconds
+from rig.cli.options import (
+    Changes,
+    Duration,
+    Force,
+    Lockstep,
+    Out,
+    Pace,
+    RunName,
+    SceneName,
+    Wait,
+    changes,
+    pace,
+    seconds,
+)
+from rig.cli.outputs import reserved
 
 
 def plant(
@@ -68,15 +82,15 @@ def control(
 def record(
     run: RunName = None,
     out: Out = None,
+    force: Force = False,
     wait: Wait = "10",
 ) -> None:
     """Record a live run until it ends."""
     patience = seconds(wait, "--wait", low=0.0) or 0.0
     from rig.record.process import record as write
 
-    found = write(run, out, wait=patience)
-    lost = f"{found.lost} lost" if found.lost else "none lost"
-    tell.line(f"{found.path}: {found.messages} messages, {lost}, {found.seconds:.3f} s ({found.ended})")
+    found = write(run, out, wait=patience, replace=force)
+    tell.line(found.text())
     if found.lost:
         raise typer.Exit(1)
 
@@ -87,13 +101,15 @@ def view(
     save: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write it to a file of rerun (.rrd) instead.")
     ] = None,
+    force: Force = False,
     wait: Wait = "10",
 ) -> None:
     """Show a live run in rerun."""
     patience = seconds(wait, "--wait", low=0.0) or 0.0
     from rig.view.process import view as show
 
-    show(run, web=web, save=save, wait=patience, say=tell.note)
+    with reserved({"--save": save}, force):
+        show(run, web=web, save=save, wait=patience, say=tell.note)
 
 
 COMMANDS = {

@@ -15,6 +15,7 @@ from rig.cli.options import (
     Budget,
     Changes,
     Duration,
+    Force,
     Json,
     Lockstep,
     Out,
@@ -26,6 +27,7 @@ from rig.cli.options import (
     seconds,
     share,
 )
+from rig.cli.outputs import reserved
 from rig.errors import Interrupted, NumericsError, UsageError
 from rig.process import told_to_stop
 
@@ -65,6 +67,7 @@ def run(
     web: Web = False,
     out: Out = None,
     figure: Figure = None,
+    force: Force = False,
     budget: Budget = None,
     precision: Accuracy = None,
     as_json: Json = False,
@@ -76,18 +79,20 @@ def run(
     from rig.study.design import numbers
 
     loaded = _set(load(scene, overrides), overrides, precision, budget)
-    outcome = supervise(
-        loaded,
-        numbers=numbers(loaded),
-        pace=factor,
-        lockstep=lockstep,
-        duration=length,
-        view=view,
-        web=web,
-        out=out,
-    )
-    if figure is not None and outcome.log:
-        _draw(outcome.log, figure)
+    with reserved({"--out": out, "--figure": figure}, force):
+        outcome = supervise(
+            loaded,
+            numbers=numbers(loaded),
+            pace=factor,
+            lockstep=lockstep,
+            duration=length,
+            view=view,
+            web=web,
+            out=out,
+            replace=force,
+        )
+        if figure is not None and outcome.log:
+            _draw(outcome.log, figure)
     if as_json:
         tell.report(outcome.to_json())
     else:
@@ -124,6 +129,7 @@ def simulate(
     method: Annotated[str | None, typer.Option(metavar="METHOD", help="One of clock.method; auto by default.")] = None,
     out: Out = None,
     figure: Figure = None,
+    force: Force = False,
     budget: Budget = None,
     precision: Accuracy = None,
     as_json: Json = False,
@@ -144,15 +150,16 @@ def simulate(
         asked.append(name)
         tell.note("ends here; once more leaves at once")
 
-    with told_to_stop(heard):
-        found = rig.simulate(loaded, length, stop=lambda: f"interrupted by {asked[0]}" if asked else "")
-    wall = time.perf_counter() - begin
-    if out is not None:
-        _save(found, loaded, out)
-    if figure is not None:
-        from rig.view.figure import draw
+    with reserved({"--out": out, "--figure": figure}, force):
+        with told_to_stop(heard):
+            found = rig.simulate(loaded, length, stop=lambda: f"interrupted by {asked[0]}" if asked else "")
+        wall = time.perf_counter() - begin
+        if out is not None:
+            _save(found, loaded, out)
+        if figure is not None:
+            from rig.view.figure import draw
 
-        draw(found, figure)
+            draw(found, figure)
     if as_json:
         tell.report({**found.summary, "energy": found.energy, "events": found.events, "fault": found.fault})
     else:

@@ -52,13 +52,27 @@ class Recording:
 
     @property
     def lost(self) -> int:
-        """Messages that were sent while the recorder listened and are not in the file."""
+        """Messages that were sent while the recorder listened and are not in the file, as far as is known."""
         return sum(self.gaps.values()) + sum(self.tail.values())
+
+    def text(self) -> str:
+        """For a reader, in a line; begins with the path."""
+        lost = f"{self.lost} lost" if self.lost else "none lost"
+        if not self.totals:  # nobody told what was sent last
+            lost = (
+                f"{self.lost} lost and an unknown number at the end"
+                if self.lost
+                else "unknown how many lost at the end"
+            )
+        late = f", {sum(self.late.values())} sent before it listened" if self.late else ""
+        return f"{self.path}: {self.messages} messages, {lost}{late}, {self.seconds:.3f} s ({self.ended})"
 
 
 def default_path(run: str) -> Path:
-    """Where a run is recorded unless the user says otherwise."""
-    return Path("recordings/runs") / f"{run}.mcap"
+    """Where a run is recorded unless the user says otherwise; a file of an earlier run of that name stays."""
+    folder = Path("recordings/runs")
+    names = (f"{run}.mcap", *(f"{run}-{number}.mcap" for number in range(2, 1000)))
+    return next((folder / name for name in names if not (folder / name).exists()), folder / names[0])
 
 
 def record(
@@ -67,10 +81,12 @@ def record(
     tell: Callable[[Recording], None] = lambda recording: None,
     name: str = "recorder",
     wait: float = 10.0,
+    replace: bool = False,
 ) -> Recording:
     """Record a live run, the newest by default, until it ends; `tell` gets the account at the end.
 
-    Waits at most `wait` seconds for the run. A file that cannot be written raises LogError; the run goes on without.
+    Waits at most `wait` seconds for the run. A file that cannot be written, or that exists unless it is to be
+    `replace`d, raises LogError; the run goes on without.
     """
     stand_back(_NICE)
     with bus.join(run, role="recorder", name=name, wait=wait) as session:
@@ -79,7 +95,7 @@ def record(
         described = setup.fetch(session, wait)
         if not plant.wait_for("plant", "plant", wait):
             raise BusError(f"run {session.run} has no plant; it has ended")
-        writer = Writer(path or default_path(session.run), described, "recorded")
+        writer = Writer(path or default_path(session.run), described, "recorded", replace)
         try:
             session.announce()
             with stopping() as stop:

@@ -2,6 +2,7 @@
 
 import json
 import random
+import resource
 
 import numpy as np
 import pytest
@@ -30,16 +31,18 @@ def walked(path):
 def record(path, count, finished=True):
     """Messages as the recorder gets them."""
     log, state = Writer(path, SETUP, "recorded"), encode.StateEncoder(1)
-    for k in range(count):
-        now = k * 1_000_000
-        log.write("step", encode.step(k, now, np.array([float(k)]), np.ones(1, np.int64)), now, k, now)
-        log.write("state", state(now, k, 0, np.array([k * 0.5])), now, k, now)
-        log.write("meas/s", encode.block(k, now, 1_000_000, [float(k)]), now, k, now)
-    if finished:
-        log.close({"messages": log.messages}, {"verdict": "VALID"})
-    else:
-        log._mcap.flush()
-    log.abandon()
+    try:
+        for k in range(count):
+            now = k * 1_000_000
+            log.write("step", encode.step(k, now, np.array([float(k)]), np.ones(1, np.int64)), now, k, now)
+            log.write("state", state(now, k, 0, np.array([k * 0.5])), now, k, now)
+            log.write("meas/s", encode.block(k, now, 1_000_000, [float(k)]), now, k, now)
+        if finished:
+            log.close({"messages": log.messages}, {"verdict": "VALID"})
+        else:
+            log._mcap.flush()
+    finally:
+        log.abandon()
 
 
 @pytest.fixture(scope="module")
@@ -263,3 +266,24 @@ def test_every_command_that_reads_a_cut_file_says_so(rig, logs, tmp_path):
     for command in (["explain", cut], ["amplitude", cut], ["diff", cut, cut], ["replay", cut, "--pace", "max"]):
         _, _, err = rig(*command)
         assert "breaks off after t = 0." in err, command
+
+
+def test_a_disk_that_is_full_at_any_moment_leaves_what_was_written(tmp_path):
+    record(tmp_path / "whole.mcap", 60)
+    given = walked(tmp_path / "whole.mcap")[1]
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    size = (tmp_path / "whole.mcap").stat().st_size
+    for limit in (*range(0, size, size // 12), size - 1):
+        path = tmp_path / "full.mcap"
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
+        try:
+            with pytest.raises(LogError, match=r"full\.mcap cannot be written: File too large"):
+                record(path, 60)
+        finally:
+            resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        data = path.read_bytes()
+        assert len(data) <= limit
+        if b"setup.json" in data:
+            scan, kept = walked(path)
+            assert scan.fault
+            assert [one.payload for one in kept] == [one.payload for one in given][: len(kept)]

@@ -1,0 +1,122 @@
+"""What becomes of the recorder is part of what becomes of the run: dead, out of room, or unable to tell."""
+
+import resource
+import shutil
+import signal
+import tempfile
+from pathlib import Path
+
+import pytest
+
+import rig
+from rig import scenes
+from rig.bench import supervise
+from rig.bench.outcome import Outcome
+from rig.bench.plant_process import warm
+from rig.bench.timing import Timing
+from rig.record.process import Recording
+from rig.study import design
+
+SCENE = "belt_normal_force"
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Compiled before a run waits for it."""
+    loaded = scenes.load(SCENE)
+    warm(loaded)
+    return loaded
+
+
+@pytest.fixture
+def folder(monkeypatch):
+    """A directory of live runs that belongs to this test alone; short, for socket paths are."""
+    here = tempfile.mkdtemp(prefix="rig-")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", here)
+    yield Path(here)
+    shutil.rmtree(here)
+
+
+def killed(recorder, path):
+    recorder.send(signal.SIGKILL)
+
+
+def full(recorder, path):
+    """No file of the recorder may grow any more: as on a disk that has just been filled."""
+    size = path.stat().st_size
+    resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (size, size))
+
+
+@pytest.mark.parametrize(
+    ("strikes", "told"), [(killed, "was killed by SIGKILL"), (full, "cannot be written: File too large")]
+)
+def test_a_recorder_that_fails_after_the_last_frame_fails_the_run(folder, scene, monkeypatch, strikes, told):
+    ends = supervise.end
+
+    def end(children, patience):
+        for child in children:
+            if child.name == "recorder recorder" and child.code is None:
+                strikes(child, folder / "run.mcap")
+        return ends(children, patience)
+
+    monkeypatch.setattr(supervise, "end", end)
+    lines = []
+    outcome = supervise.run(
+        scene, numbers=design.numbers(scene), pace=None, duration=0.5, out=folder / "run.mcap", say=lines.append
+    )
+    assert outcome.exit_code == 1
+    assert outcome.summary["verdict"] == "DEGRADED"
+    assert "nothing lost" not in outcome.summary["reasons"]
+    assert "the recording is not complete: recorder recorder" in outcome.summary["reasons"][-1]
+    assert told in outcome.text()
+    assert outcome.to_json()["verdict"] == "DEGRADED"
+    assert f"rig recover {folder / 'run.mcap'}" in outcome.text()
+    assert rig.open(folder / "run.mcap").damage
+
+
+def test_a_disk_that_fills_up_while_it_runs_fails_the_run(folder, scene):
+    going, struck = {}, []
+
+    def say(text):
+        if "begins with" in text and not struck:
+            struck.append(text)
+            recorder = going["team"].others["recorder", "recorder"]
+            resource.prlimit(recorder.process.pid, resource.RLIMIT_FSIZE, (60_000, 60_000))
+
+    class Team(supervise.Team):
+        def __init__(self, *given):
+            super().__init__(*given)
+            going["team"] = self
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(supervise, "Team", Team)
+        outcome = supervise.run(
+            scene, numbers=design.numbers(scene), duration=3.0, out=folder / "run.mcap", say=say, name="fills"
+        )
+    assert struck
+    assert outcome.exit_code in (1, 3)
+    assert outcome.summary["verdict"] != "VALID"
+    assert "nothing lost" not in outcome.summary["reasons"]
+    assert "cannot be written: File too large; recorded up to t = " in outcome.text()
+    assert rig.open(folder / "run.mcap").damage
+
+
+def test_a_loss_that_nobody_knows_is_not_called_none():
+    verdict = Timing(1e6).verdict(0.01, 0.05, {}, ["recorder r did not tell what it received"], False, ["recorder r"])
+    assert verdict.word == "DEGRADED"
+    assert "nothing lost" not in verdict.reasons
+    assert "unknown what was lost on the way to recorder r" in verdict.reasons
+
+
+def test_a_recorder_tells_what_it_does_not_know():
+    assert "none lost" in Recording("a.mcap", "a", "the plant left", totals=True).text()
+    assert "unknown how many lost at the end" in Recording("a.mcap", "a", "the plant left").text()
+    late = Recording("a.mcap", "a", "the plant left", late={"step": 7}, gaps={"state": 3}, totals=True).text()
+    assert "3 lost, 7 sent before it listened" in late
+
+
+def test_an_incomplete_recording_does_not_hide_a_worse_verdict():
+    told = {"verdict": "INVALID", "reasons": ["nothing lost", "late"], "exit_code": 3}
+    outcome = Outcome(told).without_recording("dead")
+    assert (outcome.summary["verdict"], outcome.exit_code) == ("INVALID", 3)
+    assert outcome.summary["reasons"] == ["late", "the recording is not complete: dead"]
