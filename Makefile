@@ -48,7 +48,7 @@ bench: install
 	@$(RUN) rig.study.bench
 
 docs: install
-	@$(BIN)/rig reproduce all --out docs/gallery
+	@$(BIN)/rig reproduce all --out docs/gallery --force
 
 golden: install
 	@rm -f recordings/golden/pendulum.mcap

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Budget, Changes, Json, SceneName, accuracy, at, changes, share
+from rig.cli.options import Budget, Changes, Force, Json, SceneName, accuracy, at, changes, share
+from rig.cli.outputs import refuse
 
 if TYPE_CHECKING:
     from rig.scenes.scene import Scene
@@ -33,6 +34,7 @@ def cost(
     budget: Budget = None,
     peers: Peers = False,
     out: Folder = Path("cost"),
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """What accuracy costs: error in physical measures against compute, per method and step, and what to take.
@@ -50,6 +52,7 @@ def cost(
 
     loaded = load(scene, changes(p))
     folder = folder_of(loaded, at(out))
+    refuse(folder, ("peers.csv", "peers.png") if peers else ("cost.png",), force)  # drawn last: a table without is not
     if peers:
         _race(loaded, target, folder, as_json)
         return

@@ -9,7 +9,7 @@ import typer
 
 from rig.cli import tell
 from rig.cli.options import Force, Json, Pace, pace, seconds
-from rig.cli.outputs import reserved
+from rig.cli.outputs import new
 from rig.errors import LogError, UsageError
 
 if TYPE_CHECKING:
@@ -138,8 +138,10 @@ def sound(
     channel: Annotated[
         str, typer.Option(metavar="SENSOR", help="The sensor to listen to; the microphone by default.")
     ] = "",
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write it as a WAV file.")] = None,
-    figure: Annotated[Path | None, typer.Option(metavar="FILE", help="Draw signal, spectrum and level (PNG).")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", callback=new, help="Write it as a WAV file.")] = None,
+    figure: Annotated[
+        Path | None, typer.Option(metavar="FILE", callback=new, help="Draw signal, spectrum and level (PNG).")
+    ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -148,12 +150,11 @@ def sound(
     from rig.study.sound.figure import draw
     from rig.study.sound.wav import write
 
-    with reserved({"--out": out, "--figure": figure}, force):
-        run = opened(log)
-        heard = hear(run, channel)
-        full = None if out is None else write(heard, out)
-        if figure is not None:
-            draw(heard, run, figure)
+    run = opened(log)
+    heard = hear(run, channel)
+    full = None if out is None else write(heard, out)
+    if figure is not None:
+        draw(heard, run, figure)
     if as_json:
         tell.report(heard.to_json() | {"wav": out, "full_scale": full, "figure": figure})
         return

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from rig.cli.outputs import new
 from rig.errors import UsageError
 
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="Name of a shipped scene (rig list) or a TOML file.")]
@@ -20,8 +21,8 @@ Json = Annotated[bool, typer.Option("--json", help="Print the report as JSON.")]
 Duration = Annotated[
     str | None, typer.Option(metavar="TIME", help='Simulated time, in seconds or with a unit ("500 ms").')
 ]
-Out = Annotated[Path | None, typer.Option(metavar="FILE", help="Recording to write (MCAP).")]
-Force = Annotated[bool, typer.Option("--force", help="Replace files that are there.")]
+Out = Annotated[Path | None, typer.Option(metavar="FILE", callback=new, help="Recording to write (MCAP).")]
+Force = Annotated[bool, typer.Option("--force", is_eager=True, help="Replace files that are there.")]
 RunName = Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name of the run; the newest by default.")]
 Pace = Annotated[
     str | None,

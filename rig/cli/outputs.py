@@ -1,56 +1,53 @@
-"""Files that a command writes for its user: nothing that is there is overwritten unless the user says so."""
+"""Files that a command writes for its user: nothing that is there is overwritten unless the user says --force."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+import os
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+
+import typer
 
 from rig.errors import UsageError
 
 
-@contextmanager
-def reserved(outputs: Mapping[str, Path | None], force: bool) -> Iterator[None]:
-    """Hold the places of files that a command is going to write, option -> path, before it computes anything.
+def new(context: typer.Context, option: typer.CallbackParam, path: Path | None) -> Path | None:
+    """Hold the file that an option names while its command runs, from before the command computes anything."""
+    if path is not None:
+        context.with_resource(held(option.opts[0], path, bool(context.params.get("force"))))
+    return path
 
-    Each is made, empty; those that are empty at the end, because the command failed, go again. Raises UsageError, with
-    all faults at once, for files that have something in them (unless `force`) and for places that cannot be written.
+
+@contextmanager
+def held(option: str, path: Path, force: bool) -> Iterator[None]:
+    """Make an empty file at `path`; it goes again if nothing has been written to it in the end.
+
+    Raises UsageError for a file with something in it, unless `force`, and for a place that cannot be written.
     """
-    faults, made = [], list[Path]()
+    made = False
     try:
-        for option, path in outputs.items():
-            if path is not None and (fault := _hold(path, force, made)):
-                faults.append(f"{option} {path}: {fault}")
-        if faults:
-            raise UsageError("\n".join(faults))
+        if path.is_dir():
+            raise UsageError(f"{option} {path} is a folder; name a file")
+        if path.exists() and path.stat().st_size and not force:
+            raise UsageError(f"{option} {path} exists; name another file, or add --force to replace it")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileExistsError):
+            path.open("xb").close()
+            made = True
+        os.close(os.open(path, os.O_WRONLY))
+    except OSError as fault:
+        raise UsageError(f"{option} {path} cannot be written: {fault.strerror}") from None
+    try:
         yield
     finally:
-        for path in made:
-            with suppress(OSError):
-                if not path.stat().st_size:
-                    path.unlink()
-
-
-def _hold(path: Path, force: bool, made: list[Path]) -> str:
-    """Make an empty file at `path` unless there is one; why it cannot be written, or ""."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("xb").close()
-        made.append(path)
-    except FileExistsError:
-        if path in made:
-            return "is named twice"
-        if path.is_dir():
-            return "is a folder; name a file"
-        if path.stat().st_size and not force:
-            return "exists; name another file, or add --force to replace it"
-    except OSError as fault:
-        return f"cannot be written: {fault.strerror}"
-    return ""
+        with suppress(OSError):
+            if made and not path.stat().st_size:
+                path.unlink()
 
 
 def refuse(folder: Path, names: Iterable[str], force: bool) -> None:
     """Raise UsageError if `folder` has files of these names, unless `force`."""
     there = [name for name in names if (folder / name).exists()]
     if there and not force:
-        raise UsageError(f"--out {folder}: has {', '.join(there)}; name another folder, or add --force to replace them")
+        raise UsageError(f"{folder}: has {', '.join(there)}; name another folder, or add --force to replace them")

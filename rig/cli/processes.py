@@ -23,7 +23,7 @@ from rig.cli.options import (
     pace,
     seconds,
 )
-from rig.cli.outputs import reserved
+from rig.cli.outputs import new
 
 
 def plant(
@@ -99,7 +99,7 @@ def view(
     run: RunName = None,
     web: Annotated[bool, typer.Option("--web", help="Show it in a browser page.")] = False,
     save: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Write it to a file of rerun (.rrd) instead.")
+        Path | None, typer.Option(metavar="FILE", callback=new, help="Write it to a file of rerun (.rrd) instead.")
     ] = None,
     force: Force = False,
     wait: Wait = "10",
@@ -108,8 +108,7 @@ def view(
     patience = seconds(wait, "--wait", low=0.0) or 0.0
     from rig.view.process import view as show
 
-    with reserved({"--save": save}, force):
-        show(run, web=web, save=save, wait=patience, say=tell.note)
+    show(run, web=web, save=save, wait=patience, say=tell.note)
 
 
 COMMANDS = {

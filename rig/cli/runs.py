@@ -27,7 +27,7 @@ from rig.cli.options import (
     seconds,
     share,
 )
-from rig.cli.outputs import reserved
+from rig.cli.outputs import new
 from rig.errors import Interrupted, NumericsError, UsageError
 from rig.process import told_to_stop
 
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 View = Annotated[bool, typer.Option("--view", help="Show it live in rerun.")]
 Web = Annotated[bool, typer.Option("--web", help="Show it live in a browser page.")]
-Figure = Annotated[Path | None, typer.Option(metavar="FILE", help="Figure of the run to draw (PNG).")]
+Figure = Annotated[Path | None, typer.Option(metavar="FILE", callback=new, help="Figure of the run to draw (PNG).")]
 
 DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 
@@ -79,20 +79,19 @@ def run(
     from rig.study.design import numbers
 
     loaded = _set(load(scene, overrides), overrides, precision, budget)
-    with reserved({"--out": out, "--figure": figure}, force):
-        outcome = supervise(
-            loaded,
-            numbers=numbers(loaded),
-            pace=factor,
-            lockstep=lockstep,
-            duration=length,
-            view=view,
-            web=web,
-            out=out,
-            replace=force,
-        )
-        if figure is not None and outcome.log:
-            _draw(outcome.log, figure)
+    outcome = supervise(
+        loaded,
+        numbers=numbers(loaded),
+        pace=factor,
+        lockstep=lockstep,
+        duration=length,
+        view=view,
+        web=web,
+        out=out,
+        replace=force,
+    )
+    if figure is not None and outcome.log:
+        _draw(outcome.log, figure)
     if as_json:
         tell.report(outcome.to_json())
     else:
@@ -150,16 +149,15 @@ def simulate(
         asked.append(name)
         tell.note("ends here; once more leaves at once")
 
-    with reserved({"--out": out, "--figure": figure}, force):
-        with told_to_stop(heard):
-            found = rig.simulate(loaded, length, stop=lambda: f"interrupted by {asked[0]}" if asked else "")
-        wall = time.perf_counter() - begin
-        if out is not None:
-            _save(found, loaded, out)
-        if figure is not None:
-            from rig.view.figure import draw
+    with told_to_stop(heard):
+        found = rig.simulate(loaded, length, stop=lambda: f"interrupted by {asked[0]}" if asked else "")
+    wall = time.perf_counter() - begin
+    if out is not None:
+        _save(found, loaded, out)
+    if figure is not None:
+        from rig.view.figure import draw
 
-            draw(found, figure)
+        draw(found, figure)
     if as_json:
         tell.report({**found.summary, "energy": found.energy, "events": found.events, "fault": found.fault})
     else:

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Changes, Json, SceneName, changes
+from rig.cli.options import Changes, Force, Json, SceneName, changes
+from rig.cli.outputs import new
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
 Measure = Annotated[bool, typer.Option("--measure", help="Measure each effect: ns of a step, what it changes.")]
-Figure = Annotated[Path | None, typer.Option(metavar="FILE", help="Figure of what was measured (PNG).")]
+Figure = Annotated[Path | None, typer.Option(metavar="FILE", callback=new, help="Figure of what was measured (PNG).")]
 
 
 def list_scenes(as_json: Json = False) -> None:
@@ -38,7 +39,8 @@ def explain(
     measure: Annotated[
         bool, typer.Option("--measure", help="Measure each effect: ns per step, what it changes.")
     ] = False,
-    figure: Annotated[Path | None, typer.Option(metavar="FILE", help="Figure of what was measured (PNG).")] = None,
+    figure: Figure = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Show what a scene is made of: effects on or absent, states each adds, the origin of every value.

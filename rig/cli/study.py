@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Changes, Json, SceneName, changes, seconds
+from rig.cli.options import Changes, Force, Json, SceneName, changes, seconds
+from rig.cli.outputs import new, refuse
 from rig.errors import NumericsError, SceneError, UsageError
 
 if TYPE_CHECKING:
@@ -29,7 +30,7 @@ Controller = Annotated[
     str | None,
     typer.Option("--controller", metavar="NAME", help="Close the loop of this controller: eigenvalues and margins."),
 ]
-Picture = Annotated[Path | None, typer.Option("--figure", metavar="FILE", help="Draw the sweep (PNG).")]
+Picture = Annotated[Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the sweep (PNG).")]
 XAxis = Annotated[str, typer.Option(metavar="KEY=FROM:TO:COUNT", help='Carried axis: --x "drive.speed=1:8 rpm:36".')]
 YAxis = Annotated[str | None, typer.Option(metavar="KEY=FROM:TO:COUNT", help="Second axis; a row of the map for each.")]
 Runs = Annotated[str, typer.Option(metavar="LIST", help="Some of up, down (carried), near, far (starts).")]
@@ -52,6 +53,7 @@ def modes(
     along: Along = None,
     controller: Controller = None,
     figure: Picture = None,
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Eigenvalues at the sliding equilibrium, or of the closed loop of a controller; along a parameter with --sweep."""
@@ -218,6 +220,7 @@ def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None
 def reproduce(
     figure: Annotated[str, typer.Argument(metavar="FIGURE", help="A figure, a paper, or all.")] = "",
     out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where pictures and page go.")] = Path("gallery"),
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """A figure of the papers, made again from a scene, with published or reference numbers beside ours.
@@ -236,6 +239,8 @@ def reproduce(
             tell.table("", ("figure", "in the paper", "what it shows", "scenes"), rows)
         return
     wanted = again.pick(figure)
+    page = [] if (out / "numbers.json").exists() else ["README.md"]  # else it is the page of figures made before
+    refuse(out, [*(f"{entry.name}.png" for entry in wanted), *page], force)
     results = []
     with tell.bar("figures") as progress:
         for number, entry in enumerate(wanted):

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Json, at
+from rig.cli.options import Force, Json, at
+from rig.cli.outputs import refuse
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ def torture(
         bool, typer.Option("--search", help="Draw values from the boxes of the cases instead; keeps what breaks one.")
     ] = False,
     out: Folder = Path("torture"),
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Hard cases by methods by steps: each cell green, amber or red with one reason.
@@ -46,6 +48,7 @@ def torture(
     if search:
         _search(wanted, as_json)
         return
+    refuse(out, ("matrix.png", "matrix.svg", "matrix.json", "junit.xml"), force)
     status = tell.Status()
     cells = study.matrix(wanted, not full, status.show)
     status.done()

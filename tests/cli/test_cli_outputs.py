@@ -1,0 +1,127 @@
+"""No command overwrites a file unless it is told --force, and none leaves an empty one behind."""
+
+import inspect
+import typing
+
+import numpy as np
+import pytest
+
+from rig.cli import app as program
+from rig.cli import cost, logs, processes, runs, scenes, study, torture
+from rig.record.run import Run, Samples
+from rig.record.save import save
+
+ROOMS = (cost, logs, processes, runs, scenes, study, torture)
+MAPS = study.map_  # its folder is named by the digest of all that the results depend on: made or found
+
+
+@pytest.fixture
+def log(tmp_path):
+    t_ns = np.arange(20_000, dtype=np.int64) * 25_000
+    run = Run(
+        scene='{"plant": "belt"}',
+        step_ns=25_000,
+        frame_ns=1_000_000,
+        time=t_ns * 1e-9,
+        signals={"x": np.sin(t_ns * 1e-9)},
+        units={"x": "m", "meas/s": "Pa"},
+        measurements={"s": Samples(t_ns, np.sin(t_ns * 1e-5))},
+    )
+    save(run, tmp_path / "log.mcap")
+    data = (tmp_path / "log.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
+    return tmp_path / "log.mcap"
+
+
+@pytest.fixture
+def rig(capsys, tmp_path, monkeypatch):
+    """Runs a command in this process: exit code, standard error."""
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as left:
+            program.run([str(a) for a in arguments])
+        return left.value.code or 0, capsys.readouterr().err
+
+    return call
+
+
+FILES = [
+    ("simulate", "belt", "--out"),
+    ("simulate", "belt", "--figure"),
+    ("run", "belt", "--out"),
+    ("run", "belt", "--figure"),
+    ("modes", "belt", "--sweep", "drive.speed=0.05:0.4:5", "--figure"),
+    ("explain", "belt", "--measure", "--figure"),
+    ("sound", "log.mcap", "--channel", "s", "--out"),
+    ("sound", "log.mcap", "--channel", "s", "--figure"),
+    ("recover", "cut.mcap", "--out"),
+    ("record", "--wait", "0.1", "--out"),
+    ("view", "--wait", "0.1", "--save"),
+]
+
+
+@pytest.mark.usefixtures("log")
+@pytest.mark.parametrize("command", FILES, ids=lambda command: f"{command[0]} {command[-1]}")
+def test_a_file_is_not_overwritten(rig, tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    mine = tmp_path / "mine"
+    mine.write_text("mine")
+    code, err = rig(*command, mine)
+    assert code in (1, 2)
+    assert "exists" in err
+    assert "--force" in err
+    assert mine.read_text() == "mine"
+    assert {path.name for path in tmp_path.iterdir()} == {"mine", "log.mcap", "cut.mcap"}
+
+
+@pytest.mark.parametrize(
+    ("command", "name"),
+    [
+        (("torture", "--case", "grazing", "--out"), "matrix.json"),
+        (("reproduce", "kroeger-3", "--out"), "kroeger-3.png"),
+        (("reproduce", "kroeger-3", "--out"), "README.md"),
+    ],
+)
+def test_a_folder_is_not_overwritten(rig, tmp_path, command, name):
+    (tmp_path / name).write_text("mine")
+    code, err = rig(*command, tmp_path)
+    assert code == 2
+    assert f"has {name}; name another folder, or add --force" in err
+    assert (tmp_path / name).read_text() == "mine"
+
+
+def test_force_replaces_and_a_name_that_is_free_needs_none(rig, log, tmp_path):
+    wav = tmp_path / "new" / "heard.wav"
+    assert rig("sound", log, "--channel", "s", "--out", wav)[0] == 0
+    first = wav.read_bytes()
+    assert rig("sound", log, "--channel", "s", "--out", wav)[0] == 2
+    wav.write_text("mine")
+    assert rig("sound", log, "--channel", "s", "--out", wav, "--force")[0] == 0
+    assert wav.read_bytes() == first
+
+
+def test_a_command_that_fails_leaves_no_empty_file(rig, tmp_path):
+    code, _ = rig("simulate", "no_such_scene", "--out", tmp_path / "a.mcap", "--figure", tmp_path / "a.png")
+    assert code == 2
+    assert not list(tmp_path.iterdir())
+
+
+def test_places_that_cannot_be_written_are_told_before_anything_is_computed(rig, tmp_path):
+    (tmp_path / "file").write_text("")
+    for path, why in ((tmp_path, "is a folder"), (tmp_path / "file" / "a.mcap", "cannot be written: ")):
+        code, err = rig("simulate", "no_such_scene", "--out", path)
+        assert code == 2
+        assert why in err
+        assert "no_such_scene" not in err
+
+
+def test_every_command_that_writes_files_takes_force():
+    writers = {}
+    for room in ROOMS:
+        for function, _ in room.COMMANDS.values():
+            hints = typing.get_type_hints(function, vars(room) | {"Scene": object, "Run": object})
+            if any("Path" in str(hints.get(name)) for name in ("out", "figure", "save")):
+                writers[function] = "force" in inspect.signature(function).parameters
+    assert len(writers) >= 10
+    assert {function.__name__ for function, forced in writers.items() if not forced} == {MAPS.__name__}
