@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
+from math import hypot, sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -151,9 +152,9 @@ def share(kept: Sequence[Visited], other: System, own: dict[int, Told]) -> float
         for name in mine.keys() & theirs.keys():
             group, (value, size, weight) = name.partition(" ")[0], mine[name]
             total = sums.setdefault("a" if group == "a" else name, [0.0, 0.0])
-            total[0] += weight * (value - theirs[name][0]) ** 2
-            total[1] += weight * size**2
-    return max((float(np.sqrt(away / size)) for away, size in sums.values() if size > 0.0), default=0.0)
+            total[0] = hypot(total[0], sqrt(weight) * (value - theirs[name][0]))
+            total[1] = hypot(total[1], sqrt(weight) * size)
+    return max((away / size for away, size in sums.values() if size > 0.0), default=0.0)
 
 
 def _pair(system: System, other: System, key: int) -> tuple[ModeSet, ModeSet] | None:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from math import isfinite
 from typing import Any
 
 from rig.bench.exchange import Exchange, Playback
@@ -22,7 +21,7 @@ from rig.bench.line import Line
 from rig.bench.protocol import Apply, Change, Finish, Move, Note, Progress, Protocol, Strike, Switch
 from rig.bench.stand import Stand
 from rig.errors import RigError, UsageError
-from rig.quantities import si
+from rig.quantities import finite, si
 from rig.scenes.faults import near
 from rig.scenes.protocol import Connect, flat
 from rig.scenes.scene import Scene, controller_drives, leaves
@@ -165,8 +164,10 @@ class Operation:
 
     def knock(self, impulse: float, by: str = OPERATOR) -> None:
         """Strike the body at this tick [N s]."""
-        if not isfinite(impulse):
-            raise UsageError(f"an impulse of {impulse} N s cannot be struck")
+        try:
+            finite(impulse, "N*s")
+        except ValueError as fault:
+            raise UsageError(f"an impulse of {impulse:g} N s cannot be struck: it {fault}") from None
         self.stand.knock(impulse)
         self.journal.note("knock", f"knock with {impulse:g} N s", by=by, impulse=impulse)
 

@@ -72,6 +72,7 @@ def explain(
                 "step_s": told.scene.step_ns / 1e9,
                 "duration_s": None if told.scene.duration_ns is None else told.scene.duration_ns / 1e9,
                 "effects": [vars(effect) for effect in told.effects],
+                "actuators": [vars(actuator) for actuator in told.actuators],
                 "values": [{**vars(v), "origin": v.origin.origin, "note": v.origin.note} for v in values],
             }
         )
@@ -79,6 +80,12 @@ def explain(
     tell.line(f"{told.scene.title} ({told.scene.name})\n\n{told.scene.about}\n")
     rows = [(e.name, "on" if e.on else "absent", len(e.states), ", ".join(e.states), e.about) for e in told.effects]
     tell.table(f"effects: {told.states} states", ("effect", "", "states", "", "about"), rows)
+    tell.line()
+    actuators = [
+        (a.name, f"{a.low:g} .. {a.high:g}", a.unit if a.unit != "1" else "", f"{a.start:g}", f"{a.safe:g}")
+        for a in told.actuators
+    ]
+    tell.table("actuators", ("actuator", "range", "unit", "at the start", "left alone"), actuators)
     tell.line()
     shown = [(v.key, _text(v.value), v.unit if v.unit != "1" else "", v.origin.origin, v.origin.note) for v in values]
     tell.table("values", ("key", "value", "unit", "origin", "note"), shown)

@@ -36,7 +36,9 @@ class Amplifier(Section):
 def add(a: Assembly, stack: Stack, amplifier: Amplifier, moved: Mapping[str, str]) -> None:
     """Add the amplifier and its actuator `amplifier.voltage`."""
     bounds = (-amplifier.limit, amplifier.limit)
-    voltage = actuator(a, "amplifier.voltage", "V", amplifier.voltage, 0.0, bounds, amplifier.lag, "amplifier", moved)
+    voltage = actuator(
+        a, "amplifier.voltage", "V", amplifier.voltage, 0.0, bounds, amplifier.limit, amplifier.lag, "amplifier", moved
+    )
     for c, f in stack.path.items():
         a.push(c, scaled(voltage, f * stack.e))
     a.outputs["stack_voltage"] = Output(dict(voltage), "V")

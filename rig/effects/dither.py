@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from rig.effects.drive import reach
 from rig.quantities import Angle, Hertz, PositiveNewton, Section, Speed
 from rig.solve.assembly import Assembly, Input
 from rig.solve.assembly import add as add_row
@@ -54,6 +55,10 @@ Dither = Annotated[BeltDither | MassDither | LoadDither, Field(discriminator="on
 TangentialDither = Annotated[BeltDither | MassDither, Field(discriminator="on")]
 
 
+LARGEST = {"m/s": 100.0, "N": 1e5}
+"""Amplitude that can be commanded, or that of the scene if it is larger [chosen]."""
+
+
 def add(
     a: Assembly,
     dither: BeltDither | MassDither | LoadDither,
@@ -86,6 +91,7 @@ def add(
             x[sine] = wanted * math.sin(omega * t + dither.phase)
             x[cosine] = wanted * math.cos(omega * t + dither.phase)
 
-    a.inputs["dither.amplitude"] = Input(unit, 0.0, math.inf, dither.amplitude, 0.0, write=write)
+    amplitudes, f = reach(dither.amplitude, 0.0, math.inf, LARGEST[unit]), dither.frequency
+    a.inputs["dither.amplitude"] = Input(unit, *amplitudes, dither.amplitude, 0.0, write=write)
     a.inputs["dither.enable"] = Input("1", 0.0, 1.0, float(dither.enable), 0.0, write=write)
-    a.inputs["dither.frequency"] = Input("Hz", 0.1, 100e3, dither.frequency, dither.frequency)
+    a.inputs["dither.frequency"] = Input("Hz", min(0.1, f), max(100e3, f), f, f)

@@ -51,6 +51,10 @@ class DiscDrive(_Drive):
     speed_max: RadianPerSecond | None = None
 
 
+FASTEST = {"m/s": 100.0, "rad/s": 1e4}
+"""Speed that a drive without limits of its own can be commanded to, either way round [chosen]."""
+
+
 def limits(low: float | None, high: float | None) -> tuple[float, float]:
     """Limits with infinity where none is given."""
     return (-math.inf if low is None else low), (math.inf if high is None else high)
@@ -60,7 +64,12 @@ def add(a: Assembly, drive: _Drive, unit: str, moved: Mapping[str, str]) -> Row:
     """Add the drive's signals and its actuator `drive.speed`; returns the row of its speed."""
     low, high = limits(drive.speed_min, drive.speed_max)
     return actuator(a, "drive.speed", unit, drive.speed, 0.0 if low <= 0.0 <= high else drive.speed,
-                    (low, high), drive.lag, "drive", moved)  # fmt: skip
+                    (low, high), FASTEST[unit], drive.lag, "drive", moved)  # fmt: skip
+
+
+def reach(value: float, low: float, high: float, most: float) -> tuple[float, float]:
+    """Range of an actuator: its limits; where there are none `most` in size, or its `value` if that is more."""
+    return min(-most, value) if low == -math.inf else low, max(most, value) if high == math.inf else high
 
 
 def actuator(
@@ -70,13 +79,15 @@ def actuator(
     value: float,
     safe: float,
     bounds: tuple[float, float],
+    most: float,
     lag: float | None,
     owner: str,
     moved: Mapping[str, str],
 ) -> Row:
     """A commanded quantity, with ramp, lag and limits as far as they are needed; returns its row.
 
-    `moved[name]` says what the scene does with it: nothing (absent), "held" commands, or "ramped" too.
+    `moved[name]` says what the scene does with it: nothing (absent), "held" commands, or "ramped" too. Where `bounds`
+    are infinite, it takes commands up to `most` in size, but no limiter is part of the plant.
     """
     how = moved.get(name, "")
     low, high = bounds
@@ -97,5 +108,5 @@ def actuator(
             for entry, coefficient in row.items():
                 a.signals[real][entry] = coefficient / lag
         row = {real: 1.0}
-    a.inputs[name] = Input(unit, low, high, value, safe, state, slope)
+    a.inputs[name] = Input(unit, *reach(value, low, high, most), value, safe, state, slope)
     return row

@@ -37,7 +37,12 @@ class Load(Section):
         return self
 
 
+STRONGEST = 1e5
+"""Force [N] that a load without `force_max` can be commanded to [chosen]."""
+
+
 def add(a: Assembly, load: Load, moved: Mapping[str, str]) -> Row:
     """Add the magnet's signals and its actuator `load.force`; returns the row of the normal force."""
     high = math.inf if load.force_max is None else load.force_max
-    return actuator(a, "load.force", "N", load.force, load.force, (load.force_min, high), load.lag, "load", moved)
+    bounds = (load.force_min, high)
+    return actuator(a, "load.force", "N", load.force, load.force, bounds, STRONGEST, load.lag, "load", moved)

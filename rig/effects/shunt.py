@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from rig.effects import shunt_limits
+from rig.effects.drive import reach
 from rig.effects.stack import Stack, scaled, total
 from rig.errors import SceneError
 from rig.quantities import Henry, Number, Ohm, PositiveHenry, PositiveOhm, PositiveVolt, Section, quantity
@@ -121,9 +122,9 @@ def add(a: Assembly, stack: Stack, shunt: Open | Short | Series | Parallel, move
         a.inputs.setdefault("shunt.connected", Input("1", 0.0, 1.0, float(shunt.connected), float(shunt.connected)))
     if isinstance(shunt, Series):
         L, R, delta = shunt.inductance, shunt.resistance, shunt.delta
-        a.inputs.setdefault("shunt.inductance", Input("H", 0.0, math.inf, L, L))
-        a.inputs["shunt.resistance"] = Input("ohm", 0.0, math.inf, R, R)
-        a.inputs["shunt.delta"] = Input("1", -0.999, math.inf, delta, delta)
+        a.inputs.setdefault("shunt.inductance", Input("H", *reach(L, 0.0, math.inf, 1e4), L, L))
+        a.inputs["shunt.resistance"] = Input("ohm", *reach(R, 0.0, math.inf, 1e9), R, R)
+        a.inputs["shunt.delta"] = Input("1", *reach(delta, min(-0.999, delta), math.inf, 1e3), delta, delta)
 
 
 def _open(a: Assembly, stack: Stack, leak: float | None) -> None:

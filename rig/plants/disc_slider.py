@@ -115,7 +115,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     force = -slider.contact * p.start.height / (1.0 + slider.contact * compliance)
     a.start |= {names(mode)[0]: -mode.at(r0) * force / mode.omega**2 for mode in modes}
 
-    speed = drive.actuator(a, "drive.speed", "rad/s", p.drive.speed, 0.0, (-math.inf, math.inf), None, "drive", moved)
+    free, most = (-math.inf, math.inf), drive.FASTEST["rad/s"]
+    speed = drive.actuator(a, "drive.speed", "rad/s", p.drive.speed, 0.0, free, most, None, "drive", moved)
     for mode in modes:
         if mode.pair:
             _turn(a, mode, p, speed)

@@ -6,7 +6,7 @@ Every check yields (dotted key, line), as `faults.lines` does.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from math import ceil, floor, inf, isqrt
+from math import ceil, floor, isqrt
 from typing import Any
 
 from controllers import KINDS
@@ -168,8 +168,7 @@ def commanded(protocol: Iterable[Any], inputs: Mapping[str, Any]) -> Iterator[Fa
             value = inner.force if isinstance(inner, Load) else inner.to
             if not one.low <= value <= one.high:
                 unit = "" if one.unit == "1" else f" {one.unit}"
-                ends = f"at least {one.low:g}" if one.high == inf else f"{one.low:g} to {one.high:g}"
-                yield key, f"{key}: {inner.target} takes {ends}{unit}, not {value:g}{unit}"
+                yield key, f"{key}: {inner.target} takes {one.low:g} to {one.high:g}{unit}, not {value:g}{unit}"
             if not isinstance(inner, Set) and inner.over and not one.slope and one.write is None:
                 remedy = "set steps, one value after the other"
                 if inner.target == "shunt.inductance":

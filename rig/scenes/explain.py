@@ -38,11 +38,24 @@ class Value:
 
 
 @dataclass(frozen=True)
+class Actuator:
+    """One actuator: the range that it can be commanded in, its value at the start, and the one it has if left alone."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    start: float
+    safe: float
+
+
+@dataclass(frozen=True)
 class Explanation:
     """A scene taken apart."""
 
     scene: Scene
     effects: tuple[Effect, ...]
+    actuators: tuple[Actuator, ...]
     values: tuple[Value, ...]
 
     @property
@@ -53,7 +66,9 @@ class Explanation:
 
 def explain(scene: Scene) -> Explanation:
     """Take a scene apart."""
-    return Explanation(scene, tuple(_effects(scene)), tuple(_values(scene)))
+    inputs = scene.assemble().inputs
+    actuators = [Actuator(name, i.unit, i.low, i.high, i.value, i.safe) for name, i in inputs.items()]
+    return Explanation(scene, tuple(_effects(scene)), tuple(actuators), tuple(_values(scene)))
 
 
 def _effects(scene: Scene) -> Iterator[Effect]:

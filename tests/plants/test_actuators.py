@@ -6,8 +6,15 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from rig import scenes
+from rig.bench.audit import Visited, share
+from rig.bench.operation import Operation
+from rig.bench.simulate import simulate
+from rig.bench.stand import Stand
 from rig.effects.drive import BeltDrive
 from rig.effects.load import Load
+from rig.errors import UsageError
+from rig.solve.system import CLOSED
 
 HELD, RAMPED = {"drive.speed": "held"}, {"drive.speed": "ramped"}
 COULOMB = {"friction.law": "coulomb", "friction.mu_static": 0.4, "friction.mu_kinetic": 0.25}
@@ -113,3 +120,71 @@ def test_acceleration_is_the_force_over_the_mass(move):
 def test_actuators_that_cannot_be_are_refused(section, given, told):
     with pytest.raises(ValidationError, match=told):
         section(**given)
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_every_actuator_has_a_range_that_holds_what_the_scene_does(name):
+    scene = scenes.load(name)
+    for actuator, one in scene.assemble().inputs.items():
+        assert math.isfinite(one.high - one.low), actuator
+        assert one.low < one.high, actuator
+        assert one.low <= one.value <= one.high, actuator
+        assert one.low <= one.safe <= one.high, actuator
+
+
+def test_a_scene_widens_the_range_of_its_actuators():
+    given = {"load.force_max": "1 MN", "drive.speed_max": "200 m/s"}
+    inputs = scenes.load("belt", given).assemble().inputs
+    assert (inputs["load.force"].low, inputs["load.force"].high) == (0.0, 1e6)
+    assert (inputs["drive.speed"].low, inputs["drive.speed"].high) == (-100.0, 200.0)
+    assert scenes.load("belt", {"load.force": "200 kN"}).assemble().inputs["load.force"].high == 2e5
+
+
+class Wild:
+    """Commands beyond any range, of either sign."""
+
+    reads, period_ns = (), 1_000_000
+
+    def __init__(self, *drives):
+        self.drives = drives
+
+    def start(self):
+        return 1.0
+
+    def update(self, state, t_ns, values):
+        return -state, (state * 1e300,) * len(self.drives)
+
+
+@pytest.mark.parametrize(
+    ("name", "controller", "drive"),
+    [("belt_normal_force", "nf", "load.force"), ("belt_velocity_feedback", "belt", "drive.speed")],
+)
+def test_wild_commands_are_clamped_and_the_run_tells_its_energy(name, controller, drive):
+    scene = scenes.load(name)
+    run = simulate(scene, {controller: Wild(drive)}, 20_000_000)
+    assert run.fault == ""
+    assert run.summary["exchange"][controller]["clamped"] >= 19
+    assert all(math.isfinite(value) for value in run.energy.values())
+    assert all(math.isfinite(one["share"]) for one in run.summary["audit"])
+    assert np.abs(run.commands[controller].values).max() <= scene.assemble().inputs[drive].high
+
+
+def test_an_audit_tells_its_share_at_any_size():
+    """Half the load is a share of the forces that does not depend on their size; their squares do not overflow."""
+    whole, half = (scenes.load("belt_c", {"load.force": force}).assemble().system() for force in (20.0, 10.0))
+    key, x = whole.key([1], [CLOSED], []), np.arange(1.0, whole.n + 1.0)
+    shares = [share([Visited(whole, key, size * x)], half, {}) for size in (1.0, 1e-200, 1e200)]
+    assert 0.1 < shares[0] < 1.0
+    assert shares == pytest.approx([shares[0]] * 3, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("load.force", 1e308), ("drive.speed", "-1e300 m/s"), ("load.force", math.nan)]
+)
+def test_an_operator_is_told_the_range(key, value):
+    scene = scenes.load("belt")
+    operation = Operation(scene, Stand(scene), None, lambda *_: None)
+    with pytest.raises(UsageError, match=f"{key} = .*: must be -?[0-9]+ to 100"):
+        operation.change({key: value})
+    with pytest.raises(UsageError, match="1e\\+300 N s cannot be struck: it must be"):
+        operation.knock(1e300)
