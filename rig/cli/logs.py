@@ -90,22 +90,28 @@ def diff(
     second: Annotated[Path, typer.Argument(metavar="B", help="Another one.", callback=_file)],
     as_json: Json = False,
 ) -> None:
-    """Show where two recordings part, to the bit."""
+    """Show where two recordings part, to the bit, at the instants that both have.
+
+    Exit code 1 unless they take the same course; one may have samples between those of the other.
+    """
     from rig.record.compare import compare
 
     found = compare(opened(first), opened(second))
     if as_json:
         differences = [vars(difference) for difference in found.differences]
-        tell.report({"identical": found.identical, "compared": found.compared, "differences": differences,
+        tell.report({"identical": found.identical, "agree": found.agree, "compared": found.compared,
+                     "differences": differences,
                      "missing": found.missing})  # fmt: skip
     elif found.identical:
         tell.line(f"identical: {found.compared} numbers, bit by bit")
     else:
+        if found.agree:
+            tell.line(f"the same course: {found.compared} numbers at the instants that both have, bit by bit")
         for difference in found.differences:
             tell.line(str(difference))
         for name in found.missing:
             tell.line(f"{name} is in one of the two only")
-    if not found.identical:
+    if not found.agree:
         raise typer.Exit(1)
 
 

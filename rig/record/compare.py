@@ -1,4 +1,8 @@
-"""Where two runs part, to the bit: plant truth, measurements and commands."""
+"""Where two runs part, to the bit: plant truth, measurements and commands.
+
+Signals are compared at the instants that both runs have. Runs need not have the same ones: outputs are recorded at the
+rate of the steps in one way of running and once a frame in another. What only one run has is counted.
+"""
 
 from __future__ import annotations
 
@@ -20,17 +24,34 @@ class Difference:
 
     topic: str
     index: int
+    """Of the sample in the first run that has it."""
     time: float
     """s"""
     first: float
     second: float
-    """NaN where one run has ended."""
+    """NaN where a run has no sample at this instant."""
+    shared: int
+    """Instants that both runs have."""
+    differing: int
+    """How many of these differ."""
+    alone: tuple[int, int]
+    """Samples at instants that the other run does not have."""
+    beyond: int
+    """How many of these are before the first or after the last instant that both have: one run goes on alone."""
 
     def __str__(self) -> str:
+        if not self.differing:
+            return f"{self.topic} agrees at all {self.shared} instants that both have; {self._alone()}"
         return (
             f"{self.topic} differs at sample {self.index}, t = {self.time:.9g} s: {self.first!r} and {self.second!r} "
-            f"(bits {_bits(self.first):016x} and {_bits(self.second):016x})"
+            f"(bits {_bits(self.first):016x} and {_bits(self.second):016x}); {self.differing} of the {self.shared} "
+            f"instants that both have differ{self._alone('; ')}"
         )
+
+    def _alone(self, before: str = "") -> str:
+        counts = [f"{count} more in the {name} only" for count, name in zip(self.alone, ("first", "second")) if count]
+        where = "" if self.differing else f", from t = {self.time:.9g} s on"
+        return f"{before}{' and '.join(counts)}{where}" if counts else ""
 
 
 @dataclass(frozen=True)
@@ -38,7 +59,7 @@ class Comparison:
     """What the comparison of two runs found."""
 
     compared: int
-    """Numbers compared."""
+    """Numbers compared: those at instants that both runs have."""
     differences: tuple[Difference, ...]
     """The first difference of each signal that has one, earliest first."""
     missing: tuple[str, ...]
@@ -46,8 +67,13 @@ class Comparison:
 
     @property
     def identical(self) -> bool:
-        """Whether both runs hold the same signals, byte for byte."""
+        """Whether both runs hold the same signals at the same instants, byte for byte."""
         return not self.differences and not self.missing
+
+    @property
+    def agree(self) -> bool:
+        """Whether both runs take the same course: one may only have samples between those of the other."""
+        return not self.missing and not any(one.differing or one.beyond for one in self.differences)
 
 
 class Series(NamedTuple):
@@ -61,10 +87,12 @@ def compare(first: Run | Path, second: Run | Path) -> Comparison:
     """Compare two runs, or recordings of runs, signal by signal, bit by bit."""
     one, two = (dict(_series(run if isinstance(run, Run) else read(run))) for run in (first, second))
     shared = [topic for topic in one if topic in two]
-    found = [difference for topic in shared if (difference := _first(topic, one[topic], two[topic]))]
+    found = {topic: _first(topic, one[topic], two[topic]) for topic in shared}
     return Comparison(
-        compared=sum(min(one[topic].values.size, two[topic].values.size) for topic in shared),
-        differences=tuple(sorted(found, key=lambda difference: difference.time)),
+        compared=sum(difference.shared for difference in found.values()),
+        differences=tuple(
+            sorted((one for one in found.values() if one.differing or any(one.alone)), key=lambda one: one.time)
+        ),
         missing=tuple(sorted(one.keys() ^ two.keys())),
     )
 
@@ -83,18 +111,35 @@ def _series(run: Run) -> Iterator[tuple[str, Series]]:
             )
 
 
-def _first(topic: str, one: Series, two: Series) -> Difference | None:
-    shared = min(one.values.size, two.values.size)
-    apart = (_raw(one.values[:shared]) != _raw(two.values[:shared])) | (one.t_ns[:shared] != two.t_ns[:shared])
+def _first(topic: str, one: Series, two: Series) -> Difference:
+    """The first difference at an instant that both have; else the first instant that only one of them has."""
+    shared, at_one, at_two = np.intersect1d(one.t_ns, two.t_ns, return_indices=True)
+    apart = _raw(one.values[at_one]) != _raw(two.values[at_two])
+    alone = (one.values.size - shared.size, two.values.size - shared.size)
+    span = (shared[0], shared[-1]) if shared.size else (1, 0)
+    beyond = sum(int(np.count_nonzero((t_ns < span[0]) | (t_ns > span[1]))) for t_ns in (one.t_ns, two.t_ns))
+    counts = (int(shared.size), int(np.count_nonzero(apart)), alone, beyond)
     if apart.any():
-        index = int(np.argmax(apart))
-    elif one.values.size == two.values.size:
-        return None
-    else:
-        index = shared
-    times = [series.t_ns[index] for series in (one, two) if index < series.t_ns.size]
-    first, second = (float(s.values[index]) if index < s.values.size else float("nan") for s in (one, two))
-    return Difference(topic, index, float(min(times)) * 1e-9, first, second)
+        row = int(np.argmax(apart))
+        first, second = float(one.values[at_one[row]]), float(two.values[at_two[row]])
+        return Difference(topic, int(at_one[row]), float(shared[row]) * 1e-9, first, second, *counts)
+    lone = [
+        (int(t_ns[i]), int(i), which)
+        for which, (t_ns, at) in enumerate(((one.t_ns, at_one), (two.t_ns, at_two)))
+        if (i := _left_out(at, t_ns.size)) < t_ns.size
+    ]
+    t_ns, index, which = min(lone, default=(0, 0, 0))
+    values = [float("nan"), float("nan")]
+    if lone:
+        values[which] = float((one, two)[which].values[index])
+    return Difference(topic, index, t_ns * 1e-9, values[0], values[1], *counts)
+
+
+def _left_out(taken: NDArray[np.int64], count: int) -> int:
+    """The first of `count` places that is not taken; `count` if all are."""
+    free = np.ones(count, bool)
+    free[taken] = False
+    return int(np.argmax(free)) if free.any() else count
 
 
 def _raw(values: Reals) -> NDArray[np.uint64]:

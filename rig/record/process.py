@@ -1,7 +1,8 @@
 """The recorder: a process of its own that listens to everything and can never slow the plant.
 
-Messages wait in a deep ring outside of Python, so that a slow disk costs memory first and counted messages last.
-The file is finished when the plant leaves, or on a signal to stop.
+Messages wait in a deep ring outside of Python, so that a slow disk costs memory first and counted messages last. The
+ring is as deep as its share of 300 MB allows; nothing else grows with the length of the recording. The file is finished
+when the plant leaves, or on a signal to stop.
 """
 
 from __future__ import annotations
@@ -18,12 +19,15 @@ from typing import Any
 from rig import bus
 from rig.bus import messages, setup
 from rig.bus.port import Count, Message, Receiver, Session, Watch
+from rig.bus.setup import Setup
 from rig.errors import BusError, LogError
 from rig.process import stopping
 from rig.record.writer import Writer
 from rig.scheduling import stand_back
 
-_DEPTH = 1 << 17
+_WAITING = 160 << 20  # bytes of messages that may wait; the rest of the process takes 70 MB
+_KEEPING = 2200  # bytes that Zenoh takes to keep a message beside its payload (measured)
+_TURN = 1 << 12  # messages taken before the plant is looked for again
 _PAUSE_S = 0.005
 _LAST_WORDS_S = 0.3
 _NICE = 5
@@ -75,6 +79,14 @@ def default_path(run: str) -> Path:
     return next((folder / name for name in names if not (folder / name).exists()), folder / names[0])
 
 
+def depth(described: Setup) -> int:
+    """How many messages of a run may wait, in bytes of their mean size: a frame's step, a state, blocks of 20 ms."""
+    frames = max(20_000_000 // described.frame_ns, 1)
+    blocks = [8 * max(20_000_000 // max(period_ns, 1), 1) for _, period_ns in described.sensors.values()]
+    size = frames * (24 * len(blocks) + 60) + frames * (9 * len(described.outputs) + 27) + sum(blocks)
+    return int(_WAITING / (_KEEPING + size / (2 * frames + len(blocks))))
+
+
 def record(
     run: str | None = None,
     path: Path | None = None,
@@ -90,9 +102,9 @@ def record(
     """
     stand_back(_NICE)
     with bus.join(run, role="recorder", name=name, wait=wait) as session:
-        heard = session.subscribe("**", _DEPTH, polled=True)  # before anything is asked: from here on nothing is missed
-        plant = session.watch("plant/*")
         described = setup.fetch(session, wait)
+        heard = session.subscribe("**", depth(described), polled=True)  # from here on nothing is missed
+        plant = session.watch("plant/*")
         if not plant.wait_for("plant", "plant", wait):
             raise BusError(f"run {session.run} has no plant; it has ended")
         writer = Writer(path or default_path(session.run), described, "recorded", replace)
@@ -119,26 +131,31 @@ class _Recorder:
 
     def run(self, stop: threading.Event) -> Recording:
         while not stop.is_set() and ("plant", "plant") in self._plant.present:
-            self._take()
-            stop.wait(_PAUSE_S)
+            if not self._take():
+                stop.wait(_PAUSE_S)
             self._plant.poll()
         quiet = time.monotonic() + _LAST_WORDS_S  # presence is told faster than data: the last words are on their way
         while not stop.is_set() and time.monotonic() < quiet:
-            self._take()
-            time.sleep(_PAUSE_S)
-        self._take()
+            if not self._take():
+                time.sleep(_PAUSE_S)
+        while self._take():
+            pass
         recording = self._account("the plant left" if not stop.is_set() else "the recorder was told to stop")
         self._writer.close(asdict(recording), self._summary)
         return recording
 
-    def _take(self) -> None:
-        for message in self._heard.drain():
+    def _take(self) -> bool:
+        """Record what waits, a turn's worth of it; whether that was all there was time for."""
+        taken = 0
+        while taken < _TURN and (message := self._heard.get()) is not None:
+            taken += 1
             self._writer.write(message.topic, message.payload, message.t_ns, message.seq, time.time_ns())
             if message.topic.startswith("total/"):
                 self._compare(message)
             elif message.topic.startswith("event/"):
                 self._look(message)
         self._writer.flush_if_due()
+        return taken == _TURN
 
     def _compare(self, message: Message) -> None:
         told = messages.decode(message.topic, message.payload)

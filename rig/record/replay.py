@@ -22,7 +22,7 @@ from rig.bus import encode, messages, topics
 from rig.bus.port import Receiver, Session
 from rig.bus.setup import Setup
 from rig.errors import BusError
-from rig.record.reader import Record, Scan, head
+from rig.record.reader import Decoder, Record, Scan, head
 from rig.record.reader import open as read
 from rig.record.run import Commands, Run
 
@@ -83,13 +83,21 @@ def replay(
     traffic: Scan | _Remade = (
         _Remade(read(path), _heard(described)) if start.metadata.get("log", {}).get("made") == "saved" else Scan(path)
     )
-    consumers = {name: _Consumer() for name in into}
+    consumers, decode = {name: _Consumer() for name in into}, Decoder(described)
     for record in traffic:
         first, _, name = record.topic.partition("/")
-        if name in consumers and first in ("act", "event"):
-            consumers[name].note(messages.decode(record.topic, record.payload))
-    result = _Replay(session, described, consumers, pace, progress).run(traffic, wait)
-    result.fault = traffic.fault if isinstance(traffic, Scan) else ""
+        if (
+            (said := decode(record.topic, record.payload)) is not None
+            and name in consumers
+            and first in ("act", "event")
+        ):
+            consumers[name].note(said)
+    sound = (record for record in traffic if not decode.refused or decode(record.topic, record.payload) is not None)
+    refused = decode.told()
+    result = _Replay(session, described, consumers, pace, progress).run(sound, wait)
+    result.fault = "; ".join(
+        filter(None, (traffic.fault if isinstance(traffic, Scan) else traffic.run.damage, refused))
+    )
     return result
 
 

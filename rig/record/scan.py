@@ -190,9 +190,9 @@ class Scan:
         if self._statistics is not None:
             self.missing = self._statistics.message_count - self.count
         self.whole = not cut and not self.missing and not self.skipped and self._indexed
-        self.fault = "" if self.whole else self._told(cut)
+        self.fault = "" if self.whole else self._told(cut, data[-len(MAGIC) :] == MAGIC)
 
-    def _told(self, cut: bool) -> str:
+    def _told(self, cut: bool, ended: bool) -> str:
         if cut:
             before = f"; before that {self._gaps} messages are missing" if self._gaps else ""
             return f"it breaks off after t = {self.last_ns * 1e-9:.3f} s{before}"
@@ -201,7 +201,7 @@ class Scan:
         if self.missing:
             return f"{self.missing} of its messages are missing"
         if not self.skipped or all(self._end is not None and one.begin >= self._end.end for one in self.skipped):
-            return "the index at its end is damaged"
+            return "the index at its end is damaged" if ended else "it breaks off in the index at its end"
         return f"{self.skipped[0].what or 'a record'} is damaged; no message is missing"
 
     @property

@@ -1,5 +1,6 @@
 """Damaged recordings: one wrong byte is always noticed, costs less than 5 % of the messages, and is told."""
 
+import contextlib
 import json
 import random
 import resource
@@ -11,11 +12,13 @@ from mcap.writer import Writer as PlainWriter
 
 from rig.bus import encode
 from rig.bus.setup import Setup
+from rig.bus.twin import Twin
 from rig.cli import app
-from rig.errors import LogError, UsageError
+from rig.errors import BusError, LogError, UsageError
 from rig.record import container, reader
 from rig.record.compare import compare
 from rig.record.recover import recover
+from rig.record.replay import replay
 from rig.record.save import save
 from rig.record.scan import Scan
 from rig.record.writer import Writer
@@ -287,3 +290,17 @@ def test_a_disk_that_is_full_at_any_moment_leaves_what_was_written(tmp_path):
             scan, kept = walked(path)
             assert scan.fault
             assert [one.payload for one in kept] == [one.payload for one in given][: len(kept)]
+
+
+def test_what_cannot_be_decoded_does_not_end_a_replay(tmp_path):
+    path, log = tmp_path / "run.mcap", Writer(tmp_path / "run.mcap", SETUP, "recorded")
+    for k in range(10):
+        now = k * 1_000_000
+        log.write("step", encode.step(k, now, np.array([0.0]), np.ones(1, np.int64)), now, k, now)
+    for topic in ("step", "act/c", "nonsense/x"):
+        with contextlib.suppress(BusError):  # the writer has no type for what is not in the table
+            log.write(topic, b"\xff\xff garbage", 9_000_000, 10, 0)
+    log.close({}, {})
+    found = replay(Twin("replay").open("plant", "plant"), path)
+    assert found.steps == 10
+    assert found.fault == "messages that cannot be decoded: 1 on act/c, 1 on step"

@@ -5,6 +5,7 @@ import copy
 import dataclasses
 import json
 import re
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +15,10 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
+from rig.bus import encode
 from rig.bus.setup import Setup
 from rig.errors import LogError
-from rig.record import reader, writer
+from rig.record import container, reader, writer
 from rig.record.compare import compare
 from rig.record.recover import recover
 from rig.record.run import Commands, Run, Samples
@@ -267,3 +269,48 @@ def test_a_run_that_ends_earlier_differs_where_it_ends(run):
     found = compare(run, other)
     assert found.missing == ("meas/slow",)
     assert [(d.topic, d.index, d.first) for d in found.differences] == [("meas/gauge", 100, v[100])]
+
+
+def test_runs_are_aligned_by_time_not_by_index(run):
+    coarse = copy.deepcopy(run)
+    rows = slice(10, 7001, 10)  # once a frame, and from the second frame on: as over the bus
+    coarse.time = run.time[rows]
+    coarse.signals = {name: v[rows] for name, v in run.signals.items()}
+    found = compare(run, coarse)
+    assert not found.identical
+    assert not found.agree  # the first frame is in one run only
+    assert [(d.topic, d.shared, d.differing, d.alone, d.beyond) for d in found.differences] == [
+        (name, 700, 0, (6301, 0), 10) for name in ("displacement", "velocity")
+    ]
+    assert "agrees at all 700 instants that both have; 6301 more in the first only" in str(found.differences[0])
+    rows = slice(0, 7001, 10)
+    coarse.time = run.time[rows]
+    coarse.signals = {name: v[rows].copy() for name, v in run.signals.items()}
+    assert compare(coarse, run).agree
+    coarse.signals["velocity"][42] += 1.0
+    found = compare(run, coarse)
+    assert not found.agree
+    (first,) = [d for d in found.differences if d.differing]
+    assert (first.topic, first.index, first.time, first.differing) == ("velocity", 420, pytest.approx(0.042), 1)
+
+
+def test_memory_does_not_grow_with_the_length_of_a_recording(tmp_path, monkeypatch):
+    monkeypatch.setattr(container, "_SPILL", 1 << 14)
+    log, payload, taken = Writer(tmp_path / "run.mcap", SETUP, "recorded"), encode.block(0, 0, 1, [0.0]), []
+    tracemalloc.start()
+    for k in range(6000):
+        for sensor in range(8):
+            log.write(f"meas/s{sensor}", payload, k, k, k)
+        log._mcap.flush()  # a chunk each: as after a day
+        if k in (1000, 5999):
+            taken.append(tracemalloc.get_traced_memory()[0])
+    tracemalloc.stop()
+    log.close({}, {})
+    assert taken[1] - taken[0] < 64 << 10  # bytes; the library's writer keeps 1 kB for each chunk, 5 MB here
+    with (tmp_path / "run.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert len(summary.chunk_indexes) >= 6000
+    assert summary.statistics.message_count == 48_000
+    scan = reader.Scan(tmp_path / "run.mcap")
+    assert sum(1 for _ in scan) == 48_000
+    assert scan.sealed
