@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from rig.errors import UsageError
+from rig.scenes.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -52,3 +53,13 @@ class Job:
         found = json.loads(text)
         found["expect"] = tuple((role, name) for role, name in found["expect"])
         return cls(**{**found, "command": tuple(found["command"])})
+
+
+def keeps_up(scene: Scene, pace: float | None) -> None:
+    """Raise UsageError where `scene` says that it cannot keep up with the clock at `pace` (None: without a clock)."""
+    limit = scene.clock.pace_limit
+    if pace is not None and limit is not None and pace > limit:
+        raise UsageError(
+            f"{scene.name} cannot run at a pace of {pace:g}: {scene.slow}. What works: rig simulate; "
+            f"rig run --lockstep; rig run --pace {limit:g}. To run it all the same: -p clock.pace_limit={pace:g}"
+        )

@@ -33,7 +33,7 @@ from rig.bench.attend import Attendant
 from rig.bench.conclude import conclude
 from rig.bench.desk import Desk
 from rig.bench.hub import Hub
-from rig.bench.job import Job
+from rig.bench.job import Job, keeps_up
 from rig.bench.lockstep import Lockstep
 from rig.bench.operation import Operation
 from rig.bench.rehearse import visited
@@ -271,6 +271,7 @@ def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) 
     health while the run goes on.
     """
     scene = Scene.from_json(job.scene)
+    keeps_up(scene, job.pace)
     sets = visited(scene, job) if job.pace is not None else warm(scene)  # Ctrl-C may break this off, but nothing later
     asked: list[str] = []
     with told_to_stop(asked.append):

@@ -63,11 +63,38 @@ def carry_out(
     events: Iterable[Mapping[str, Any]] = (),
 ) -> Carried:
     """Do what `simulate` does, up to the run that it makes of it. Without an end, it ends when `stop` says so."""
+    operation, working = begun(scene, controllers, duration_ns, commands, events)
+    stand = operation.stand
+    every = max(100_000_000 // scene.frame_ns, 1)
+    fault = ""
+    try:
+        while operation.begin():
+            until = operation.until()
+            if stop is not None:
+                until = min(until, stand.tick + every - stand.tick % every)
+            carry_on(operation, working, until)
+            if stop is not None and (why := stop()):
+                operation.stop(why)
+    except NumericsError as error:
+        fault = str(error)
+        operation.journal.note("diverged", fault)
+        for one in working:
+            one.catch_up(stand.tick + 1)
+    return Carried(stand, operation, {one.name: one.loop for one in working}, fault)
+
+
+def begun(
+    scene: Scene,
+    controllers: Mapping[str, Controller],
+    duration_ns: int | None = None,
+    commands: Mapping[str, Commands] | None = None,
+    events: Iterable[Mapping[str, Any]] = (),
+) -> tuple[Operation, list[Working]]:
+    """A run in this process at its first tick, and its controllers at work: none where `commands` are played back."""
     loops = {name: Loop(controller) for name, controller in controllers.items()}
-    stand = Stand(scene, truthful=True)
     operation = Operation(
         scene,
-        stand,
+        Stand(scene, truthful=True),
         duration_ns,
         lambda name, changes: loops[name].retune(changes),
         exchange=Exchange if commands is None else Playback,
@@ -76,26 +103,10 @@ def carry_out(
     if isinstance(operation.exchange, Playback):
         assert commands is not None
         operation.exchange.play(commands)
-    working = [Working(name, loop, operation) for name, loop in sorted(loops.items()) if commands is None]
-    every = max(100_000_000 // scene.frame_ns, 1)
-    fault = ""
-    try:
-        while operation.begin():
-            until = operation.until()
-            if stop is not None:
-                until = min(until, stand.tick + every - stand.tick % every)
-            _carry_on(operation, working, until)
-            if stop is not None and (why := stop()):
-                operation.stop(why)
-    except NumericsError as error:
-        fault = str(error)
-        operation.journal.note("diverged", fault)
-        for one in working:
-            one.catch_up(stand.tick + 1)
-    return Carried(stand, operation, loops, fault)
+    return operation, [Working(name, loop, operation) for name, loop in sorted(loops.items()) if commands is None]
 
 
-def _carry_on(operation: Operation, working: list[Working], until: int) -> None:
+def carry_on(operation: Operation, working: list[Working], until: int) -> None:
     """Carry the stand on to tick `until`, or as far as no limit is passed; only controllers act on the way."""
     stand, exchange = operation.stand, operation.exchange
     heard, others = ([one for one in working if one.line.connected is on] for on in (True, False))
@@ -121,7 +132,7 @@ class Working:
     def __init__(self, name: str, loop: Loop, operation: Operation) -> None:
         self.line = operation.exchange.lines[name]
         self.due = 0
-        self._name, self._loop = name, loop
+        self.name, self.loop = name, loop
         self._stand, self._receive = operation.stand, operation.exchange.receive
         self._bank = operation.stand.bank
         self._columns = [self._bank.names.index(sensor) for sensor in loop.controller.reads]
@@ -132,11 +143,11 @@ class Working:
         tick = self._stand.tick
         if tick != self.due:
             return
-        if self._loop.hears:
+        if self.loop.hears:
             heard: Any = tuple([self._bank.samples(i).tolist() for i in self._columns])
         else:
             heard = tuple(map(self._latest, self._columns))
-        self._receive(self._name, tick, self._loop.answer(tick * self._stand.frame_ns, heard))
+        self._receive(self.name, tick, self.loop.answer(tick * self._stand.frame_ns, heard))
         self.due = tick + self.line.period
 
     def catch_up(self, tick: int) -> None:
@@ -145,10 +156,10 @@ class Working:
             return
         frame = self._stand.frame_ns
         times = range(self.due * frame, tick * frame, self.line.period * frame)
-        recall = self._bank.published if self._loop.hears else self._bank.shown
+        recall = self._bank.published if self.loop.hears else self._bank.shown
         heard = [recall(i, times) for i in self._columns]
         for t_ns, values in zip(times, zip(*heard) if heard else repeat(())):
-            self._loop.answer(t_ns, values)
+            self.loop.answer(t_ns, values)
         self.due += len(times) * self.line.period
 
 

@@ -10,11 +10,14 @@ from rig.cli import tell
 from rig.cli.options import Json
 
 
-def doctor(as_json: Json = False) -> None:
-    """Measure pacing and kernel on this machine and say which scenes would run VALID."""
+def doctor(
+    scene: Annotated[list[str] | None, typer.Argument(metavar="[SCENE]...", help="Scenes; all by default.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Measure pacing and kernels on this machine and say which scenes would run VALID."""
     from rig.study.doctor import doctor as examine
 
-    found = examine(report=tell.note)
+    found = examine(report=tell.note, names=scene or ())
     if as_json:
         tell.report(found.to_json())
     else:

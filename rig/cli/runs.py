@@ -74,11 +74,14 @@ def run(
 ) -> None:
     """Run a scene in real time: plant, controllers and recorder as processes."""
     factor, length, overrides = pace(speed, lockstep), seconds(duration), changes(p)
+    from rig.bench.job import keeps_up
     from rig.bench.supervise import run as supervise
     from rig.scenes import load
     from rig.study.design import numbers
 
-    loaded = _set(load(scene, overrides), overrides, precision, budget)
+    loaded = load(scene, overrides)
+    keeps_up(loaded, factor)
+    loaded = _set(loaded, overrides, precision, budget)
     outcome = supervise(
         loaded,
         numbers=numbers(loaded),

@@ -28,7 +28,8 @@ def list_scenes(as_json: Json = False) -> None:
     if as_json:
         tell.report(cards)
         return
-    tell.table("", ("scene", "plant", "what it is"), [(c["name"], c["plant"], c["title"]) for c in cards])
+    rows = [(c["name"], c["plant"], c["pace_limit"] or "", c["title"]) for c in cards]
+    tell.table("", ("scene", "plant", "pace at most", "what it is"), rows)
     tell.line("\nnext: rig explain SCENE | rig run SCENE --view | rig simulate SCENE")
 
 
@@ -70,6 +71,7 @@ def explain(
                 "states": told.states,
                 "frame_s": told.scene.frame_ns / 1e9,
                 "step_s": told.scene.step_ns / 1e9,
+                "slow": told.scene.slow,
                 "duration_s": None if told.scene.duration_ns is None else told.scene.duration_ns / 1e9,
                 "effects": [vars(effect) for effect in told.effects],
                 "actuators": [vars(actuator) for actuator in told.actuators],
@@ -78,6 +80,8 @@ def explain(
         )
         return
     tell.line(f"{told.scene.title} ({told.scene.name})\n\n{told.scene.about}\n")
+    if told.scene.slow:
+        tell.line(f"Paced, {told.scene.slow}\n")
     rows = [(e.name, "on" if e.on else "absent", len(e.states), ", ".join(e.states), e.about) for e in told.effects]
     tell.table(f"effects: {told.states} states", ("effect", "", "states", "", "about"), rows)
     tell.line()

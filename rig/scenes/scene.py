@@ -51,6 +51,7 @@ class Clock(Section):
     smoothing   slip speed over which smooth lets friction rise [chosen]
     overrun   what a paced run does when it is late [chosen]
     late_share_valid, late_share_degraded   share of frames late by more than one frame, for the timing verdict [chosen]
+    pace_limit   largest pace (simulated over wall time) at which the scene keeps up with the clock; its note says why
     hold_frames   a command that does not come is held so long, then the actuator takes its safe value [chosen]
     events_per_frame   more events in one frame stop the run [chosen]
     limit     largest norm of the state; beyond, the run has diverged [chosen]
@@ -64,6 +65,7 @@ class Clock(Section):
     overrun: Literal["catch-up", "skip", "slow", "stop"] = "catch-up"
     late_share_valid: Share = 0.01
     late_share_degraded: Share = 0.05
+    pace_limit: Large | None = None
     hold_frames: Count = 50
     events_per_frame: Count = 200
     limit: Large = 1e6
@@ -117,6 +119,14 @@ class Scene:
         ramped = {s.target for s in steps if isinstance(s, Load | Ramp) and s.over}
         inputs = plant_module(self.plant).assemble(self.parameters).inputs
         return {name: "ramped" if name in ramped else "held" for name in sorted(held) if name in inputs}
+
+    @property
+    def slow(self) -> str:
+        """Why the scene cannot keep up with the clock at every pace; "" if nothing says so."""
+        if self.clock.pace_limit is None:
+            return ""
+        note = self.origins.get("clock.pace_limit", Origin("")).note
+        return f"its pace is at most {self.clock.pace_limit:g}{f' ({note})' if note else ''}"
 
     def assemble(self, parameters: Section | None = None) -> Any:
         """The plant of this scene (`rig.solve.assembly.Assembly`), with the signals that its actuators need.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import tomllib
 from pathlib import Path
+from typing import Any
 
 from rig.errors import SceneError
 from rig.quantities import brief
@@ -34,8 +35,10 @@ def path(name_or_path: str | Path) -> Path:
     raise SceneError(brief(text)[1:-1], [f"no scene has this name; {hint}"])
 
 
-def card(name: str) -> dict[str, str]:
-    """Title, plant and first line of the description of a shipped scene."""
+def card(name: str) -> dict[str, Any]:
+    """Title, plant and first line of the description of a shipped scene, and its largest pace where it has one."""
     raw = tomllib.loads(path(name).read_text(encoding="utf-8"))
     about = str(raw.get("about", "")).strip().split("\n")[0]
-    return {"name": name, "plant": str(raw.get("plant", "")), "title": str(raw.get("title", "")), "about": about}
+    limit = raw.get("clock", {}).get("pace_limit")
+    told = {"name": name, "plant": str(raw.get("plant", "")), "title": str(raw.get("title", "")), "about": about}
+    return {**told, "pace_limit": None if limit is None else float(limit[0] if isinstance(limit, list) else limit)}

@@ -9,11 +9,12 @@ import pytest
 
 import controllers
 from rig import scenes
-from rig.bench.job import Job
-from rig.bench.plant_process import Plant
+from rig.bench.job import Job, keeps_up
+from rig.bench.plant_process import Plant, carry_out
 from rig.bench.rehearse import visited
 from rig.bench.simulate import simulate
 from rig.bus.twin import Twin
+from rig.errors import UsageError
 from rig.study import design
 
 LEFT = """
@@ -97,3 +98,11 @@ def test_nothing_is_left_to_import_or_compile():
     done = subprocess.run([sys.executable, "-c", LEFT], text=True, timeout=300, capture_output=True)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "0 []"
+
+
+def test_a_pace_that_a_scene_cannot_keep_is_refused_with_what_works():
+    scene = scenes.load("belt", {"clock.pace_limit": 0.5})
+    for pace in (None, 0.1, 0.5):
+        keeps_up(scene, pace)
+    with pytest.raises(UsageError, match=r"pace of 1: its pace is at most 0.5.*rig run --lockstep.*--pace 0.5"):
+        carry_out(Job(scene.to_json()))

@@ -8,6 +8,7 @@ import pytest
 
 from rig import scenes
 from rig.quantities import ORIGINS
+from rig.scenes.scene import Scene
 from rig.scenes.shelf import card
 
 NUMBER = re.compile(r"[+-]?[\d.]")
@@ -82,6 +83,15 @@ def test_a_scene_says_what_one_sees(name):
     assert told["title"]
     assert told["about"]
     assert name.startswith((told["plant"], "seal"))  # the seal is a friction law, on the belt
+
+
+def test_a_scene_that_cannot_keep_up_with_the_clock_says_why():
+    limited = {name: scenes.load(name) for name in scenes.names() if card(name)["pace_limit"] is not None}
+    assert "brake_active" in limited
+    for name, scene in limited.items():
+        assert scene.clock.pace_limit == card(name)["pace_limit"] < 1.0
+        assert " us" in scene.slow or " ms" in scene.slow
+        assert Scene.from_json(scene.to_json()).slow == scene.slow
 
 
 @pytest.mark.parametrize("name", scenes.names())
