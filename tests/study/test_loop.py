@@ -230,7 +230,7 @@ def test_a_gain_of_the_wrong_sign_is_named():
 
 def test_a_negative_gain_has_its_range_and_margins():
     """Late by half a period of 0.28 s: now the other sign damps. Against python-control."""
-    late = {"controllers.nf.delay": "140 ms", "controllers.nf.gain": -200.0}
+    late = {"controllers.nf.delay": "140 ms", "controllers.nf.gain": -200.0, "controllers.nf.period": "10 ms"}
     loop = rig.loop(rig.load("belt_normal_force", late), "nf")
     assert loop.growth < 0.0
     [(low, high)] = loop.gain_ranges
@@ -238,7 +238,7 @@ def test_a_negative_gain_has_its_range_and_margins():
     for gain in np.linspace(2.0 * low, -2.0 * low, 41):
         stable = np.abs(np.linalg.eigvals(loop.model.closed(gain))).max() < 1.0
         assert stable is np.bool_(low < gain < high)
-    omega = np.unique(np.concatenate([np.geomspace(1.0, 3000.0, 4000), np.linspace(10.0, 50.0, 8000)]))
+    omega = np.unique(np.concatenate([np.geomspace(1.0, 300.0, 1000), np.linspace(10.0, 50.0, 3000)]))
     data = control.FRD(loop.response(omega), omega)
     gains, phases, _, _, at_phase, _ = control.stability_margins(data, returnall=True)
     assert -200.0 * max(g for g in gains if g < 1.0) == pytest.approx(high, rel=1e-5)
