@@ -40,6 +40,10 @@ Output = Annotated[
 Longest = Annotated[
     str | None, typer.Option(metavar="TIME", help="Simulated time for one point; at least 480 slow periods.")
 ]
+Settling = Annotated[
+    str | None,
+    typer.Option("--longest", metavar="TIME", help="Simulated time within which the motion must settle; 120 s."),
+]
 Workers = Annotated[int | None, typer.Option(min=1, max=256, help="Processes; one for each core by default.")]
 Eigenvalues = Annotated[
     bool, typer.Option("--eigenvalues", help="No runs: where sliding is unstable, by eigenvalues, over both axes.")
@@ -123,23 +127,31 @@ def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
     return sweep(scene, axis) if controller is None else sweep_loop(scene, axis, controller)
 
 
-def cycle(scene: SceneName, p: Changes = None, as_json: Json = False) -> None:
-    """The limit cycle: period, time in stick, extremes, amplitude, energy in a round, Floquet multipliers."""
+def cycle(scene: SceneName, p: Changes = None, longest: Settling = None, as_json: Json = False) -> None:
+    """The limit cycle: period, time in stick, extremes, amplitude, energy in a round, Floquet multipliers.
+
+    Exit code 1 where it is not decided within the longest time whether there is one.
+    """
     from rig.scenes import load
     from rig.study.cycle import limit_cycle
 
+    most, loaded = seconds(longest, "--longest"), load(scene, changes(p))
+    tell.warnings(loaded)
     status = tell.Status()
     try:
         found = limit_cycle(
-            load(scene, changes(p)),
+            loaded,
+            longest=most,
             watch=lambda now, drift: status.show(f"{now:.3g} s simulated, repeats to {drift:.0e} of a period"),
         )
     finally:
         status.done()
     if as_json:
         tell.report(found.to_json())
-        return
-    tell.line(found.text())
+    else:
+        tell.line(found.text())
+    if not found.decided:
+        raise typer.Exit(1)
 
 
 def identify(scene: SceneName, p: Changes = None, as_json: Json = False) -> None:
@@ -271,7 +283,7 @@ def reproduce(
 
 COMMANDS = {
     "modes": (modes, 'rig modes belt --sweep "drive.speed=0.05 m/s:0.4 m/s:50" --figure locus.png'),
-    "cycle": (cycle, "rig cycle belt_b --json"),
+    "cycle": (cycle, 'rig cycle two_dof -p friction.mu=0.45 --longest "10 min"'),
     "identify": (identify, "rig identify lever_kinetic_friction"),
     "map": (map_, 'rig map belt --x "drive.speed=0.05 m/s:0.8 m/s:40" --y "load.force=10 N:30 N:5"'),
     "reproduce": (reproduce, "rig reproduce kroeger-3"),

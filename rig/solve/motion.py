@@ -32,6 +32,7 @@ from rig.solve.carry import (
     TALLIED,
     TICK,
     TRIALS,
+    TRY,
     Log,
     State,
     advance,
@@ -118,7 +119,7 @@ class Motion:
         self.work = workspace(system, read, self.slots.tables.G.shape[1])
         self.state = State(
             ic=np.zeros(COUNTERS, dtype=np.int64),
-            fc=np.array([0.0, step_ns * 1e-9]),
+            fc=np.zeros(2),
             x=system.start.copy(),
             energy=np.zeros(ledger.TERMS),
             edges=np.zeros(1),
@@ -126,12 +127,23 @@ class Motion:
             watched=np.array(list(bounds or {}), dtype=np.int64),
             bound=np.array(list((bounds or {}).values()), dtype=np.float64),
         )
-        self.state.ic[PENDING], self.state.ic[BEGUN] = START, -1
-        at_start = system.key([0] * len(system.patches), [0] * len(system.normals), [0] * len(system.limiters))
-        self._stored = ledger.stored(system, self.state.x, at_start)
         self._room(longest, self._block or longest)
-        self._run(0, 0)
+        self.restart(system.start)
         self._prepare()
+
+    def restart(self, x: Array) -> None:
+        """Start anew at tick 0 from state `x` [n], as if nothing had been before; mode sets that are built are kept."""
+        state, system = self.state, self.system
+        for part in (state.ic, state.fc, state.energy, state.edges, state.tally, self.work.size):
+            part[:] = 0
+        state.ic[PENDING], state.ic[BEGUN] = START, -1
+        state.fc[TRY] = self.step_ns * 1e-9
+        state.x[:] = x
+        self.slots.take()
+        self.tick, self._jumps = 0, 0.0
+        at_start = system.key([0] * len(system.patches), [0] * len(system.normals), [0] * len(system.limiters))
+        self._stored = ledger.stored(system, state.x, at_start)
+        self._run(0, 0)
 
     @property
     def _varies(self) -> bool:

@@ -1,16 +1,18 @@
 """The limit cycle of a rig at constant actuator values: stick-slip, found by running the plant until it repeats.
 
 The run starts stuck to the surface at the unloaded structure, outside of the cycle, so that a cycle is found wherever
-one exists beside stable sliding. It has settled when the last two cycles have the same mode changes at the same times
-to `REPEAT` of a period, or where there are none, the same turning points. One more cycle is then read from the dense
-output: extremes inside steps and at events alike. What it does with a small disturbance: rig.study.floquet.
+one exists beside stable sliding. It has settled when the last cycles have the same mode changes at the same times to
+`REPEAT` of a period, or where there are none, the same turning points. A cycle that attracts slowly is looked for by
+Newton's method from there on (rig.study.shooting); it counts once the simulation repeats it and its multipliers say
+that it attracts. One more cycle is then read from the dense output: extremes inside steps and at events alike. What it does
+with a small disturbance: rig.study.floquet. When a motion is at rest in sliding: rig.study.rest.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,8 @@ from rig.solve.system import System
 from rig.study.columns import columns
 from rig.study.floquet import Floquet, floquet
 from rig.study.orbit import Orbit
+from rig.study.rest import NEAR, Rest
+from rig.study.shooting import Shot, shoot
 from rig.study.turns import Turns
 
 Array = NDArray[np.float64]
@@ -35,11 +39,15 @@ QUIET = 40.0  # periods of the slowest mode without an event, after which it is 
 _AGAIN = 1.01  # times the time at which it was asked last whether the motion repeats
 _BETTER = 1e-2
 _MOST = 24  # mode changes in one cycle
+_FIRST = 64  # mode changes after which Newton's method is tried, and again after twice as many
+_NEARLY = 1e-2  # of the period: rounds that differ by less may lie near a cycle
+_SLOW = 0.9  # a multiplier above which a cycle attracts slowly
+_LEFT = 1e-7  # of the period: what may be left of the way to a cycle that attracts slowly
 
 
 @dataclass(frozen=True)
 class Cycle:
-    """A limit cycle, or why there is none (`found` false, `why`).
+    """A limit cycle, or why there is none (`found` false, `why`), or why nothing is known (`decided` false as well).
 
     period, frequency   [s], [Hz]             amplitude   half of peak to peak, of each output
     stick_time          [s] in one period, and its share, for each contact
@@ -48,6 +56,7 @@ class Cycle:
     repeats             largest difference of an event's time from the cycle before, relative to the period; of a
                         cycle without events that of a turning point, relative to the span of each state
     floquet             multipliers: what a round leaves of a small disturbance
+    newton              steps of Newton's method that led to it; 0 where simulation alone did
     """
 
     scene: str
@@ -65,6 +74,8 @@ class Cycle:
     energy: dict[str, float] = field(default_factory=dict)
     events: tuple[tuple[float, str], ...] = ()
     floquet: Floquet = field(default_factory=Floquet)
+    newton: int = 0
+    decided: bool = True
 
     @property
     def multiplier(self) -> float:
@@ -89,7 +100,8 @@ class Cycle:
     def to_json(self) -> dict[str, Any]:
         """As plain values."""
         if not self.found:
-            return {"scene": self.scene, "method": self.method, "found": False, "why": self.why, "after": self.after}
+            kept = ("scene", "method", "found", "decided", "why", "after")
+            return {name: getattr(self, name) for name in kept}
         derived = {"frequency": self.frequency, "stick_share": self.stick_share, "amplitude": self.amplitude}
         derived |= {"events": [{"t": t, "what": what} for t, what in self.events], "floquet": self.floquet.to_json()}
         return {**vars(self), **derived}
@@ -98,10 +110,13 @@ class Cycle:
         """For a reader."""
         if not self.found:
             return f"{self.scene}: {self.why}"
-        attracts = self.multiplier < 1.0 - max(10.0 * self.floquet.error, REPEAT)
-        kind = "limit cycle" if any(self.stick_time.values()) or attracts else "periodic motion"
+        unsure = max(10.0 * self.floquet.error, REPEAT)
+        attracts, repels = self.multiplier < 1.0 - unsure, self.multiplier > 1.0 + unsure
+        kind = "limit cycle" if any(self.stick_time.values()) or attracts or repels else "periodic motion"
+        kind = f"unstable {kind}" if repels else kind
         kind += "" if any(self.stick_time.values()) else " in which nothing sticks"
-        lines = [f"{self.scene}: {kind}, {self.method}, settled after {self.after:.4g} s"]
+        newton = f", the last of the way by {self.newton} steps of Newton's method" if self.newton else ""
+        lines = [f"{self.scene}: {kind}, {self.method}, settled after {self.after:.4g} s{newton}"]
         lines += [f"  period {self.period:.10g} s, {self.frequency:.6g} Hz; repeats to {self.repeats:.1e}"]
         for name, time in self.stick_time.items():
             lines += [f"  {name} sticks for {time:.10g} s, {100.0 * time / self.period:.4g} % of the period"]
@@ -121,61 +136,166 @@ def _nobody(now: float, drift: float) -> None:
 
 
 def limit_cycle(
-    scene: Scene, tolerance: float = TIGHT, longest: float = LONGEST, watch: Callable[[float, float], object] = _nobody
+    scene: Scene,
+    tolerance: float = TIGHT,
+    longest: float | None = None,
+    watch: Callable[[float, float], object] = _nobody,
 ) -> Cycle:
     """The limit cycle of `scene` with every actuator held at its value at the start, no controller, no sensor.
 
-    `tolerance`: of dopri5. `longest`: simulated seconds until it must have settled. `watch` is told the simulated time
-    [s] and to what share of its period the motion repeats. Raises rig.errors.NumericsError where it has to stop.
+    `tolerance`: of dopri5. `longest`: simulated seconds until it must have settled; by default `LONGEST`, or less where
+    there are `CHANGES` mode changes before. `watch` is told the simulated time [s] and to what share of its period the
+    motion repeats. Raises rig.errors.NumericsError where it has to stop.
     """
-    assembly = scene.assemble()
-    system = assembly.system()
-    method = chosen(scene.clock.method, system)
-    repeat = max(REPEAT, 10.0 * tolerance) if method == "dopri5" else 1e-7 if method == "rk4" else REPEAT
-    sliding = steady(system, sliding_key(system))
-    if not sliding.exists:
-        return Cycle(scene.name, method, False, "no limit cycle: nothing slides steadily at these values", 0.0)
-    orbit = Orbit(scene, assembly, stuck(system, sliding.x), method, tolerance)
-    turns = Turns(orbit, sliding)
-    turning = np.abs(sliding.eigenvalues())
-    quiet = QUIET * 2.0 * math.pi / float(turning[turning > 1e-6 * turning.max()].min())
-    step = scene.step_ns * 1e-9
-    round_s = _round(sliding)
-    events: list[Event] = []  # the last, as many as are compared
-    changes, begun, before = 0, 0.0, 0  # mode changes; when this turn of the surface began, and how many there were
-    since = asked = 0.0
-    while (now := orbit.motion.tick * step) < longest and changes < CHANGES:
-        if now - begun >= round_s:
-            if begun and changes - before > _MOST:
-                return Cycle(scene.name, method, False, _uneven(round_s, changes - before), now)
-            begun, before = now, changes
-        met = orbit.block()
-        if beyond := orbit.beyond():
-            return Cycle(scene.name, method, False, f"no limit cycle: {beyond} at {now:.4g} s", now)
-        if met:
-            turns.clear()
-            events, since = [*events, *met][-3 * _MOST :], now
-            changes += len(met)
-            if now < _AGAIN * asked:
-                continue
-            asked = now
-            count, drift = repeating(events, step, repeat)
-            watch(now, drift)
-            if count and drift <= repeat:
-                last = events[-count - 1 :]
-                times = [_time(event, last[0].tick, step) for event in last]
-                sticks = _stick_times(orbit, last[1:], times)
-                return _read(orbit, times[-1] - times[0], drift, now, sticks)
-            continue
-        turns.add()
-        if closed := turns.closes(repeat):
-            return _read(orbit, *closed, now, dict.fromkeys((p.name for p in system.patches), 0.0))
-        if now - since > quiet:
-            if turns.dying(since):
-                return Cycle(scene.name, method, False, "sliding: no limit cycle", now)
-            since = now
-    why = f"does not repeat within {now:.4g} s and {changes} mode changes"
-    return Cycle(scene.name, method, False, why, now)
+    return _Search(scene, tolerance, longest, watch).run()
+
+
+class _Search:
+    """One search for a limit cycle."""
+
+    def __init__(
+        self, scene: Scene, tolerance: float, longest: float | None, watch: Callable[[float, float], object]
+    ) -> None:
+        self.scene, self.watch = scene, watch
+        self.longest = longest or LONGEST
+        self.most = CHANGES if longest is None else math.inf
+        assembly = scene.assemble()
+        system = assembly.system()
+        self.method = chosen(scene.clock.method, system)
+        rough = {"dopri5": max(REPEAT, 10.0 * tolerance), "rk4": 1e-7}
+        self.repeat = rough.get(self.method, REPEAT)
+        self.sliding = steady(system, sliding_key(system))
+        start = stuck(system, self.sliding.x)
+        self.rest = Rest(self.sliding, start)
+        self.orbit = Orbit(scene, assembly, start, self.method, tolerance)
+        self.turns = Turns(self.orbit, self.sliding)
+        turning = np.abs(self.sliding.eigenvalues())
+        self.slowest = 2.0 * math.pi / float(turning[turning > 1e-6 * turning.max()].min())
+        self.step = scene.step_ns * 1e-9
+        self.events: list[Event] = []  # the last, as many as are compared
+        self.changes = 0
+        self.asked = 0.0
+        self.drift = math.inf
+        self.due = _FIRST  # mode changes, or turning points, at which Newton's method is tried
+        self.shot: Shot | None = None
+        self.unstable: Shot | None = None
+
+    @property
+    def now(self) -> float:
+        return self.orbit.motion.tick * self.step
+
+    def run(self) -> Cycle:
+        """Simulate until the answer is known."""
+        if not np.any(_surfaces(self.sliding)):
+            return self._none("no limit cycle: nothing slides, every surface stands still")
+        round_s = _round(self.sliding)
+        begun, before, since = 0.0, 0, 0.0  # when this turn of the surface began, mode changes then; the last event
+        while self.now < self.longest and self.changes < self.most:
+            if self.now - begun >= round_s:
+                if begun and self.changes - before > _MOST:
+                    return self._none(_uneven(round_s, self.changes - before))
+                begun, before = self.now, self.changes
+            met = self.orbit.block()
+            if beyond := self.orbit.beyond():
+                return self._none(f"no limit cycle: {beyond} at {self.now:.4g} s")
+            if met:
+                since = self.now
+                found = self._after(met)
+            elif self._held():
+                since, found = self.now, None
+            else:
+                found = self._between(since)
+                if self.now - since > QUIET * self.slowest:
+                    since = self.now
+            if found is not None:
+                return found
+        return self._undecided()
+
+    def _after(self, met: list[Event]) -> Cycle | None:
+        """What is known after events."""
+        self.turns.clear()
+        self.events = [*self.events, *met][-3 * _MOST :]
+        self.changes += len(met)
+        if self.now < _AGAIN * self.asked:
+            return None
+        self.asked = self.now
+        count, self.drift = repeating(self.events, self.step, self.repeat)
+        self.watch(self.now, self.drift)
+        if not count:
+            return None
+        last = self.events[-count - 1 :]
+        times = [_time(event, last[0].tick, self.step) for event in last]
+        if self.drift <= self.repeat:
+            return self._read(times[-1] - times[0], self.drift, _stick_times(self.orbit, last[1:], times))
+        if self.changes >= self.due and self.drift <= _NEARLY:
+            self._shoot(times[-1] - times[0])
+            self.due = max(2 * self.due, self.changes)
+        return None
+
+    def _between(self, since: float) -> Cycle | None:
+        """What is known of a motion that slips without an event since `since` [s]."""
+        x = self.orbit.motion.x
+        if self.rest.reached(x):
+            return self._none(self.rest.text())
+        self.turns.add()
+        if closed := self.turns.closes(self.repeat):
+            return self._read(*closed, dict.fromkeys((p.name for p in self.orbit.system.patches), 0.0))
+        if self.now - since > QUIET * self.slowest and self.rest.stable and self.turns.dying(since):
+            return self._none(self.rest.text())
+        return None
+
+    def _read(self, period: float, drift: float, sticks: dict[str, float]) -> Cycle | None:
+        """The cycle; None where it attracts so slowly that what is left of the way to it counts: go on from there."""
+        after = self.now
+        found = _read(self.orbit, period, drift, after, sticks, self.shot.steps if self.shot else 0)
+        slow = _SLOW < found.multiplier < 1.0
+        if self.shot is None and slow and drift > _LEFT * (1.0 - found.multiplier) and self._shoot(period):
+            return None
+        return found
+
+    def _shoot(self, period: float) -> bool:
+        """Go on from a cycle found by Newton's method, if there is one that attracts."""
+        shot = shoot(self.orbit, period)
+        self.events.clear()  # the orbit is a period on
+        self.turns.clear()
+        self.asked = 0.0
+        if shot is None or self.rest.share(shot.x) <= NEAR:
+            return False
+        if not shot.stable:
+            self.unstable = shot
+            return False
+        self.shot = shot
+        self.orbit.turn_to(shot.x)
+        return True
+
+    def _held(self) -> bool:
+        """Whether a contact sticks now."""
+        return any(self.orbit.stuck(self.orbit.motion.key, p) for p in range(len(self.orbit.system.patches)))
+
+    def _none(self, why: str) -> Cycle:
+        return Cycle(self.scene.name, self.method, False, why, self.now)
+
+    def _undecided(self) -> Cycle:
+        """Why nothing is known, and what to do."""
+        held = self._held() and not self.changes
+        what = "the start still sticks" if held else "the motion does not repeat"
+        why = f"undecided: {what} within {self.now:.4g} s and {self.changes} mode changes"
+        if math.isfinite(self.drift):
+            why += f"; its last rounds differ by {self.drift:.1e} of their period"
+        if self.unstable is not None:
+            size, period = self.unstable.multiplier, self.unstable.period
+            why += f"; an unstable cycle of {period:.6g} s with a multiplier of {size:.4g} lies beside it"
+        why += (
+            f". It is slow or irregular: --longest {4.0 * self.now:.3g} looks further, rig map shows what it settles to"
+        )
+        return replace(self._none(why), decided=False)
+
+
+def _surfaces(sliding: Steady) -> Array:
+    """Speed of each surface [m/s]."""
+    x = sliding.x.copy()
+    x[: 2 * len(sliding.system.coordinates)] = 0.0
+    return np.asarray(sliding.system.slip_rows @ x)
 
 
 def _round(sliding: Steady) -> float:
@@ -191,7 +311,7 @@ def _uneven(round_s: float, changes: int) -> str:
             "rig sound")  # fmt: skip
 
 
-def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[str, float]) -> Cycle:
+def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[str, float], newton: int) -> Cycle:
     """Run one more cycle and tell what it is like."""
     one = orbit.round(period)
     met = [event for _, event in one.events]
@@ -220,6 +340,7 @@ def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[st
         energy=one.energy,
         events=tuple((t, event.what) for t, event in one.events),
         floquet=floquet(orbit, one, period),
+        newton=newton,
     )
 
 

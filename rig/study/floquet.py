@@ -11,16 +11,16 @@ smaller displacements are tried.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.solve.formulation import assemble
-from rig.solve.linear import moving_states
+from rig.solve.linear import inputs, moving_states, own_law
 from rig.solve.system import STICK
-from rig.study.orbit import BLOCK, Orbit, Round
+from rig.study.orbit import Orbit, Round
 
 Array = NDArray[np.float64]
 STEPS = (1e-3, 1e-4, 1e-5)  # of the size of each state
@@ -58,37 +58,73 @@ class Floquet:
         return f"{', '.join(shown)} (to {self.error:.1e})" if math.isfinite(self.error) else ", ".join(shown)
 
 
-def floquet(orbit: Orbit, around: Round, period: float) -> Floquet:
-    """The multipliers of the cycle `around`, which repeats after `period` [s]."""
+@dataclass(frozen=True)
+class Return:
+    """What one period makes of states beside `x`, in small steps along `basis` [moving state, i], each over its `size`.
+
+    `matrix` [i, i]: the monodromy matrix. `miss` [i]: how far `x` itself ends from where it began. `flow` [i]: its rate
+    [1/s]. `met`: events on the way.
+    """
+
+    x: Array
+    matrix: Array
+    miss: Array
+    flow: Array
+    met: list[str]
+    basis: Array
+    moving: NDArray[np.int64]
+    size: Array
+
+    def shifted(self, by: Array) -> Array:
+        """The state that lies beside x by `by` [i]."""
+        x = self.x.copy()
+        x[self.moving] += self.size[self.moving] * (self.basis @ by)
+        return x
+
+    def apart(self, end: Array, start: Array) -> Array:
+        """The difference of two states, [i]."""
+        return np.asarray(self.basis.T @ ((end - start)[self.moving] / self.size[self.moving]))
+
+
+def returned(orbit: Orbit, x: Array, period: float, span: Array) -> Return | None:
+    """The return of `x` after `period` [s]; `span`: how far each state comes in it. None where it is not smooth."""
     system = orbit.system
-    at = _start(orbit, around)
-    x = around.states[at]
-    probe = orbit.moving(x, orbit.scene.step_ns, 1)
-    modes = assemble(system, probe.key)
+    modes = assemble(system, orbit.key_at(x))
     moving = moving_states(system, modes.A)
     moving = moving[np.any(modes.landing[:, moving] != 0.0, axis=0)]  # not the current of an open circuit: it is zero
-    size = around.states.max(axis=0) - around.states.min(axis=0)
-    driven = bool(np.any(np.delete(size, moving) > 0.0))
-    size = _sizes(size, len(system.coordinates))
-    rows = [p for p, mode in enumerate(system.modes(probe.key)[0]) if mode == STICK]
+    size = _sizes(span, len(system.coordinates))
+    rows = [p for p, mode in enumerate(system.modes(modes.key)[0]) if mode == STICK]
     basis = _free(system.slip_rows[rows][:, moving] * size[moving])
-    whole, names = _carried(orbit, x, period)
+    rate = modes.A @ x + modes.b @ inputs(system, modes, x, own_law(system, modes))[0]
+    whole, met = orbit.carried(x, period)
+    none = np.zeros(basis.shape[1])
+    found = Return(x, np.eye(len(none)), none, none, met, basis, moving, size)
     for step in STEPS:
         columns = []
-        for direction in basis.T:
-            shift = np.zeros(system.n)
-            shift[moving] = size[moving] * direction
-            ends = [_carried(orbit, x + share * step * shift, period) for share, _ in RUNS]
-            if any(met != names for _, met in ends):
+        for unit in np.eye(len(none)):
+            ends = [orbit.carried(found.shifted(share * step * unit), period) for share, _ in RUNS]
+            if any(events != met for _, events in ends):
                 break
             slope = np.sum([weight * (end - whole) for (end, _), (_, weight) in zip(ends, RUNS)], axis=0) / step
-            columns.append(basis.T @ (slope[moving] / size[moving]))
-        if len(columns) == basis.shape[1]:
-            return _told(np.linalg.eigvals(np.array(columns).T), driven)
-    return Floquet(why="the return is not smooth: runs beside the motion meet other events")
+            columns.append(found.apart(slope, np.zeros(system.n)))
+        if len(columns) == len(none):
+            flow = found.apart(rate, np.zeros(system.n))
+            return replace(found, matrix=np.array(columns).T, miss=found.apart(whole, x), flow=flow)
+    return None
 
 
-def _told(values: NDArray[np.complex128], driven: bool) -> Floquet:
+def floquet(orbit: Orbit, around: Round, period: float) -> Floquet:
+    """The multipliers of the cycle `around`, which repeats after `period` [s]."""
+    x, span = around.states[middle(orbit, around)], np.ptp(around.states, axis=0)
+    found = returned(orbit, x, period, span)
+    if found is None:
+        return Floquet(why="the return is not smooth: runs beside the motion meet other events")
+    return multipliers(found.matrix, driven=bool(np.any(np.delete(span, found.moving) > 0.0)))
+
+
+def multipliers(matrix: Array, driven: bool) -> Floquet:
+    """Those of a monodromy matrix; `driven`: no shift along the motion is among them."""
+    values = np.linalg.eigvals(matrix)
     order = sorted((complex(v) for v in values), key=lambda v: (-abs(v), -v.imag))
     if driven:
         return Floquet(tuple(order))
@@ -97,7 +133,7 @@ def _told(values: NDArray[np.complex128], driven: bool) -> Floquet:
     return Floquet(tuple(order), abs(own - 1.0))
 
 
-def _start(orbit: Orbit, around: Round) -> int:
+def middle(orbit: Orbit, around: Round) -> int:
     """The tick in the middle of the longest stretch between events, with as few contacts stuck as there are."""
     step, ticks = orbit.scene.step_ns * 1e-9, len(around.states) - 1
     if not around.events:
@@ -127,17 +163,3 @@ def _free(rows: Array) -> Array:
     _, values, directions = np.linalg.svd(rows)
     rank = int(np.count_nonzero(values > 1e-12 * values.max()))
     return np.asarray(directions[rank:].T)
-
-
-def _carried(orbit: Orbit, x: Array, period: float) -> tuple[Array, list[str]]:
-    """The state after `period` [s], to the nanosecond, and what was met."""
-    whole, rest = divmod(round(period * 1e9), orbit.scene.step_ns)
-    met: list[str] = []
-    for step_ns, ticks in ((orbit.scene.step_ns, whole), (rest, 1)):
-        if step_ns and ticks:
-            motion = orbit.moving(x, step_ns, min(ticks, BLOCK), read=False)
-            for done in range(0, ticks, BLOCK):
-                motion.advance(min(BLOCK, ticks - done))
-                met += [event.what for event in motion.events()]
-            x = motion.x.copy()
-    return x, met

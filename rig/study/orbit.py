@@ -49,6 +49,7 @@ class Orbit:
         self._read = len(read) or len(self._rows)
         self.motion = self.moving(start, scene.step_ns, BLOCK)
         self.longest = BLOCK
+        self._aside: dict[int, Motion] = {}  # by step [ns]
 
     def moving(self, start: Array, step_ns: int, longest: int, read: bool = True) -> Motion:
         """The plant from another state on, with another step; `read`: outputs between samples are wanted."""
@@ -66,6 +67,39 @@ class Orbit:
             longest=longest,
             bounds={self.outputs.index(name): limit for name, limit in self.scene.limits.items()},
         )
+
+    def carried(self, x: Array, period: float) -> tuple[Array, list[str]]:
+        """State `x` after `period` [s], to the nanosecond, and the events met. The orbit itself stays where it is."""
+        own = self.scene.step_ns
+        whole, rest = divmod(round(period * 1e9), own)
+        met: list[str] = []
+        for step_ns, ticks in ((own, whole), (rest, 1)):
+            if step_ns and ticks:
+                motion = self._from(x, step_ns)
+                for done in range(0, ticks, BLOCK):
+                    motion.advance(min(BLOCK, ticks - done))
+                    met += [event.what for event in motion.events()]
+                x = motion.x.copy()
+        return x, met
+
+    def key_at(self, x: Array) -> int:
+        """The mode set that state `x` is in."""
+        return self._from(x, self.scene.step_ns).key
+
+    def _from(self, x: Array, step_ns: int) -> Motion:
+        """A motion aside from `x` on. Kept: one with the step of the scene, one with the last other step."""
+        own = self.scene.step_ns
+        if step_ns not in self._aside:
+            self._aside = {step: motion for step, motion in self._aside.items() if step == own}
+            self._aside[step_ns] = self.moving(x, step_ns, BLOCK if step_ns == own else 1, read=False)
+        self._aside[step_ns].restart(x)
+        return self._aside[step_ns]
+
+    def turn_to(self, x: Array) -> None:
+        """Go on from state `x`, at the time of now."""
+        tick = self.motion.tick
+        self.motion.restart(x)
+        self.motion.tick = tick
 
     def block(self, ticks: int = BLOCK) -> list[Event]:
         """Carry the plant on by `ticks` at most; the events met."""

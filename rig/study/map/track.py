@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from rig.errors import NumericsError
 from rig.scenes.scene import Scene, plant_module
-from rig.solve.carry import EVENTS, KEY, PENDING, TRY
+from rig.solve.carry import EVENTS, KEY
 from rig.solve.linear import Steady, sliding_key, steady
 from rig.solve.method import chosen
 from rig.solve.motion import Motion
-from rig.solve.settle import START
 from rig.solve.system import CLOSED, STICK, System
 from rig.study.axis import Axis
 from rig.study.cycle import stuck
@@ -151,13 +150,7 @@ class Track:
     def put(self, value: float, x: Array) -> None:
         """Start anew at `value` from state `x`, as if nothing had been before."""
         self._go(value)
-        motion = self._motion
-        motion.state.ic[:] = 0
-        motion.state.ic[PENDING] = START
-        motion.state.fc[:] = 0.0
-        motion.state.fc[TRY] = self.step
-        motion.work.size[:] = 0.0
-        motion.state.x[:] = x
+        self._motion.restart(x)
         self._window = self._short
 
     def _go(self, value: float) -> None:
