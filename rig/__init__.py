@@ -108,7 +108,8 @@ def state_space(scene: Scene | str, delay: float = 0.0) -> StateSpace:
 def limit_cycle(scene: Scene | str, longest: float | None = None) -> Cycle:
     """Period, stick time, extremes, energy and Floquet multipliers of the cycle at constant actuator values.
 
-    `longest`: simulated seconds within which it must settle, 120 by default; `decided` is false where it does not. Raises rig.errors.NumericsError where the motion has to stop.
+    `longest`: simulated seconds within which it must settle, 120 by default; `decided` is false where it does not.
+    Raises rig.errors.NumericsError where the motion has to stop.
     """
     from rig.study.cycle import limit_cycle as search
 

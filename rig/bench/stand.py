@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ValidationError
 
 from rig.bench.audit import Witness, audit
+from rig.bench.findings import findings
 from rig.bench.measurements import Measurements
 from rig.bench.truth import ROWS, Truth
 from rig.errors import SceneError
@@ -21,7 +22,6 @@ from rig.scenes.scene import Scene
 from rig.solve.assembly import Input
 from rig.solve.method import chosen, seen
 from rig.solve.motion import Frames, Motion
-from rig.solve.verdict import verdict
 from sensors.bank import Bank
 from sensors.frames import frames
 
@@ -53,8 +53,7 @@ class Stand:
             seen(system, method, clock.smoothing)
         except ValueError as error:
             raise SceneError(scene.name, [f"clock.method = {clock.method!r}: {error}"]) from None
-        substeps = max(1, self.step_ns // clock.rk4_step)
-        self.findings = verdict(system, method, self.step_ns * 1e-9, substeps)
+        self.findings = findings(scene, system)
         faults = [f"{one.what} ({one.number:.4g}): {one.remedy}" for one in self.findings if one.level == "error"]
         if faults and clock.unstable == "refuse":
             raise SceneError(scene.name, [*faults, 'clock.unstable = "run" runs it all the same, up to clock.limit'])
@@ -66,7 +65,7 @@ class Stand:
             outputs=[assembly.outputs[name].row for name in self.outputs],
             read=len(needs),
             tolerance=clock.tolerance,
-            substeps=substeps,
+            substeps=max(1, self.step_ns // clock.rk4_step),
             cap=clock.events_per_frame,
             limit=clock.limit,
             longest=ROWS if truthful else self.steps,

@@ -51,6 +51,7 @@ def cost(
     from rig.study.cost.waterfall import text
 
     loaded = load(scene, changes(p))
+    tell.warnings(loaded)
     folder = folder_of(loaded, at(out))
     refuse(folder, ("peers.csv", "peers.png") if peers else ("cost.png",), force)  # drawn last: a table without is not
     if peers:

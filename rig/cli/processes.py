@@ -46,6 +46,7 @@ def plant(
     from rig.study.design import numbers
 
     loaded = load(scene, overrides)
+    tell.warnings(loaded)
     job = Job(
         loaded.to_json(),
         numbers(loaded),

@@ -82,6 +82,7 @@ def run(
     loaded = load(scene, overrides)
     keeps_up(loaded, factor)
     loaded = _set(loaded, overrides, precision, budget)
+    tell.warnings(loaded)
     outcome = supervise(
         loaded,
         numbers=numbers(loaded),
@@ -143,6 +144,7 @@ def simulate(
     import rig
 
     loaded = _set(rig.load(scene, overrides), overrides, precision, budget)
+    tell.warnings(loaded)
     begin = time.perf_counter()
     asked: list[str] = []
 

@@ -64,6 +64,8 @@ def modes(
     from rig.scenes import load
 
     loaded = load(scene, changes(p))
+    if along is not None or controller is not None:
+        tell.warnings(loaded)
     faults = ["--figure: draws a sweep; say over what: --sweep KEY=A:B:N"] if figure is not None and not along else []
     found: Modes | Loop | Sweep | None = None
     try:
@@ -188,6 +190,7 @@ def map_(
     from rig.study.map.figure import draw
 
     loaded = load(scene, changes(p))
+    tell.warnings(loaded)
     if eigenvalues:
         _regions(loaded, x, y, out, workers, as_json)
         return

@@ -7,7 +7,10 @@ import json
 import math
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rig.scenes.scene import Scene
 
 
 def line(text: str = "") -> None:
@@ -19,6 +22,16 @@ def note(text: str) -> None:
     """One line beside the output, on standard error."""
     sys.stderr.write(f"{text}\n")
     sys.stderr.flush()
+
+
+def warnings(scene: Scene) -> None:
+    """What speaks against running `scene`, beside the output: every command that builds its rig says the same."""
+    from rig.bench.findings import findings
+
+    levels = ("error", "warning") if scene.clock.unstable == "run" else ("warning",)  # an error refuses the run itself
+    for one in findings(scene):
+        if one.level in levels:
+            note(f"warning: {one.what}\n  {one.remedy}")
 
 
 def report(found: Any) -> None:

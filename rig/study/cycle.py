@@ -4,8 +4,8 @@ The run starts stuck to the surface at the unloaded structure, outside of the cy
 one exists beside stable sliding. It has settled when the last cycles have the same mode changes at the same times to
 `REPEAT` of a period, or where there are none, the same turning points. A cycle that attracts slowly is looked for by
 Newton's method from there on (rig.study.shooting); it counts once the simulation repeats it and its multipliers say
-that it attracts. One more cycle is then read from the dense output: extremes inside steps and at events alike. What it does
-with a small disturbance: rig.study.floquet. When a motion is at rest in sliding: rig.study.rest.
+that it attracts. One more cycle is then read from the dense output: extremes inside steps and at events alike. What it
+does with a small disturbance: rig.study.floquet. When a motion is at rest in sliding: rig.study.rest.
 """
 
 from __future__ import annotations
@@ -171,7 +171,7 @@ class _Search:
         self.turns = Turns(self.orbit, self.sliding)
         turning = np.abs(self.sliding.eigenvalues())
         self.slowest = 2.0 * math.pi / float(turning[turning > 1e-6 * turning.max()].min())
-        self.step = scene.step_ns * 1e-9
+        self.step, self.round_s = scene.step_ns * 1e-9, _round(self.sliding)
         self.events: list[Event] = []  # the last, as many as are compared
         self.changes = 0
         self.asked = 0.0
@@ -188,16 +188,17 @@ class _Search:
         """Simulate until the answer is known."""
         if not np.any(_surfaces(self.sliding)):
             return self._none("no limit cycle: nothing slides, every surface stands still")
-        round_s = _round(self.sliding)
+        round_s = self.round_s
         begun, before, since = 0.0, 0, 0.0  # when this turn of the surface began, mode changes then; the last event
         while self.now < self.longest and self.changes < self.most:
             if self.now - begun >= round_s:
                 if begun and self.changes - before > _MOST:
                     return self._none(_uneven(round_s, self.changes - before))
                 begun, before = self.now, self.changes
+            before_block = self.now
             met = self.orbit.block()
             if beyond := self.orbit.beyond():
-                return self._none(f"no limit cycle: {beyond} at {self.now:.4g} s")
+                return self._none(f"no limit cycle: {beyond} at {before_block:.4g} s")
             if met:
                 since = self.now
                 found = self._after(met)
@@ -227,7 +228,8 @@ class _Search:
         times = [_time(event, last[0].tick, self.step) for event in last]
         if self.drift <= self.repeat:
             return self._read(times[-1] - times[0], self.drift, _stick_times(self.orbit, last[1:], times))
-        if self.changes >= self.due and self.drift <= _NEARLY:
+        alike = math.isinf(self.round_s)  # else the rounds of a motion differ with the place
+        if alike and self.changes >= self.due and self.drift <= _NEARLY:
             self._shoot(times[-1] - times[0])
             self.due = max(2 * self.due, self.changes)
         return None
@@ -283,8 +285,9 @@ class _Search:
         if math.isfinite(self.drift):
             why += f"; its last rounds differ by {self.drift:.1e} of their period"
         if self.unstable is not None:
-            size, period = self.unstable.multiplier, self.unstable.period
-            why += f"; an unstable cycle of {period:.6g} s with a multiplier of {size:.4g} lies beside it"
+            period = self.unstable.period
+            rate = math.log(self.unstable.multiplier) / period
+            why += f"; beside it lies an unstable cycle of {period:.6g} s, which it leaves with {rate:.3g} 1/s"
         why += (
             f". It is slow or irregular: --longest {4.0 * self.now:.3g} looks further, rig map shows what it settles to"
         )

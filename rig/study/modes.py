@@ -16,16 +16,15 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.bench.findings import findings
 from rig.errors import SceneError
 from rig.scenes.scene import Scene, plant_module
 from rig.solve.assembly import Assembly
 from rig.solve.finding import Finding
 from rig.solve.ledger import store
 from rig.solve.linear import Steady, sliding_key, steady
-from rig.solve.method import chosen
 from rig.solve.signals import signal_rows
 from rig.solve.system import System
-from rig.solve.verdict import verdict
 from rig.study.averaged import averaged
 from rig.study.columns import columns
 
@@ -184,15 +183,12 @@ def modes(scene: Scene) -> Modes:
     except np.linalg.LinAlgError:
         raise SceneError(scene.name, ["jams: friction takes up all of the inertia at just these values"]) from None
     system = at.system
-    clock = scene.clock
-    method = chosen(clock.method, system)
-    substeps = max(1, scene.step_ns // int(clock.rk4_step))
     found = Modes(
         scene=scene.name,
         mode=system.describe(at.modes.key),
         sliding=_sliding(assembly, at),
         units={name: output.unit for name, output in assembly.outputs.items()},
-        findings=tuple(verdict(system, method, scene.step_ns * 1e-9, substeps)),
+        findings=tuple(findings(scene, system)),
         free=assembly.free,
         limits=assembly.limits,
     )

@@ -24,7 +24,7 @@ _ROUGH = 1e-6  # the same where rounding, or the tolerance of dopri5, keeps the 
 _STILL = 1e-2  # of the size of each state: motion in a period, of a rest that is no cycle
 _STEPS = 12
 _HALVINGS = 6
-_GROWS = 1e-6  # a multiplier so far beyond one is that of an unstable cycle
+_GROWS = 1e-5  # a multiplier so far beyond one is that of an unstable cycle
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,15 @@ a = (mu_s - mu_k) F0 / c, b = v0 / w: T = 2 a / v0 + (2 pi - 2 atan2(a, b)) / w.
 
 import json
 import math
+import re
 
+import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.optimize import brentq
 
 import rig
+from rig.cli import app
 from rig.solve.motion import Event
 from rig.study.cycle import limit_cycle, repeating
 
@@ -63,7 +68,8 @@ def test_what_the_belt_supplies_in_a_cycle_goes_into_friction_and_damper(name):
 def test_stick_slip_lives_beside_stable_sliding_up_to_a_speed(name, speed, cycles):
     found = limit_cycle(rig.load(name, {"drive.speed": speed}))
     assert found.found is cycles
-    assert cycles or found.why == "sliding: no limit cycle"
+    assert cycles or found.why.startswith("no limit cycle: sliding is stable")
+    assert found.decided
 
 
 def test_a_belt_at_rest_has_no_cycle():
@@ -139,8 +145,10 @@ def test_what_does_not_repeat_ends_after_so_many_mode_changes(monkeypatch):
     monkeypatch.setattr("rig.study.cycle.CHANGES", 1000)
     found = limit_cycle(rig.load("brake"))
     assert not found.found
-    assert found.why.startswith("does not repeat within 0.19")
+    assert not found.decided
+    assert found.why.startswith("undecided: the motion does not repeat within 0.19")
     assert "s and 10" in found.why
+    assert "--longest 0.7" in found.why
 
 
 def test_a_motion_that_leaves_the_limits_of_its_scene_is_no_cycle():
@@ -148,3 +156,89 @@ def test_a_motion_that_leaves_the_limits_of_its_scene_is_no_cycle():
     found = limit_cycle(rig.load("belt", {"limits.displacement": "1 mm"}))
     assert not found.found
     assert found.why.startswith("no limit cycle: displacement leaves its limit of 0.001 m at 0.01")
+
+
+SEALS = [(name, speed) for name in ("seal_p", "seal_l") for speed in np.linspace(9.5, 40.0, 9)]
+
+
+@pytest.mark.parametrize(("name", "speed"), [*SEALS, ("seal_p", 17.5)])
+def test_a_seal_that_slides_stably_is_at_rest(name, speed):
+    """Decay of m x'' + d x' + c x = T(v0 - x'), T = 10 mu: the roots of m s^2 + (d + T') s + c."""
+    v, (decay, film) = 1e-3 * speed, ((700.0, 37.94733192202055) if name == "seal_p" else (620.0, 34.785054261852174))
+    slope = -9.7 * decay / (decay * v + 1.0) ** 2 + 0.5 * film / math.sqrt(v + 1e-5)
+    damping = (5.0 if name == "seal_p" else 3.17) + slope
+    found = limit_cycle(rig.load(name, {"drive.speed": v}))
+    assert not found.found
+    assert found.decided
+    told = re.search(r"no limit cycle: sliding is stable, its least stable motion decays with (\S+) 1/s", found.why)
+    assert float(told[1]) == pytest.approx(-np.roots([0.2, damping, 2e4]).real.max(), rel=1e-4)
+
+
+def test_a_cycle_that_attracts_slowly_is_found_by_newton_and_is_that_of_the_simulation():
+    scene = rig.load("two_dof", {"friction.mu": 0.58})
+    found = limit_cycle(scene)
+    assert found.found
+    assert found.newton > 0
+    assert found.after < 60.0
+    assert 0.9 < found.multiplier < 0.96
+    run = rig.simulate(rig.load("two_dof", {"friction.mu": 0.58, "sensors.vibrometer.ideal": True}), 300.0)
+    x = run.signals["displacement"][run.time > 250.0]
+    assert found.extremes["displacement"] == pytest.approx((x.min(), x.max()), rel=1e-4)
+    opens = [e["t_ns"] * 1e-9 for e in run.events if "opens" in str(e) and e["t_ns"] > 250e9]
+    assert found.period == pytest.approx((opens[-1] - opens[0]) / (len(opens) - 1), rel=1e-6)
+
+
+def test_a_start_that_still_sticks_is_undecided_and_not_sliding():
+    """mu_s F0 / c / v0 = 320 s until the belt has stretched the spring so far that it lets go.
+
+    Then it slips for half a period, x - mu_k F0 / c from a to -a exp(-pi d / (2 m w)), and the belt carries it back.
+    """
+    scene = rig.load("belt_c_damped", {"drive.speed": 1e-5})
+    found = limit_cycle(scene)
+    assert not found.found
+    assert not found.decided
+    assert found.why.startswith("undecided: the start still sticks within 120 s")
+    stuck = (1.0 + math.exp(-math.pi * 0.2 / math.sqrt(500.0 - 0.04))) * 0.15 * 20.0 / 2500.0 / 1e-5
+    assert limit_cycle(scene, longest=1500.0).stick_time["contact"] == pytest.approx(stuck, rel=1e-5)
+
+
+def test_the_command_takes_the_longest_time_and_fails_where_nothing_is_decided(capsys):
+    def call(*arguments):
+        with pytest.raises(SystemExit) as left:
+            app.run(["cycle", *arguments])
+        said = capsys.readouterr()
+        return left.value.code or 0, said.out, said.err
+
+    slow = ("belt_c_damped", "-p", "drive.speed=1e-5")
+    code, out, _ = call(*slow, "--longest", "20 s")
+    assert code == 1
+    assert "undecided: the start still sticks within 20" in out
+    code, out, _ = call(*slow, "--longest", "20 s", "--json")
+    assert code == 1
+    assert json.loads(out)["decided"] is False
+    assert call("seal_p", "-p", "drive.speed=17.5 mm/s")[0] == 0
+    code, _, err = call("belt", "--longest", "-1 s")
+    assert code == 2
+    assert "--longest" in err
+
+
+def test_the_speed_up_to_which_stick_slip_lives_is_the_closed_form_that_the_scene_tells():
+    """From release, x = (mu_s F0 - d v0) / c at v0, a free decaying oscillation must come up to v0 again.
+
+    Set PEND, m = 5, c = 2500, d = 2, F0 = 20, mu 0.4 and 0.25.
+    """
+
+    def spare(v0):
+        rest = 0.25 * 20.0 / 2500.0
+        start = [(0.4 * 20.0 - 2.0 * v0) / 2500.0 - rest, v0]
+        A = np.array([[0.0, 1.0], [-500.0, -0.4]])
+        fast = solve_ivp(lambda t, y: A @ y, (0.0, 0.4), start, rtol=1e-12, atol=1e-15, dense_output=True,
+                         events=lambda t, y: A[1] @ y)  # fmt: skip
+        return max(y[1] for y in fast.y_events[0][1:]) - v0
+
+    limit = brentq(spare, 0.05, 0.1, xtol=1e-13)
+    assert limit == pytest.approx(0.07795346, abs=5e-9)
+    about = rig.load("belt_c_damped").about
+    assert float(re.search(r"up to a belt speed of (\S+) m/s", about)[1]) == pytest.approx(limit, abs=5e-6)
+    assert limit_cycle(rig.load("belt_c_damped", {"drive.speed": 0.9999 * limit})).found
+    assert not limit_cycle(rig.load("belt_c_damped", {"drive.speed": 1.0001 * limit})).found
