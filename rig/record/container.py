@@ -43,6 +43,7 @@ PROFILE = "friction-rig"
 CRC, DIGEST = "crc32", "digest"
 SHARE = 25
 """No chunk holds more than this part of the messages before it."""
+_LEVEL = 6  # of zstd: chunks are small; a tenth smaller than by 3 in the same time
 _SPILL = 1 << 22  # bytes of chunk indexes that are kept in memory: some 20 000 chunks
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQHIQQ")
@@ -68,7 +69,7 @@ class Writer:
     def __init__(self, stream: BinaryIO, chunk_size: int) -> None:
         self.__stream = stream
         self._chunk_size = chunk_size
-        self._compressor = zstandard.ZstdCompressor(write_checksum=True)
+        self._compressor = zstandard.ZstdCompressor(_LEVEL, write_checksum=True)
         self._offset, self._crc, self._sha = 0, 0, hashlib.sha256()
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}

@@ -71,7 +71,7 @@ def _compose(figure: Figure, run: Run) -> None:
     )  # fmt: skip
     right = grid[:, 1].subgridspec(3, 1, height_ratios=(2.3, 1.5, 0.85), hspace=0.42)
     times = figure.add_subplot(grid[1, 0])
-    system = contact.system_of(run.scene)
+    system = contact.system_of(run.scene_text())
     modes = contact.Modes(system).indices(run.mode)
     _phases(figure.add_subplot(grid[0, 0], sharex=times), run)
     _velocity(times, run)
@@ -118,7 +118,7 @@ def _line(axes: Axes, t: Reals, v: Reals, **style: Any) -> None:
 def _measured(run: Run, reads: str) -> list[tuple[str, Reals, Reals]]:
     """Sensors of an output: name, times, values in its unit."""
     sensors = {name: run.units.get(f"meas/{name}", "") for name in run.measurements}
-    placed = channels(run.scene, {name: run.units.get(name, "") for name in run.signals}, sensors)
+    placed = channels(run.scene_text(), {name: run.units.get(name, "") for name in run.signals}, sensors)
     return [
         (
             name,

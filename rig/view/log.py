@@ -42,7 +42,7 @@ def drawing_of(run: Run) -> Drawing:
     """The entities of a run."""
     outputs = {name: run.units.get(name, "") for name in run.signals}
     sensors = {name: run.units.get(f"meas/{name}", "") for name in run.measurements}
-    return Drawing(run.scene, outputs, sensors)
+    return Drawing(run.scene_text(), outputs, sensors)
 
 
 def view_log(path: Path | str, save: Path | str | None = None, web: bool = False) -> None:

@@ -113,3 +113,29 @@ def test_replay_says_which_controllers_there_are(rig, log):
     code, _, err = rig("replay", log, "--into", "fn", "--pace", "max")
     assert code == 2
     assert "nf" in err
+
+
+def test_a_wrong_byte_anywhere_is_found_by_verify_as_by_recover(rig, log, tmp_path):
+    whole = log.read_bytes()
+    places = [whole.index(text) + 1 for text in (b"friction-rig", b'"belt"', b"setup.json", b"provenance")]
+    places += [whole.rindex(text) + 1 for text in (b"sha256", b"summary", b"scene.json", b"zstd")]
+    for place in [*places, len(whole) // 2, len(whole) - 1, len(whole) - 20]:
+        data = bytearray(whole)
+        data[place] ^= 4
+        path = tmp_path / f"{place}.mcap"
+        path.write_bytes(data)
+        code, out, err = rig("verify", path)
+        assert code == 1, place
+        assert "does not hold" in out + err, place
+        assert "damaged" in out or "missing" in out or "breaks off" in out, place
+        code, out, _ = rig("recover", path, "--json")
+        told = json.loads(out)
+        assert code == (0 if told["lost"] == 0 else 1), place
+        assert rig("verify", told["path"])[0] == (1 if told["lost"] else 0), place
+
+
+def test_a_whole_recording_has_nothing_to_recover(rig, log, tmp_path):
+    code, _, err = rig("recover", log, "--out", tmp_path / "a.mcap")
+    assert code == 1
+    assert "is whole; there is nothing to recover" in err
+    assert not list(tmp_path.iterdir())
