@@ -13,7 +13,7 @@ stack or a source of dither, is absent on purpose.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from math import hypot, sqrt
 from typing import Any, NamedTuple
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from rig.errors import RigError
 from rig.scenes.scene import Scene
-from rig.scenes.variants import absent, added, dropped, without
+from rig.scenes.variants import SWITCHED, SWITCHES, absent, added, dropped, without
 from rig.solve.formulation import ModeSet, assemble
 from rig.solve.linear import inputs, loads, own_law
 from rig.solve.method import seen
@@ -49,11 +49,21 @@ class Visited(NamedTuple):
 
 
 class Witness:
-    """Keeps states of a run at its frames, evenly spread whatever its length. `due`: the next frame to look at."""
+    """Keeps states of a run at its frames, evenly spread whatever its length. `due`: the next frame to look at.
 
-    def __init__(self) -> None:
+    `open`: switches of effects (`shunt.connected`) that have been open all the time.
+    """
+
+    def __init__(self, values: Mapping[str, float]) -> None:
+        """`values`: of all inputs at the start."""
         self.kept: list[Visited] = []
         self.due = self._every = 1
+        self.open = {key for key, value in values.items() if key.rpartition(".")[2] in SWITCHES and value < SWITCHED}
+
+    def hears(self, name: str, value: Any) -> None:
+        """An input or a parameter now has this value."""
+        if name in self.open and value >= SWITCHED:
+            self.open.remove(name)
 
     def look(self, motion: Motion, frame: int, steps: int) -> None:
         """Keep what `motion` passed since the last look; it is at the end of frame `frame`, of `steps` steps each."""
@@ -70,12 +80,16 @@ class Witness:
 
 @dataclass(frozen=True)
 class Judged:
-    """An effect and its `share`; `like`: the scene that its values are from where it is absent, if it has any."""
+    """An effect and its `share`; `like`: the scene that its values are from where it is absent, if it has any.
+
+    `open`: the input that closes its switch, of an effect whose switch was never closed in this run.
+    """
 
     effect: str
     on: bool
     share: float
     like: str = ""
+    open: str = ""
 
     @property
     def noted(self) -> bool:
@@ -84,11 +98,17 @@ class Judged:
 
     def text(self) -> str:
         """For a reader."""
-        if self.on:
-            size = f"{self.share:.1g} of the forces" if self.share > _ROUNDING else "nothing"
-            return f"{self.effect} is on and changes {size}"
-        like = f"as in {self.like} " if self.like else ""
-        return f"{self.effect} is absent; {like}it would change {self.share:.1%} of the forces"
+        name = f'Effect "{self.effect}"'
+        if not self.on:
+            like = f" as in {self.like}" if self.like else ""
+            return f"{name} is absent; with it{like} the forces of this run would differ by {self.share:.1%}"
+        if self.open:
+            return f"{name} stayed open in this run ({self.open} closes it)"
+        if self.share > _ROUNDING:
+            return f"{name} is active but changed the forces of this run by {self.share:.1g} of their size only"
+        owner = self.effect.removesuffix(" limits")
+        why = f" ({owner} stayed within its range)" if owner != self.effect else ""
+        return f"{name} is active but never influenced this run{why}"
 
     def to_json(self) -> dict[str, Any]:
         """As plain values."""
@@ -97,10 +117,11 @@ class Judged:
 
 def audit(scene: Scene, witness: Witness, motion: Motion) -> list[dict[str, Any]]:
     """Every effect that the plant of `scene` can be with or without, judged on the states of `witness`."""
-    return [one.to_json() for one in _judged(scene, witness.kept, motion)]
+    return [one.to_json() for one in _judged(scene, witness, motion)]
 
 
-def _judged(scene: Scene, kept: Sequence[Visited], motion: Motion) -> Iterator[Judged]:
+def _judged(scene: Scene, witness: Witness, motion: Motion) -> Iterator[Judged]:
+    kept = witness.kept
     if not kept:
         return
     own: dict[int, Told] = {}
@@ -115,7 +136,8 @@ def _judged(scene: Scene, kept: Sequence[Visited], motion: Motion) -> Iterator[J
         except (RigError, ValueError):  # the plant cannot do without it, or the method not with what is left
             continue
         limited = clamped.get(name.removesuffix(" limits"), 0.0) if name.endswith(" limits") else 0.0
-        yield Judged(name, True, max(share(kept, other, own), limited))
+        switch = next((key for key in witness.open if key.partition(".")[0] == name), "")
+        yield Judged(name, True, max(share(kept, other, own), limited), open=switch)
     for name, keys in absent(scene).items():
         if name in DEVICES:
             continue

@@ -75,7 +75,7 @@ class Stand:
         )
         self._index = {name: i for i, name in enumerate(system.names)}
         self._look = True
-        self._witness = Witness()
+        self._witness = Witness(self.values)
         self.bank.start(self.motion.outputs_now()[: len(needs)].copy())
         self.truth = Truth(self.motion, self.steps, self.step_ns) if truthful else None
         self.measurements = Measurements(self.bank) if truthful else None
@@ -114,6 +114,7 @@ class Stand:
         """Put an actuator to `value` at this tick; a ramp that was under way ends."""
         one = self.inputs[name]
         self.values[name] = value
+        self._witness.hears(name, value)
         if one.write is not None:
             one.write(self.motion.x, self.values, self.t_ns * 1e-9)
         elif one.state:
@@ -147,6 +148,7 @@ class Stand:
             self.motion.replace(system, [rows.get(name, {}) for name in self.outputs])
         except ValueError as error:
             raise SceneError(key, [str(error)]) from None
+        self._witness.hears(key, value)
         self._parameters = changed
         self.inputs.update(assembly.inputs)
         self._index = {name: i for i, name in enumerate(system.names)}

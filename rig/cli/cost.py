@@ -123,7 +123,6 @@ def _effects(scene: Scene, found: Table, folder: Path) -> list[Paired]:
         parts = effects(scene, report=progress)
     if parts:
         write(parts, folder / "effects.csv")
-    if not all(one.fault for one in parts):
         draw(parts, found, folder / "effects.png")
     return parts
 

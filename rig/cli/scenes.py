@@ -132,12 +132,13 @@ def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
         return
     rows = []
     for one in parts:
-        measure, error = one.paired.worst
-        cost = "" if one.paired.fault else f"{one.paired.tick.value:+.0f} of {one.paired.whole:.0f}"
-        changed = one.paired.fault or (f"{measure} by {error:.2g}" if error else "nothing")
-        rows.append((one.name, "on" if one.on else "absent", one.paired.states, cost, changed, one.why))
-    columns = ("effect", "", "states", "ns of a step", "changes", "why")
+        cost = "" if one.paired.fault else one.paired.cost()
+        rows.append((one.name, "on" if one.on else "absent", one.paired.states, cost, one.paired.change(), one.why))
+    columns = ("effect", "", "states", "cost of a sample step", "largest change if it is left out", "why")
     tell.table(f"{scene.name}: effects, by plants with and without each, in turns", columns, rows)
+    tell.line(
+        "change: difference of the two values as a share of the larger one; < x ns: within the noise of the machine"
+    )
     tell.line("\nmethods")
     for name, why in methods.items():
         tell.line(f"  {name:<10}{why}")

@@ -13,10 +13,15 @@ from rig.errors import RigError, SceneError
 from rig.quantities import Section
 from rig.scenes.explain import BOUNDS, optional
 from rig.scenes.loader import load
-from rig.scenes.scene import Scene
+from rig.scenes.protocol import Set, flat
+from rig.scenes.scene import Scene, controller_drives
 from rig.scenes.shelf import card, names
 
 Keys = list[str]
+SWITCHES = ("connected", "enable")
+"""Inputs that switch an effect on and off, by the last part of their key."""
+SWITCHED = 0.5
+"""Value of a switch from which on it is closed."""
 
 
 def dropped(scene: Scene) -> dict[str, Keys]:
@@ -37,6 +42,20 @@ def _named(scene: Scene, on: bool) -> dict[str, Keys]:
             owner = f"{name.partition(' ')[0]} limits" if name.endswith(BOUNDS) else name
             found.setdefault(owner, []).append(name.replace(" ", "."))
     return found
+
+
+def opened(scene: Scene) -> dict[str, str]:
+    """Switches of its effects that are open at the start (`shunt.connected`) -> who closes them, in words."""
+    inputs = scene.assemble().inputs
+    keys = [f"{name}.{switch}" for name in dropped(scene) for switch in SWITCHES]
+    return {key: _closes(scene, key) for key in keys if key in inputs and inputs[key].value < SWITCHED}
+
+
+def _closes(scene: Scene, key: str) -> str:
+    who = [f"controller {name}" for name, section in scene.controllers.items() if key in controller_drives(section)]
+    if any(isinstance(step, Set) and step.target == key and step.to >= SWITCHED for step in flat(scene.protocol)):
+        who.insert(0, "the protocol")
+    return f"is closed by {' and '.join(who)}" if who else f"nothing in the scene closes it (rig tune {key}=1 does)"
 
 
 def without(scene: Scene, keys: Keys) -> Scene:
@@ -105,7 +124,8 @@ def _changed(scene: Scene, values: dict[str, Any]) -> Scene:
 
 def _at_work(value: Any) -> Any:
     """A table that its scene switches on later, switched on."""
-    return {**value, "enable": True} if isinstance(value, dict) and value.get("enable") is False else value
+    off = [key for key in SWITCHES if isinstance(value, dict) and value.get(key) is False]
+    return {**value, **dict.fromkeys(off, True)} if off else value
 
 
 def _at(raw: Any, key: str) -> Any:

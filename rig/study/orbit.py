@@ -12,9 +12,11 @@ from rig.errors import NumericsError
 from rig.scenes.scene import Scene
 from rig.solve import ledger
 from rig.solve.assembly import Assembly
-from rig.solve.motion import SEGMENTS, Event, Motion
+from rig.solve.motion import SEGMENTS, Event, Frames, Motion
 from rig.solve.system import CLOSED, STICK
 from rig.study.dense import Dense
+from sensors.bank import Bank
+from sensors.frames import frames
 
 Array = NDArray[np.float64]
 BLOCK = 16  # ticks in one call
@@ -34,11 +36,19 @@ class Orbit:
     """The plant of `scene` from state `start` on, without sensors and controllers, every actuator held.
 
     `read`: the outputs that are wanted between samples; by default all, and all states. `longest`: ticks in one call;
-    fewer once so many have had more steps than there is room to write down.
+    fewer once so many have had more steps than there is room to write down. `framed`: integrator steps end where the
+    frames of the scene end, as in a run, so that states and events have the bits of a run.
     """
 
     def __init__(
-        self, scene: Scene, assembly: Assembly, start: Array, method: str, tolerance: float, read: Sequence[str] = ()
+        self,
+        scene: Scene,
+        assembly: Assembly,
+        start: Array,
+        method: str,
+        tolerance: float,
+        read: Sequence[str] = (),
+        framed: bool = False,
     ) -> None:
         self.scene, self.method, self.tolerance = scene, method, tolerance
         self.outputs = list(dict.fromkeys([*read, *assembly.outputs]))
@@ -47,8 +57,9 @@ class Orbit:
         self._rows = [assembly.outputs[name].row for name in self.outputs]
         self._rows += [{name: 1.0} for name in self.system.names]
         self._read = len(read) or len(self._rows)
-        self.motion = self.moving(start, scene.step_ns, BLOCK)
-        self.longest = BLOCK
+        self._frame = scene.frame_ns // scene.step_ns if framed else 0
+        self.longest = BLOCK + -BLOCK % self._frame if framed else BLOCK
+        self.motion = self.moving(start, scene.step_ns, self.longest)
         self._aside: dict[int, Motion] = {}  # by step [ns]
 
     def moving(self, start: Array, step_ns: int, longest: int, read: bool = True) -> Motion:
@@ -66,6 +77,7 @@ class Orbit:
             limit=clock.limit,
             longest=longest,
             bounds={self.outputs.index(name): limit for name, limit in self.scene.limits.items()},
+            frames=in_frames(self.scene, min(self._frame, longest)) if self._frame else None,
         )
 
     def carried(self, x: Array, period: float) -> tuple[Array, list[str]]:
@@ -102,8 +114,11 @@ class Orbit:
         self.motion.tick = tick
 
     def block(self, ticks: int = BLOCK) -> list[Event]:
-        """Carry the plant on by `ticks` at most; the events met."""
+        """Carry the plant on by `ticks` at most; the events met. In frames it ends after one with events."""
         ticks, motion = min(ticks, self.longest), self.motion
+        if self._frame:
+            motion.advance(ticks)
+            return motion.events()
         kept = (*motion.state, motion.work.size)
         tick, before = motion.tick, [part.copy() for part in kept]
         while True:
@@ -135,7 +150,7 @@ class Orbit:
         done = 0
         while done < whole:
             begun = self.motion.tick - done
-            met = self.block(whole - done)
+            met = self.block(min(whole - done, self._frame or whole))  # what is written down is that of one frame
             dense.add(done * step_ns * 1e-9, self.motion)
             events += [((e.tick - begun + e.place) * step_ns * 1e-9, e) for e in met]
             states.append(self.motion.states.copy())
@@ -155,6 +170,13 @@ class Orbit:
         patches, normals, *_ = self.system.modes(key)
         closed = any(k.patch == p and mode == CLOSED for k, mode in zip(self.system.normals, normals))
         return patches[p] == STICK and closed
+
+
+def in_frames(scene: Scene, steps: int) -> Frames:
+    """Frames of `steps` ticks in which nothing is sampled."""
+    bank = Bank({}, (), scene.frame_ns, scene.seed)
+    bank.start(np.zeros(0))
+    return Frames(frames, steps, bank.rack)
 
 
 class _Ledger:

@@ -1,11 +1,14 @@
 """The audit of a run: what changed nothing in it, what is missing, judged on its own states."""
 
+from dataclasses import replace
+
 import pytest
 
 import rig
 from rig.bench.audit import LEAST, MOST, Visited, share
 from rig.bench.stand import Stand
 from rig.cli import app
+from rig.scenes.scene import STEPS
 from rig.solve.formulation import assemble
 
 
@@ -60,6 +63,26 @@ def test_states_are_spread_over_the_whole_run_however_it_is_cut():
     assert ticks([1000]) == ticks(range(1, 1001))
 
 
+def test_a_switch_that_stayed_open_is_no_effect_that_changes_nothing():
+    found = judged(rig.load("belt_shunt", {"shunt.connected": "false"}), 0.5)["shunt"]
+    assert found["open"] == "shunt.connected"
+    assert found["text"] == 'Effect "shunt" stayed open in this run (shunt.connected closes it)'
+    closed = judged(rig.load("belt_shunt"), 0.5)["shunt"]
+    assert closed["open"] == ""
+    assert not closed["noted"]
+
+
+def test_a_switch_that_was_closed_for_a_moment_did_not_stay_open():
+    steps = [("hold", 0.1), 1.0, ("hold", 0.01), 0.0, ("hold", 0.3)]
+    protocol = [
+        {"step": "hold", "time": s[1]} if isinstance(s, tuple) else {"step": "set", "target": "dither.enable", "to": s}
+        for s in steps
+    ]
+    found = judged(replace(rig.load("belt_dither"), protocol=STEPS.validate_python(protocol)), None)["dither"]
+    assert found["open"] == ""
+    assert judged(rig.load("belt_dither"), 0.5)["dither"]["open"] == "dither.enable"
+
+
 def test_explain_tells_the_audit_of_a_recording(tmp_path, capsys):
     log = tmp_path / "run.mcap"
     for arguments in (["simulate", "pendulum", "--duration", "1", "--out", str(log)], ["explain", str(log)]):
@@ -67,7 +90,8 @@ def test_explain_tells_the_audit_of_a_recording(tmp_path, capsys):
             app.run(arguments)
         assert not left.value.code
     said = capsys.readouterr().out
-    assert said.count("load limits is on and changes nothing") == 2
+    told = 'Effect "load limits" is active but never influenced this run (load stayed within its range)'
+    assert " ".join(said.split()).count(told) == 2
 
 
 def test_a_rig_with_smoothed_friction_is_compared_with_one_alike():

@@ -51,6 +51,60 @@ def test_the_exact_method_is_judged_by_another_and_both_by_the_closed_form(belt)
     assert 0.0 < exact.error("worst") < 1e-11
 
 
+def as_run(asked, setting, seed):
+    """A run of `rig simulate` with this setting, as `Seen`: the times of its mode changes, told by the run itself."""
+    scene = replace(setting.applied(asked.scene), seed=seed)
+    run = rig.simulate(scene, asked.seconds)
+    met = [(e["data"]["tick"] + e["data"]["place"], e["text"]) for e in run.events if e["kind"] == "contact"]
+    return run, [(ticks * asked.step, what) for ticks, what in met]
+
+
+RUNS = {
+    "belt": {},
+    "belt_c": {},
+    "belt_tuned_mass": {"body.damping": "0.5 N*s/m"},
+    "seal_p": {},
+    "belt_hysteresis": {},
+}
+SETTINGS = (Setting("dopri5", 1e-3), Setting("dopri5", 1e-8), Setting("rk4", step_ns=100_000), Setting("exact"))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("name", RUNS)
+def test_a_row_errs_as_a_run_with_its_setting_does(name, seed):
+    """Mode changes of the run, and its state at the end, are those that the row was judged by, bit by bit."""
+    draw = np.random.default_rng(seed)
+    mass = rig.load(name).parameters.body.mass * draw.uniform(0.8, 1.25)
+    scene = rig.load(name, {**RUNS[name], "body.mass": mass, "limits": {}})
+    asked = problem(scene)
+    assert not asked.values  # nothing is moved: the run begins where the row does
+    able = eligible(asked.system, scene.step_ns)
+    truth = observe(asked, Setting("exact") if not able["exact"] else Setting("dopri5", 1e-12), framed=False)
+    for setting in SETTINGS:
+        if able[setting.method]:
+            continue
+        seen = observe(asked, setting)
+        run, events = as_run(asked, setting, seed)
+        assert list(seen.events) == events[: len(seen.events)]
+        own = replace(seen, events=tuple(events[: len(seen.events)]), count=len(events))
+        row, told = errors(asked, seen, truth), errors(asked, own, truth)
+        assert row.get("event times") == told.get("event times")
+        orbit = asked.orbit(setting)
+        while orbit.motion.tick < asked.length:
+            orbit.block(asked.length - orbit.motion.tick)
+        values = dict(zip(orbit.outputs, orbit.motion.outputs_now().tolist()))
+        assert {output: run.signals[output][-1] for output in values if output in run.signals} == {
+            output: value for output, value in values.items() if output in run.signals
+        }
+
+
+def test_a_tolerance_that_the_frames_make_needless_costs_and_errs_as_much_as_a_tight_one():
+    asked = problem(rig.load("belt"))
+    loose, tight = (observe(asked, Setting("dopri5", 10.0**-p)) for p in (2, 6))
+    assert loose == tight
+    assert observe(asked, Setting("dopri5", 1e-2), framed=False).steps < 0.2 * loose.steps
+
+
 def test_references_are_kept_and_used_again(belt):
     scene, folder, *_ = belt
     kept = sorted(folder_of(scene, folder).glob("reference-*.json"))
@@ -180,10 +234,10 @@ def test_a_setting_that_stops_while_it_is_timed_is_told_so_and_the_others_go_on(
 def test_a_setting_that_gets_through_but_not_in_one_piece_is_a_row_with_its_fault(belt, monkeypatch):
     asked, made = problem(belt[0]), measuring.Contender
 
-    def contender(asked, setting, x, ticks):
+    def contender(asked, setting, x):
         if setting.method == "exact":
             raise Chatter("too many events", 0.0, "free", {})
-        return made(asked, setting, x, ticks)
+        return made(asked, setting, x)
 
     monkeypatch.setattr(measuring, "Contender", contender)
     stops, *others = timed(asked, belt[2].rows[:2], rounds=1)
@@ -192,7 +246,7 @@ def test_a_setting_that_gets_through_but_not_in_one_piece_is_a_row_with_its_faul
 
 
 def test_where_a_reference_stops_every_row_that_it_would_judge_says_so(monkeypatch, tmp_path):
-    monkeypatch.setattr(reference, "observe", lambda asked, setting: Seen({}, fault=f"{setting} stopped"))
+    monkeypatch.setattr(reference, "observe", lambda asked, setting, framed: Seen({}, fault=f"{setting} stopped"))
     found = cost(rig.load("belt_c"), None, rounds=1)
     assert all("nothing to judge it by" in one.fault and one.timed for one in found.rows)
     assert notes(found, "worst")[0].endswith("one of the references stops")

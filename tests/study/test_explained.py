@@ -46,7 +46,7 @@ def test_an_absent_effect_is_measured_with_the_values_of_another_scene(monkeypat
     assert not part.on
     assert "measured as in brake_shunt_sound" in part.why
     assert part.paired.states == 1
-    assert part.paired.worst[1] > 0.0
+    assert part.paired.worst.size > 0.0
     draw([part], scene, tmp_path / "effects.png")
     assert (tmp_path / "effects.png").stat().st_size > 10_000
 

@@ -30,7 +30,7 @@ from rig.study.orbit import Orbit
 Array = NDArray[np.float64]
 FIRST = 12  # mode changes whose times count, of a motion that does not repeat
 _STILL = 1e-9  # of the size of a quantity: it does not move
-_SLOW = 1e-2  # of the angular frequency: growth is judged against this at least
+SLOW = 1e-2  # of the angular frequency: growth is judged against this at least
 
 
 @dataclass(frozen=True)
@@ -67,16 +67,16 @@ class Seen:
         return replace(self, events=kept, count=count, mean=mean, lifts=None)
 
 
-def observe(problem: Problem, setting: Setting) -> Seen:
-    """Run `problem` by `setting` and read its measures."""
+def observe(problem: Problem, setting: Setting, framed: bool = True) -> Seen:
+    """Run `problem` by `setting` and read its measures; `framed`: step by step as a run with this setting."""
     try:
-        return _observed(problem, setting)
+        return _observed(problem, setting, framed)
     except NumericsError as error:
         return Seen({}, fault=error.what)
 
 
-def _observed(problem: Problem, setting: Setting) -> Seen:
-    orbit = problem.orbit(setting)
+def _observed(problem: Problem, setting: Setting, framed: bool) -> Seen:
+    orbit = problem.orbit(setting, framed)
     events: list[Event] = []
     until = problem.length - (0 if problem.kind == "cycle" else problem.window)
     while orbit.motion.tick < until:
@@ -172,7 +172,7 @@ def errors(problem: Problem, seen: Seen, truth: Seen) -> dict[str, float]:
         if name.startswith("stick share"):
             largest = 1.0
         if name == "growth rate":
-            largest = max(largest, _SLOW * 2.0 * math.pi * truth.values.get("frequency", 0.0))
+            largest = max(largest, SLOW * 2.0 * math.pi * truth.values.get("frequency", 0.0))
         away = abs(seen.values.get(name, math.inf) - value)
         found[name] = away / largest if largest > 0.0 else (0.0 if away == 0.0 else math.inf)
     if truth.events:

@@ -7,9 +7,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from rig.errors import NumericsError
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
@@ -18,11 +15,9 @@ from rig.study.cost.measures import errors, observe
 from rig.study.cost.order import orders
 from rig.study.cost.problem import Problem, digest, problem
 from rig.study.cost.reference import references
-from rig.study.cost.settings import Setting, eligible, fastest, ladder
+from rig.study.cost.settings import eligible, fastest, ladder
 from rig.study.cost.table import Row, Table
 from rig.study.cost.timing import Contender, Cost, Spread
-
-Array = NDArray[np.float64]
 
 Report = Callable[[int, int], object]
 FOLDER = Path("cost")
@@ -100,12 +95,12 @@ def timed(
     found = list(rows)
     if not ready:
         return found
-    x = _later(asked, rows[ready[-1]].setting)
+    x = asked.later(rows[ready[-1]].setting)
     step()
     contenders = {}
     for i in ready:
         try:
-            contenders[i] = Contender(asked, rows[i].setting, x, asked.window)
+            contenders[i] = Contender(asked, rows[i].setting, x)
         except NumericsError as error:
             found[i] = replace(rows[i], fault=error.what)
     for i, told in zip(contenders, timing.measured(list(contenders.values()), rounds, step)):
@@ -114,11 +109,3 @@ def timed(
         else:
             found[i] = replace(rows[i], cost=told, share=told.p99.value * 1e-3)
     return found
-
-
-def _later(asked: Problem, setting: Setting) -> Array:
-    """The state at the begin of the window that is read."""
-    orbit = asked.orbit(setting)
-    while orbit.motion.tick < asked.length - asked.window:
-        orbit.block(asked.length - asked.window - orbit.motion.tick)
-    return orbit.motion.x.copy()

@@ -12,6 +12,7 @@ from rig.study.cost.table import WORST, Row
 
 _CLEAR = 30.0  # times the least error that can be told
 _LARGEST = 0.1
+_RANGE = 1.5  # times the finest step: steps that differ less, as where frames cut them all, tell no order
 
 
 def orders(rows: Sequence[Row], seconds: float) -> dict[str, float]:
@@ -23,7 +24,7 @@ def orders(rows: Sequence[Row], seconds: float) -> dict[str, float]:
     for method in THEORY:
         points = [(math.log(step(row, seconds)), math.log(row.error(WORST))) for row in rows if _clear(row, method)]
         points = sorted(points)[:4]
-        if len(points) > 1 and points[-1][0] > points[0][0]:
+        if len(points) > 1 and points[-1][0] - points[0][0] > math.log(_RANGE):
             steps, found_errors = np.array(points).T
             found[method] = float(np.polyfit(steps, found_errors, 1)[0])
     return found

@@ -8,7 +8,7 @@ tells what kind of motion it is and how long it has to be watched:
     vibration   mode changes that do not repeat (yet)
     smooth      none in the last third: growth, decay, forced motion
 
-What leaves a limit of the scene is watched until then.
+What leaves a limit of the scene is watched until then. The window that is read is a whole number of frames.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig import kernel
-from rig.bench.stand import Stand
+from rig.bench.stand import Stand, with_value
 from rig.scenes.protocol import Hold, Load, Ramp, Set, flat
 from rig.scenes.scene import Scene
 from rig.solve.assembly import Assembly
@@ -43,6 +43,7 @@ _REPEATS = 1e-6  # of a period: it repeats
 _LONGEST = 60.0  # s, simulated
 _WALL = 3.0  # s, for the first run
 _EVENTS = 4000
+_TIMED = 2000  # sample steps in one turn, at least
 _FALL = 7.0  # e to the power of it: the fall of a motion that is watched
 
 
@@ -51,7 +52,7 @@ class Problem:
     """A scene's plant on a stretch of time. `length` and `window` in ticks: the whole run, and its end that is read.
 
     `count`: mode changes in one cycle, 0 where there is none; `slips`: those of them that are no lift-offs. `values`:
-    what actuators are held at. `leaves`: it ends where the motion leaves a limit of the scene.
+    what actuators are held at. `leaves`: which limit of the scene the motion leaves, where it ends.
     """
 
     scene: Scene
@@ -63,7 +64,7 @@ class Problem:
     window: int
     count: int
     slips: int = 0
-    leaves: bool = False
+    leaves: str = ""
 
     @property
     def step(self) -> float:
@@ -88,11 +89,23 @@ class Problem:
         """Hash (16 hex digits) of scene, sources and problem; the setting of the scene itself left out."""
         return digest(self.scene)
 
-    def orbit(self, setting: Setting, x: Array | None = None) -> Orbit:
-        """The plant from the start (or `x`) on, carried by `setting`."""
+    @property
+    def timed(self) -> int:
+        """Ticks that are timed: those of the window, and so many more that a turn is not over at once."""
+        return self.window if self.leaves else max(self.window, _TIMED)
+
+    def orbit(self, setting: Setting, framed: bool = True) -> Orbit:
+        """The plant from the start on, carried by `setting`; `framed`: step by step as a run with it."""
         scene = setting.applied(self.scene)
-        start = self.system.start if x is None else x
-        return Orbit(scene, self.assembly, start, setting.method, scene.clock.tolerance, self.quantities)
+        tolerance, start = scene.clock.tolerance, self.system.start
+        return Orbit(scene, self.assembly, start, setting.method, tolerance, self.quantities, framed)
+
+    def later(self, setting: Setting) -> Array:
+        """The state where the window begins."""
+        orbit, begin = self.orbit(setting), self.length - self.window
+        while orbit.motion.tick < begin:
+            orbit.block(begin - orbit.motion.tick)
+        return orbit.motion.x.copy()
 
     def stand(self, setting: Setting) -> Stand:
         """The plant with its sensors, as a run carries it, actuators in force."""
@@ -118,7 +131,9 @@ def digest(scene: Scene) -> str:
 @cache
 def _own_sources() -> str:
     """The sources that say what is measured."""
-    return "".join(Path(__file__).with_name(f"{name}.py").read_text() for name in ("problem", "measures", "reference"))
+    here = Path(__file__).parent
+    names = ("cost/problem", "cost/measures", "cost/reference", "dense", "orbit")
+    return "".join((here.parent / f"{name}.py").read_text() for name in names)
 
 
 def problem(scene: Scene, values: Mapping[str, float] | None = None) -> Problem:
@@ -128,6 +143,12 @@ def problem(scene: Scene, values: Mapping[str, float] | None = None) -> Problem:
     """
     assembly = scene.assemble()
     values = held(scene, assembly) if values is None else {k: v for k, v in values.items() if k in assembly.inputs}
+    for name, value in values.items():
+        one = assembly.inputs[name]
+        if one.write is None and not one.state:  # nothing commands it: it is a parameter
+            scene = replace(scene, parameters=with_value(scene.parameters, name, value))
+    assembly = scene.assemble()
+    values = {name: value for name, value in values.items() if value != assembly.inputs[name].value}
     stand = Stand(_tolerant(scene))
     for name, value in values.items():
         stand.apply(name, value)
@@ -172,8 +193,8 @@ def _watched(first: Problem) -> Problem:
     end = time.perf_counter() + _WALL
     while orbit.motion.tick < enough and len(events) < _EVENTS and time.perf_counter() < end:
         events += orbit.block(min(orbit.longest, enough - orbit.motion.tick))
-        if orbit.beyond():
-            first = replace(first, leaves=True)
+        if beyond := orbit.beyond():
+            first = replace(first, leaves=f"{beyond} after {orbit.motion.tick * step:.3g} s")
             break
         if count or len(events) < asked + max(4, asked // 4):
             continue
@@ -189,13 +210,19 @@ def _watched(first: Problem) -> Problem:
     if count and len(events) > ROUNDS * count:
         span = (events[-1].tick - events[-1 - ROUNDS * count].tick) / ROUNDS
         slips = sum(not lift(event.what) for event in events[-count:])
-        return replace(first, kind="cycle", length=length, window=int(span) + 1, count=count, slips=slips)
+        window = int(span) + 1
+        return replace(first, kind="cycle", length=length, window=window + -window % whole, count=count, slips=slips)
     if any(event.tick > 2 * length // 3 for event in events):
-        return replace(first, kind="vibration", length=length, window=length // 3)
+        return replace(first, kind="vibration", length=length, window=_third(length, whole))
     last = max((event.tick for event in events), default=0) * step
     frames = min(length // whole, int((last + _dies(first.system)) / (scene.frame_ns * 1e-9)))
     length = max(frames, 3) * whole
-    return replace(first, kind="smooth", length=length, window=length // 3)
+    return replace(first, kind="smooth", length=length, window=_third(length, whole))
+
+
+def _third(length: int, whole: int) -> int:
+    """A third of a run [ticks], in whole frames."""
+    return length // (3 * whole) * whole
 
 
 def _dies(system: System) -> float:

@@ -87,7 +87,7 @@ def _halved(problem: Problem, folder: Path | None, step_ns: int) -> Reference:
 def _affordable(problem: Problem, step_ns: int, rate: float) -> int:
     """The finest rk4 step of which a run takes no longer than `WALL` and for which there is room in a tick."""
     begin = time.perf_counter()
-    observe(problem, Setting("rk4", step_ns=step_ns))
+    observe(problem, Setting("rk4", step_ns=step_ns), framed=False)
     spent = max(time.perf_counter() - begin, 1e-3)
     wanted = rate * step_ns * 1e-9 / _FINEST
     return _finer(problem, step_ns, max(min(wanted, 0.5 * WALL / spent, _ROOM * step_ns / problem.scene.step_ns), 1.0))
@@ -107,7 +107,7 @@ def _kept(problem: Problem, folder: Path | None, runs: tuple[Setting, ...], orde
     path = None if folder is None else folder / f"reference-{last.method}-{name}.json"
     if path is not None and path.exists():
         return Reference.from_json(json.loads(path.read_text()))
-    seen = [observe(problem, one) for one in runs]
+    seen = [observe(problem, one, framed=False) for one in runs]
     apart = errors(problem, seen[0], seen[-1])
     if order and not seen[-1].fault and not seen[0].fault:
         seen[-1] = extrapolated(seen[0], seen[-1], (runs[0].step_ns / last.step_ns) ** order)

@@ -42,6 +42,11 @@ class Setting:
         changes |= {"rk4_step": self.step_ns} if self.step_ns else {}
         return replace(scene, clock=scene.clock.model_copy(update=changes))
 
+    @property
+    def adapts(self) -> bool:
+        """Whether its steps are as long as its error allows, but for the last one of each frame, which is cut."""
+        return self.method == "dopri5"
+
     def __str__(self) -> str:
         if self.tolerance:
             return f"{self.method} at {self.tolerance:.0e}"

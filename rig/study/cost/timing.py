@@ -20,6 +20,7 @@ from rig.errors import NumericsError
 from rig.solve.motion import Motion
 from rig.study.cost.problem import Problem
 from rig.study.cost.settings import Setting
+from rig.study.orbit import in_frames
 
 Array = NDArray[np.float64]
 ROUNDS = 7
@@ -41,8 +42,8 @@ class Spread:
 class Cost:
     """Compute of a setting. `p50`, `p99` [us] in 1 ms of simulated time, frame by frame with the sensors.
 
-    `factor`: real-time factor of the plant alone, in one piece with a state at every sample step; `tick` [ns] the same
-    for one sample step.
+    `factor`: real-time factor of the plant alone, in one piece with a state at every sample step; a method that adapts
+    its steps ends one with each frame, as in a run. `tick` [ns] the same for one sample step.
     """
 
     p50: Spread
@@ -54,11 +55,11 @@ class Cost:
 class Contender:
     """One setting, ready to run again and again from state `x`, over `ticks` sample steps."""
 
-    def __init__(self, problem: Problem, setting: Setting, x: Array, ticks: int) -> None:
+    def __init__(self, problem: Problem, setting: Setting, x: Array) -> None:
         self._stand = problem.stand(setting)
-        self._x, self.ticks = x, ticks
+        self._x, self.ticks = x, problem.timed
         self._frame = self._stand.frame_ns
-        self.frames = max(ticks // self._stand.steps, 1)
+        self.frames = max(self.ticks // self._stand.steps, 1)
         clock = setting.applied(problem.scene).clock
         step_ns = problem.scene.step_ns
         self._motion = Motion(
@@ -70,7 +71,8 @@ class Contender:
             cap=clock.events_per_frame,
             limit=clock.limit,
             booking=False,
-            longest=ticks,
+            longest=self.ticks,
+            frames=in_frames(problem.scene, self._stand.steps) if setting.adapts else None,
         )
         self._step = step_ns
         begin = time.perf_counter()
@@ -99,7 +101,9 @@ class Contender:
         for i, value in enumerate(self._x.tolist()):
             self._motion.write(i, value)
         begin = time.perf_counter()
-        self._motion.advance(self.ticks)
+        end = self._motion.tick + self.ticks
+        while self._motion.tick < end:
+            self._motion.advance(end - self._motion.tick)
         return time.perf_counter() - begin
 
     def cost(self, rounds: Sequence[tuple[Array, float]]) -> Cost:

@@ -16,26 +16,31 @@ def write(found: Sequence[Paired], path: Path) -> None:
     """One line for each effect and measure."""
     with path.open("w", newline="") as file:
         out = csv.writer(file)
-        out.writerow(["effect", "states", "ns_per_step", "low", "high", "measure", "error_if_dropped", "fault"])
-        for one in found:
-            head = [one.name, one.states, one.tick.value, one.tick.low, one.tick.high]
-            for name, error in (one.errors or {"": math.nan}).items():
-                out.writerow([*head, name, error, one.fault])
+        out.writerow(
+            ["effect", "measured", "states", "ns_per_step", "low", "high", "noise_ns", "measure", "unit", "with",
+             "without", "change", "told", "note"]
+        )  # fmt: skip
+        for one, how in [(one, "as held") for one in found] + [(p.closed, "closed") for p in found if p.closed]:
+            head = [one.name, how, one.states, one.tick.value, one.tick.low, one.tick.high, one.noise]
+            note = one.fault or one.note
+            for c in one.changes:
+                out.writerow([*head, c.measure, c.unit, c.whole, c.less, c.size, c.told, note])
+            if not one.changes:
+                out.writerow([*head, *[""] * 6, note])
 
 
 def text(one: Paired) -> str:
     """For a reader."""
     if one.fault:
-        return f"{one.name}: cannot be dropped: {one.fault}"
-    measure, error = one.worst
-    size = f"by {error:.2%}" if error < 1.0 else f"to {1.0 + error:.3g} times or to nothing"
-    what = f"changes {measure} {size}" if error else "changes nothing"
-    return f"{one.name}: {one.tick.value:.0f} of {one.whole:.0f} ns per step, {one.states} states; dropped, it {what}"
+        return f"effect {one.name}: {one.change()}"
+    return f"effect {one.name}: {one.states} states, {one.cost()} per step; left out, it changes {one.change()}"
 
 
 def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
     """Bars: ns per step on the left, errors by measure on the right."""
-    shown = [one for one in found if not one.fault]
+    shown = [one.closed or one for one in found if not math.isnan((one.closed or one).tick.value)]
+    if not shown:
+        return
     with sheet(f"{table.title}: what its effects cost", table.machine, path) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         places = range(len(shown) + 1)
@@ -49,20 +54,21 @@ def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
             spread = [[max(one.tick.value - one.tick.low, 0.0)], [max(one.tick.high - one.tick.value, 0.0)]]
             left.errorbar(begin + one.tick.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
             begin += one.tick.value
-            for error in (one.errors or {}).values():
-                if error > 0.0:
-                    right.plot(error, place, "o", ms=5, color="#c03a76", alpha=0.7)
-            measure, error = one.worst
-            if error > 0.0:
-                right.annotate(f"{measure}, {error:.2g}", (error, place), (0, 8), textcoords="offset points",
-                               ha="right", fontsize=8.5)  # fmt: skip
+            for change in one.changes:
+                if change.told:
+                    right.plot(change.size, place, "o", ms=5, color="#c03a76", alpha=0.7)
+            worst = one.worst
+            if worst is not None:
+                right.annotate(f"{worst.measure}, {worst.size:.2g}", (worst.size, place), (0, 8),
+                               textcoords="offset points", ha="right", fontsize=8.5)  # fmt: skip
             else:
-                right.annotate("changes nothing", (0.02, place), xycoords=("axes fraction", "data"), fontsize=9.5)
+                right.annotate("no change", (0.02, place), xycoords=("axes fraction", "data"), fontsize=9.5)
         left.axvline(whole, color="black", ls=":", lw=1.0)
-        left.set(xlabel=f"compute of a step of {1e6 * table.step:g} us [ns], plant alone")
+        noise = max(one.noise for one in shown)
+        left.set(xlabel=f"compute of a step of {1e6 * table.step:g} us [ns], plant alone; noise up to {noise:.0f} ns")
         left.set_yticks(list(places), ["everything else", *(one.name for one in shown)])
-        right.set(xscale="log", xlabel="relative error of each measure if the effect is dropped")
-        right.set_xlim(*_range([error for one in shown for error in (one.errors or {}).values()]))
+        right.set(xscale="log", xlabel="change of each measure if the effect is left out, share of the larger value")
+        right.set_xlim(*_range([size for one in shown for size in one.errors.values()]))
         figure.supxlabel("\n", fontsize=8.5)  # room for the machine
 
 
