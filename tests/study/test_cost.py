@@ -64,7 +64,7 @@ RUNS = {
     "belt_c": {},
     "belt_tuned_mass": {"body.damping": "0.5 N*s/m"},
     "seal_p": {},
-    "belt_hysteresis": {},
+    "belt_b": {},
 }
 SETTINGS = (Setting("dopri5", 1e-3), Setting("dopri5", 1e-8), Setting("rk4", step_ns=100_000), Setting("exact"))
 
