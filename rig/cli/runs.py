@@ -121,7 +121,11 @@ def _draw(log: str, figure: Path) -> None:
     from rig.cli.logs import opened
     from rig.view.figure import draw
 
-    draw(opened(Path(log)), figure)
+    run = opened(Path(log))
+    if not run.time.size:
+        tell.note(f"no figure: {log} ends before its first sample")
+        return
+    draw(run, figure)
     tell.note(f"figure {figure}")
 
 

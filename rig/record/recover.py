@@ -51,8 +51,8 @@ class Recovered:
 def recover(source: Path, target: Path | None = None, replace: bool = False) -> Recovered:
     """Copy what is readable of `source` to `target` (default: NAME.recovered.mcap).
 
-    Raises LogError for a whole file and for one in which nothing can be read; UsageError for a target that is the
-    source, or that exists unless it is to be `replace`d.
+    Raises LogError for a whole file, for one that is no recording, and for a target that exists unless it is to be
+    `replace`d; UsageError for a target that is the source.
     """
     target = target or source.with_suffix(".recovered.mcap")
     if target.exists() and source.exists() and target.samefile(source):

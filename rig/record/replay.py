@@ -21,7 +21,7 @@ from controllers.base import hears
 from rig.bus import encode, messages, topics
 from rig.bus.port import Receiver, Session
 from rig.bus.setup import Setup
-from rig.errors import BusError
+from rig.errors import BusError, LogError
 from rig.record.reader import Decoder, Record, Scan, head
 from rig.record.reader import open as read
 from rig.record.run import Commands, Run
@@ -80,6 +80,8 @@ def replay(
     """
     start = head(path)
     described = replace(start.setup(), run=session.run)
+    if not described.frame_ns:
+        raise LogError(f"{path} has lost what describes its run: it can be read, and not replayed")
     traffic: Scan | _Remade = (
         _Remade(read(path), _heard(described)) if start.metadata.get("log", {}).get("made") == "saved" else Scan(path)
     )
