@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from rig.record.run import Run
     from rig.scenes.scene import Scene
-    from rig.study.cycle import Cycle
+    from rig.study.cycle_report import Cycle
     from rig.study.loop import Loop
     from rig.study.map import Boundary, Map
     from rig.study.modes import Modes

@@ -12,123 +12,39 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.scenes.scene import Scene
+from rig.solve.assembly import Assembly
 from rig.solve.linear import Steady, sliding_key, steady
 from rig.solve.method import chosen
 from rig.solve.motion import Event
 from rig.solve.system import System
-from rig.study.columns import columns
-from rig.study.floquet import Floquet, floquet
+from rig.study.cycle_report import Cycle
+from rig.study.floquet import floquet
 from rig.study.orbit import Orbit
 from rig.study.rest import NEAR, Rest
+from rig.study.rounds import MOST, REPEAT, repeating, stick_times, time_of
 from rig.study.shooting import Shot, shoot
 from rig.study.turns import Turns
 
 Array = NDArray[np.float64]
-REPEAT = 1e-9
 TIGHT = 1e-10
 LONGEST = 120.0  # s
 CHANGES = 500_000  # mode changes: over a minute of a squeal at 3.4 kHz
 QUIET = 40.0  # periods of the slowest mode without an event, after which it is asked whether the motion dies away
 _AGAIN = 1.01  # times the time at which it was asked last whether the motion repeats
-_BETTER = 1e-2
-_MOST = 24  # mode changes in one cycle
 _FIRST = 64  # mode changes after which Newton's method is tried, and again after twice as many
 _NEARLY = 1e-2  # of the period: rounds that differ by less may lie near a cycle
+_TURN = 0.999  # of a turn of the surface: the shortest period where it is not alike everywhere
+_CALM = 2  # turns of such a surface without a change of contact, after which the rig slides
+_TURNS = 5.0  # turns of it that are waited for
 _SLOW = 0.9  # a multiplier above which a cycle attracts slowly
-_LEFT = 1e-7  # of the period: what may be left of the way to a cycle that attracts slowly
-
-
-@dataclass(frozen=True)
-class Cycle:
-    """A limit cycle, or why there is none (`found` false, `why`), or why nothing is known (`decided` false as well).
-
-    period, frequency   [s], [Hz]             amplitude   half of peak to peak, of each output
-    stick_time          [s] in one period, and its share, for each contact
-    extremes            (lowest, highest) of each plant output in its unit; start and end of stick: outputs there
-    energy              [J] in one cycle by term; `error`: what does not close, relative to the largest term
-    repeats             largest difference of an event's time from the cycle before, relative to the period; of a
-                        cycle without events that of a turning point, relative to the span of each state
-    floquet             multipliers: what a round leaves of a small disturbance
-    newton              steps of Newton's method that led to it; 0 where simulation alone did
-    """
-
-    scene: str
-    method: str
-    found: bool
-    why: str
-    after: float
-    period: float = math.nan
-    repeats: float = math.nan
-    stick_time: dict[str, float] = field(default_factory=dict)
-    extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
-    units: dict[str, str] = field(default_factory=dict)
-    stick_start: dict[str, float] = field(default_factory=dict)
-    stick_end: dict[str, float] = field(default_factory=dict)
-    energy: dict[str, float] = field(default_factory=dict)
-    events: tuple[tuple[float, str], ...] = ()
-    floquet: Floquet = field(default_factory=Floquet)
-    newton: int = 0
-    decided: bool = True
-
-    @property
-    def multiplier(self) -> float:
-        """Size of the largest multiplier: below one, the cycle attracts what is beside it. NaN where there is none."""
-        return max((abs(v) for v in self.floquet.multipliers), default=math.nan)
-
-    @property
-    def frequency(self) -> float:
-        """Cycles in a second [Hz]."""
-        return 1.0 / self.period
-
-    @property
-    def stick_share(self) -> dict[str, float]:
-        """Share of the period that each contact sticks."""
-        return {name: time / self.period for name, time in self.stick_time.items()}
-
-    @property
-    def amplitude(self) -> dict[str, float]:
-        """Half of peak to peak of each output: the amplitude index of a cycle."""
-        return {name: 0.5 * (high - low) for name, (low, high) in self.extremes.items()}
-
-    def to_json(self) -> dict[str, Any]:
-        """As plain values."""
-        if not self.found:
-            kept = ("scene", "method", "found", "decided", "why", "after")
-            return {name: getattr(self, name) for name in kept}
-        derived = {"frequency": self.frequency, "stick_share": self.stick_share, "amplitude": self.amplitude}
-        derived |= {"events": [{"t": t, "what": what} for t, what in self.events], "floquet": self.floquet.to_json()}
-        return {**vars(self), **derived}
-
-    def text(self) -> str:
-        """For a reader."""
-        if not self.found:
-            return f"{self.scene}: {self.why}"
-        unsure = max(10.0 * self.floquet.error, REPEAT)
-        attracts, repels = self.multiplier < 1.0 - unsure, self.multiplier > 1.0 + unsure
-        kind = "limit cycle" if any(self.stick_time.values()) or attracts or repels else "periodic motion"
-        kind = f"unstable {kind}" if repels else kind
-        kind += "" if any(self.stick_time.values()) else " in which nothing sticks"
-        newton = f", the last of the way by {self.newton} steps of Newton's method" if self.newton else ""
-        lines = [f"{self.scene}: {kind}, {self.method}, settled after {self.after:.4g} s{newton}"]
-        lines += [f"  period {self.period:.10g} s, {self.frequency:.6g} Hz; repeats to {self.repeats:.1e}"]
-        for name, time in self.stick_time.items():
-            lines += [f"  {name} sticks for {time:.10g} s, {100.0 * time / self.period:.4g} % of the period"]
-        rows: list[tuple[str, ...]] = [("output", "lowest", "highest", "amplitude", "stick starts", "stick ends", "")]
-        for name, ends in self.extremes.items():
-            values = (*ends, self.amplitude[name], self.stick_start.get(name), self.stick_end.get(name))
-            rows.append((name, *("" if value is None else f"{value:.8g}" for value in values), self.units[name]))
-        lines += ["", *columns(rows, "<>>>>><")]
-        lines += ["", f"  Floquet multipliers: {self.floquet.text()}"]
-        terms = ", ".join(f"{name} {v:.6g}" for name, v in self.energy.items() if name != "error" and v)
-        lines += ["", f"  energy in a cycle [J]: {terms}; closes to {abs(self.energy['error']):.1e}"]
-        return "\n".join(lines)
+_LEFT = 1e-6  # of the period: what may be left of the way to a cycle that attracts slowly
 
 
 def _nobody(now: float, drift: float) -> None:
@@ -143,39 +59,54 @@ def limit_cycle(
 ) -> Cycle:
     """The limit cycle of `scene` with every actuator held at its value at the start, no controller, no sensor.
 
-    `tolerance`: of dopri5. `longest`: simulated seconds until it must have settled; by default `LONGEST`, or less where
-    there are `CHANGES` mode changes before. `watch` is told the simulated time [s] and to what share of its period the
-    motion repeats. Raises rig.errors.NumericsError where it has to stop.
+    `tolerance`: of dopri5. `longest`: simulated seconds until it must have settled; by default `LONGEST`, more where
+    the surface is not alike everywhere and turns slowly, less where there are `CHANGES` mode changes before. `watch`
+    is told the simulated time [s] and to what share of its period the motion repeats. Raises
+    rig.errors.NumericsError where it has to stop.
     """
-    return _Search(scene, tolerance, longest, watch).run()
+    assembly = scene.assemble()
+    system = assembly.system()
+    sliding = steady(system, sliding_key(system))
+    if not np.any(_surfaces(sliding)):
+        why = (
+            "nothing slides, every surface stands still"
+            if system.patches
+            else "the rig has no contact that could slide"
+        )
+        return Cycle(scene.name, chosen(scene.clock.method, system), False, f"no limit cycle: {why}", 0.0)
+    return _Search(scene, assembly, sliding, tolerance, longest, watch).run()
 
 
 class _Search:
     """One search for a limit cycle."""
 
     def __init__(
-        self, scene: Scene, tolerance: float, longest: float | None, watch: Callable[[float, float], object]
+        self,
+        scene: Scene,
+        assembly: Assembly,
+        sliding: Steady,
+        tolerance: float,
+        longest: float | None,
+        watch: Callable[[float, float], object],
     ) -> None:
         self.scene, self.watch = scene, watch
-        self.longest = longest or LONGEST
         self.most = CHANGES if longest is None else math.inf
-        assembly = scene.assemble()
-        system = assembly.system()
+        system = sliding.system
         self.method = chosen(scene.clock.method, system)
         rough = {"dopri5": max(REPEAT, 10.0 * tolerance), "rk4": 1e-7}
         self.repeat = rough.get(self.method, REPEAT)
-        self.sliding = steady(system, sliding_key(system))
-        start = stuck(system, self.sliding.x)
-        self.rest = Rest(self.sliding, start)
+        start = stuck(system, sliding.x)
+        self.rest = Rest(sliding, start)
         self.orbit = Orbit(scene, assembly, start, self.method, tolerance)
-        self.turns = Turns(self.orbit, self.sliding)
-        turning = np.abs(self.sliding.eigenvalues())
+        self.turns = Turns(self.orbit, sliding)
+        turning = np.abs(sliding.eigenvalues())
         self.slowest = 2.0 * math.pi / float(turning[turning > 1e-6 * turning.max()].min())
-        self.step, self.round_s = scene.step_ns * 1e-9, _round(self.sliding)
+        self.step, self.round_s = scene.step_ns * 1e-9, _round(sliding)
+        self.longest = longest or (LONGEST if math.isinf(self.round_s) else max(LONGEST, _TURNS * self.round_s))
         self.events: list[Event] = []  # the last, as many as are compared
         self.changes = 0
         self.asked = 0.0
-        self.drift = math.inf
+        self.drift, self.touched = math.inf, 0.0  # last difference of rounds; when a contact has changed last [s]
         self.due = _FIRST  # mode changes, or turning points, at which Newton's method is tried
         self.shot: Shot | None = None
         self.unstable: Shot | None = None
@@ -186,19 +117,19 @@ class _Search:
 
     def run(self) -> Cycle:
         """Simulate until the answer is known."""
-        if not np.any(_surfaces(self.sliding)):
-            return self._none("no limit cycle: nothing slides, every surface stands still")
         round_s = self.round_s
         begun, before, since = 0.0, 0, 0.0  # when this turn of the surface began, mode changes then; the last event
         while self.now < self.longest and self.changes < self.most:
             if self.now - begun >= round_s:
-                if begun and self.changes - before > _MOST:
+                if begun and self.changes - before > MOST:
                     return self._none(_uneven(round_s, self.changes - before))
                 begun, before = self.now, self.changes
             before_block = self.now
             met = self.orbit.block()
             if beyond := self.orbit.beyond():
                 return self._none(f"no limit cycle: {beyond} at {before_block:.4g} s")
+            if self._held() or self._touches(met):
+                self.touched = self.now
             if met:
                 since = self.now
                 found = self._after(met)
@@ -215,7 +146,7 @@ class _Search:
     def _after(self, met: list[Event]) -> Cycle | None:
         """What is known after events."""
         self.turns.clear()
-        self.events = [*self.events, *met][-3 * _MOST :]
+        self.events = [*self.events, *met][-3 * MOST :]
         self.changes += len(met)
         if self.now < _AGAIN * self.asked:
             return None
@@ -225,19 +156,24 @@ class _Search:
         if not count:
             return None
         last = self.events[-count - 1 :]
-        times = [_time(event, last[0].tick, self.step) for event in last]
+        times = [time_of(event, last[0].tick, self.step) for event in last]
+        if not self._whole(times[-1] - times[0]):
+            return None
         if self.drift <= self.repeat:
-            return self._read(times[-1] - times[0], self.drift, _stick_times(self.orbit, last[1:], times))
-        alike = math.isinf(self.round_s)  # else the rounds of a motion differ with the place
-        if alike and self.changes >= self.due and self.drift <= _NEARLY:
+            return self._read(times[-1] - times[0], self.drift, stick_times(self.orbit, last[1:], times))
+        if self.changes >= self.due and self.drift <= _NEARLY:
             self._shoot(times[-1] - times[0])
             self.due = max(2 * self.due, self.changes)
         return None
 
     def _between(self, since: float) -> Cycle | None:
         """What is known of a motion that slips without an event since `since` [s]."""
-        x = self.orbit.motion.x
-        if self.rest.reached(x):
+        if math.isfinite(self.round_s):  # each sector pushes: what counts is that sliding outlasts all of them
+            calm = self.rest.stable and self.now - self.touched >= _CALM * self.round_s
+            return (
+                self._none(f"{self.rest.text()}; no contact changes in {_CALM} turns of the surface") if calm else None
+            )
+        if self.rest.reached(self.orbit.motion.x):
             return self._none(self.rest.text())
         self.turns.add()
         if closed := self.turns.closes(self.repeat):
@@ -245,6 +181,10 @@ class _Search:
         if self.now - since > QUIET * self.slowest and self.rest.stable and self.turns.dying(since):
             return self._none(self.rest.text())
         return None
+
+    def _whole(self, period: float) -> bool:
+        """Whether a period is one of the whole surface: else the motion repeats only up to the next sector."""
+        return math.isinf(self.round_s) or period >= _TURN * self.round_s
 
     def _read(self, period: float, drift: float, sticks: dict[str, float]) -> Cycle | None:
         """The cycle; None where it attracts so slowly that what is left of the way to it counts: go on from there."""
@@ -273,6 +213,12 @@ class _Search:
     def _held(self) -> bool:
         """Whether a contact sticks now."""
         return any(self.orbit.stuck(self.orbit.motion.key, p) for p in range(len(self.orbit.system.patches)))
+
+    def _touches(self, met: list[Event]) -> bool:
+        """Whether a contact has changed, not only the sector that it is in."""
+        keys = [*(event.before for event in met), self.orbit.motion.key]
+        modes = [self.orbit.system.modes(key)[:2] for key in keys]
+        return any(a != b for a, b in pairwise(modes))
 
     def _none(self, why: str) -> Cycle:
         return Cycle(self.scene.name, self.method, False, why, self.now)
@@ -347,15 +293,6 @@ def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[st
     )
 
 
-def _stick_times(orbit: Orbit, events: list[Event], times: list[float]) -> dict[str, float]:
-    """Time [s] that each contact sticks between `times`; `events` end the stretches between them."""
-    spans = [(b - a, event.before) for a, b, event in zip(times, times[1:], events)]
-    return {
-        patch.name: sum(span for span, before in spans if orbit.stuck(before, p))
-        for p, patch in enumerate(orbit.system.patches)
-    }
-
-
 def stuck(system: System, x: Array) -> Array:
     """The state with the signals of `x`, the structure unloaded and every contact moving with its surface."""
     nq = len(system.coordinates)
@@ -366,31 +303,3 @@ def stuck(system: System, x: Array) -> Array:
     speeds = system.slip_rows @ out
     out[nq : 2 * nq] = push @ np.linalg.lstsq(directions @ push, speeds, rcond=None)[0]
     return out
-
-
-def repeating(events: list[Event], step: float, repeat: float = REPEAT) -> tuple[int, float]:
-    """Number of mode changes after which the last ones repeat, and by how much of the period their times differ.
-
-    The least number that repeats to `repeat`, else the one that does best; a larger number only where it does far
-    better: of a cycle that closes only after several rounds each round looks alike, and so do two rounds of one that
-    is still settling. (0, inf) where none does. Three cycles are compared: two could agree by chance.
-    """
-    best = (0, math.inf)
-    for count in range(2, min(_MOST, len(events) // 3) + 1):
-        last = events[-3 * count :]
-        names = [event.what for event in last]
-        if names[:count] != names[count : 2 * count] or names[count : 2 * count] != names[2 * count :]:
-            continue
-        t = np.array([_time(event, last[0].tick, step) for event in last])
-        period = t[-1] - t[-1 - count]
-        gaps = t[count:] - t[:-count] - period
-        drift = float(np.abs(gaps).max() / period) if period > 0.0 else math.inf
-        if drift < _BETTER * best[1]:
-            best = (count, drift)
-        if best[1] <= repeat:
-            break
-    return best
-
-
-def _time(event: Event, origin: int, step: float) -> float:
-    return ((event.tick - origin) + event.place) * step

@@ -16,7 +16,8 @@ from scipy.optimize import brentq
 import rig
 from rig.cli import app
 from rig.solve.motion import Event
-from rig.study.cycle import limit_cycle, repeating
+from rig.study.cycle import limit_cycle
+from rig.study.rounds import repeating
 
 ORACLE = {  # period, time in stick, lowest velocity, highest and lowest displacement, displacement where stick starts
     "belt": (0.32160366413722946, 0.10286728739274346, -0.10129890351933808, 0.006212858222975551,
@@ -139,6 +140,22 @@ def test_a_disc_that_is_not_alike_all_round_has_no_cycle_and_says_so_at_once():
     assert "not alike all round, and in a turn of 2.609 s" in found.why
     assert "-p inhomogeneity=none" in found.why
     assert found.after < 5.3
+
+
+def test_a_cycle_within_one_sector_is_none_of_the_whole_turn():
+    """Stick-slip lives up to the sandblasted eighth, which ends it after 11.7 s; a turn at 4.5 rpm takes 13.3 s."""
+    found = limit_cycle(rig.load("lever_sector"))
+    assert not found.found
+    assert found.decided
+    assert found.why.startswith("no limit cycle: sliding is stable")
+    assert found.after > 11.7 + 2.0 * 60.0 / 4.5 - 0.5
+
+
+@pytest.mark.parametrize("name", ["lever_free_cylinder", "lever_free_lever"])
+def test_a_rig_without_a_contact_has_no_cycle(name):
+    found = limit_cycle(rig.load(name))
+    assert found.decided
+    assert found.why == "no limit cycle: the rig has no contact that could slide"
 
 
 def test_what_does_not_repeat_ends_after_so_many_mode_changes(monkeypatch):

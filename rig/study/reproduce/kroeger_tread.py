@@ -13,7 +13,7 @@ from rig.study.reproduce.entry import Comparison, Entry
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rig.study.cycle import Cycle
+    from rig.study.cycle_report import Cycle
 
 FINE = "5 us"
 

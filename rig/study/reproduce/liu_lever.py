@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from rig.record.run import Run
     from rig.scenes.scene import Scene
-    from rig.study.cycle import Cycle
+    from rig.study.cycle_report import Cycle
 
 RPM = math.pi / 30.0
 PIN = 0.8  # disc radius over the pin's: angular velocity of the cylinder that sticks, over the disc's
