@@ -33,8 +33,9 @@ from rig.solve.linear import sliding_key, steady
 from rig.solve.motion import Event
 from rig.solve.system import System
 from rig.study.cost.settings import Setting, of
+from rig.study.cycle import stuck
 from rig.study.orbit import Orbit
-from rig.study.rounds import repeating, stuck
+from rig.study.rounds import repeating
 
 Array = NDArray[np.float64]
 ROUNDS = 4  # cycles that are watched
