@@ -69,9 +69,11 @@ class Worker:
             while not stopped():
                 message = self.steps.get(timeout=PATIENCE)
                 if message is not None:
-                    self.take(messages.decode("step", message.payload))
-                elif not self._plant_lives(0.0):
+                    self.take(message.said)
+                elif not self._plant_lives(0.0) and self.session.ended:
                     break
+                else:
+                    self._tell_refused()
                 self.server.poll()
         except Exception as error:
             self.tell("fault", f"{type(error).__name__}: {error}", {"trace": traceback.format_exc()})
@@ -131,6 +133,11 @@ class Worker:
             data=json.dumps(data),
         )
         self.events.put(event.SerializeToString(), self.t_ns)
+
+    def _tell_refused(self) -> None:
+        """Say what was refused since; only while nothing is to be done."""
+        if news := self.session.door.news():
+            self.tell("refused", "; ".join(news), {"refused": self.session.door.told()})
 
     def _plant_lives(self, timeout: float) -> bool:
         self.plant.poll(0.0)

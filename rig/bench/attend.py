@@ -101,11 +101,22 @@ class Attendant:
     def _count(self, now: int) -> None:
         timing, self._counted = self._timing, True
         self._hub.fold()
+        for text in self._hub.session.door.news():
+            self._operation.journal.repeated("refused", text)
+        for text in self._hub.floods():
+            self._flooded(text)
         if self.pacer is not None:
             self._count_given_up(self.pacer)
             timing.fold()
             whole = (now - self._begun) * (os.cpu_count() or 1)
             timing.stolen_share = (pace.stolen_ns() - self._stolen) / whole if whole else 0.0
+
+    def _flooded(self, text: str) -> None:
+        """Tell each controller that sends too much once: its flood costs the time that frames lack."""
+        name = text.partition(" sent ")[0]
+        if not any(fault.startswith(f"{name} sent ") for fault in self.faults):
+            self.faults.append(text)
+        self._operation.journal.repeated("flood", f"{name} sends too many commands")
 
     def _publish(self, now: int) -> None:
         timing, statistics, self._counted = self._timing, self._stand.statistics(), False
@@ -126,6 +137,7 @@ class Attendant:
             "held": sum(line.counts.held for line in self._operation.exchange.lines.values()),
             "energy_error": statistics["energy_error"],
             "stick_share": statistics["stick_share"],
+            "refused": self._hub.session.door.total,
             "eta_s": -1.0 if left is None else left / 1e9 / (self._job.pace or max(rate, 1e-9)),
         }
         self._hub.put_health(**self.health)

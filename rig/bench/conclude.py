@@ -65,6 +65,7 @@ def conclude(plant: Plant) -> dict[str, Any]:
         "loop": operation.exchange.counters(),
         "lost": lost,
         "unknown": unknown,
+        "refused": plant.session.door.told(),
         "faults": plant.attendant.faults,
         "energy": statistics.pop("energy"),
         "plant": statistics,
@@ -121,14 +122,14 @@ def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
         message = hub.totals.get(left)
         if message is None:
             break
-        heard = messages.decode(message.topic, message.payload)
-        if heard.process not in roles:
+        name = message.topic.partition("/")[2]
+        if name not in roles:
             continue
-        asked.discard(heard.process)
-        wanted = sent if roles[heard.process] == "recorder" else {"step": sent["step"]}
-        whole = (roles[heard.process], heard.process) in plant.from_start
-        for topic, count in missing(wanted, heard, whole).items():
-            found[f"{topic} to {heard.process}"] = count
+        asked.discard(name)
+        wanted = sent if roles[name] == "recorder" else {"step": sent["step"]}
+        whole = (roles[name], name) in plant.from_start
+        for topic, count in missing(wanted, message.said, whole).items():
+            found[f"{topic} to {name}"] = count
     for name in sorted(asked):
         plant.attendant.faults.append(f"{roles[name]} {name} did not tell what it received")
     gone = {name for role, name in plant.from_start - hub.watch.present if role == "recorder"}

@@ -17,10 +17,23 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rig.bench.hub import Hub
 from rig.errors import RigError, UsageError
+
+
+class Admission(BaseModel):
+    """What a controller that the scene does not know says of itself; whether it can be is for the exchange to judge."""
+
+    model_config = ConfigDict(strict=True, extra="forbid")
+
+    do: str
+    controller: str
+    drives: list[str]
+    period_ns: int
+    reads: list[str] = []
+    hears: bool = False
 
 
 class Desk:
@@ -109,14 +122,24 @@ class Desk:
 
     def _admit(self, body: dict[str, Any]) -> None:
         """Let a controller of the user's own in; one that was admitted before and has gone holds nothing any more."""
-        name, drives = str(body["controller"]), [str(drive) for drive in body["drives"]]
+        try:
+            wanted = Admission.model_validate(body)
+        except ValidationError as error:
+            faults = [f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors(include_url=False)]
+            raise UsageError("\n".join(f"admit: {fault}" for fault in faults)) from None
+        name, drives = wanted.controller, wanted.drives
         here, lines = self._hub.watch.present, self._operation.exchange.lines
+        if ("controller", name) in here or name in self._hub.session.door.reserved:
+            raise UsageError(
+                f"the name {name!r:.80} is taken in this run; give the controller another one, or end that one"
+            )
         for other in [o for o in lines if o not in self._operation.scene.controllers and o != name]:
             if ("controller", other) not in here and set(lines[other].drives) & set(drives):
                 self._operation.dismiss(other)
-        if hears := bool(body.get("hears")):
-            self._hub.hear([str(sensor) for sensor in body["reads"]])
-        self._operation.admit(name, drives, int(body["period_ns"]), hears)
+        if wanted.hears:
+            self._hub.hear(wanted.reads)
+        self._hub.admit(name)
+        self._operation.admit(name, drives, wanted.period_ns, wanted.hears)
 
 
 def _plain(value: Any) -> Any:

@@ -21,9 +21,13 @@ from typing import Any, Protocol
 
 from rig.bench.journal import Journal
 from rig.bench.line import AS_SENT, CLAMPED, SAFE, Line
+from rig.bus import topics
 from rig.errors import UsageError
 from rig.record.run import Commands
 from rig.solve.assembly import Input
+
+LONGEST_NS = 3600 * 10**9
+"""Longest period of a controller. # chosen"""
 
 
 class Actuators(Protocol):
@@ -65,16 +69,21 @@ class Exchange:
     def admit(self, name: str, drives: Sequence[str], period_ns: int, delay_ns: int = 0) -> Line:
         """A line for a controller. Raises UsageError if an actuator is not there or belongs to somebody else."""
         inputs = self._stand.inputs
-        faults = [f"{d}: there is no such actuator; there are {', '.join(inputs)}" for d in drives if d not in inputs]
+        faults = [] if topics.is_name(name) else ["is no name; a name is 1 to 64 letters, digits, '_', '.', '-'"]
+        faults += [
+            f"{d:.80}: there is no such actuator; there are {', '.join(inputs)}" for d in drives if d not in inputs
+        ]
+        faults += [f"{d:.80}: is named twice" for d in dict.fromkeys(drives) if drives.count(d) > 1]
         taken = [(d, self._owner[d]) for d in drives if self._owner.get(d, name) != name]
         faults += [f"{drive}: is driven by {owner} already" for drive, owner in taken]
         period, rest = divmod(period_ns, self._frame_ns)
-        if rest or not period:
+        if rest or not 0 < period_ns <= LONGEST_NS:
+            frame, longest = f"{self._frame_ns / 1e6:g} ms", f"{LONGEST_NS / 1e9:g} s"
             faults.append(
-                f"its period of {period_ns / 1e6:g} ms is no whole number of {self._frame_ns / 1e6:g} ms frames"
+                f"its period of {period_ns} ns is no whole number of {frame} frames between {frame} and {longest}"
             )
         if faults:
-            raise UsageError("\n".join(f"{name}: {fault}" for fault in faults))
+            raise UsageError("\n".join(f"{name[:80]!r}: {fault}" for fault in faults))
         line = Line(name, inputs, drives, period, delay_ns // self._frame_ns)
         self.lines[name] = line
         self._order = [self.lines[key] for key in sorted(self.lines)]

@@ -19,14 +19,19 @@ from rig.bench.line import Line
 from rig.bench.operation import Operation
 from rig.bench.timing import Spread
 from rig.bus import encode, messages
+from rig.bus.inbound import Refused
 from rig.bus.port import Publisher, Session
 from rig.bus.setup import Setup
-from rig.errors import BusError, UsageError
+from rig.errors import UsageError
 from rig.scenes.scene import heard
 
 BLOCK_NS = 20_000_000
 STATE_NS = 5_000_000
 _REMEMBERED = 1 << 10
+_ACTS = 1 << 10
+"""Commands that wait at most; a frame takes no more."""
+_TOO_MANY = 1000
+"""Commands beyond four for each step between two looks (0.2 s) that are told as too many. # chosen"""
 
 
 class Samples:
@@ -76,7 +81,11 @@ class Hub:
         self._applied: dict[str, Publisher] = {}
         self._waiting: list[tuple[Publisher, bytes]] = []
         self._told = 0
-        self.acts = session.subscribe("act/*", stamped=True)
+        self.acts = session.subscribe("act/*", _ACTS, stamped=True)
+        self._voices: dict[str, str] = {}
+        """Controller -> user whose commands count; the first to command after its admission."""
+        self._counted: dict[str, int] = {}
+        self._steps = 0
         self.totals = session.subscribe("total/*")
         self.watch = session.watch("*/*")
         text = setup.to_text().encode()
@@ -90,25 +99,41 @@ class Hub:
 
     def receive(self) -> None:
         """Hand on the commands that have arrived."""
-        while (found := self.command()) is not None:
+        for _ in range(_ACTS):
+            found = self.command()
+            if found is None:
+                return
             name, act = found
             self.operation.exchange.receive(name, act.tick, tuple(act.values))
 
     def command(self, timeout: float = 0.0) -> tuple[str, Any] | None:
         """Sender and content of the oldest command, waited for at most `timeout` [s]; its round trip is noted."""
-        while True:
-            try:
-                message = self.acts.get(timeout)
-                if message is None:
-                    return None
-                act = messages.decode(message.topic, message.payload)
-            except BusError as fault:  # whoever says what cannot be understood must not end the run
-                self.operation.journal.repeated("refused", str(fault))
-                continue
-            tick, put_at = self._put_at[act.tick % _REMEMBERED]
-            if tick == act.tick:
-                self._trips.append(message.arrived_ns - put_at)
-            return message.topic[4:], act
+        message = self.acts.get(timeout)
+        while message is not None:
+            act, name = message.said, message.topic[4:]
+            if self._voices.setdefault(name, message.user) == message.user:
+                tick, put_at = self._put_at[act.tick % _REMEMBERED]
+                if tick == act.tick:
+                    self._trips.append(message.arrived_ns - put_at)
+                return name, act
+            self.session.door.count(f"{message.user} on {message.topic}", Refused("another one commands there"))
+            message = self.acts.get()
+        return None
+
+    def admit(self, name: str) -> None:
+        """From here on the commands of whoever speaks first as `name` count, and of nobody else."""
+        self._voices.pop(name, None)
+
+    def floods(self) -> list[str]:
+        """Who sent far more commands since the last call than steps were sent; a line each."""
+        steps, self._steps = self._step.sent - self._steps, self._step.sent
+        found = []
+        for topic, count in self.acts.counts.items():
+            sent = count.received + count.lost
+            new, self._counted[topic] = sent - self._counted.get(topic, 0), sent
+            if new > 4 * steps + _TOO_MANY:
+                found.append(f"controller {topic[4:]} sent {new} commands for {steps} steps")
+        return found
 
     def put_step(self) -> None:
         """Tell the controllers what the sensors say at this tick; again if nobody answered the first time."""
@@ -211,6 +236,7 @@ def missing(sent: Mapping[str, int], heard: Any, whole: bool) -> dict[str, int]:
     found = {}
     for topic, count in sent.items():
         got, gaps = received.get(topic, (0, 0))
-        if lost := count - got if whole else gaps:
+        lost = count - got if whole else min(gaps, count)
+        if lost > 0:
             found[topic] = lost
     return found

@@ -276,7 +276,7 @@ def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) 
     asked: list[str] = []
     with told_to_stop(asked.append):
         scheduling.come_first()  # the threads of the bus inherit it
-        with bus.host(job.run, scene.name, job.endpoint) as session:
+        with bus.host(job.run, scene.name, job.endpoint, scene.controllers) as session:
             plant = Plant(session, job, lambda: f"stopped by {asked[0]}" if asked else "", sets)
             session.announce()
             say(f"run {session.run}")

@@ -10,6 +10,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any, TextIO
 
 LABEL = 10
+REFUSED = 5
+"""Kinds of refused messages that the summary lists."""
 
 
 class Live:
@@ -69,13 +71,15 @@ def line(health: Mapping[str, Any]) -> str:
         *([f"{left:.0f} s left"] if left >= 0.0 else []),
         f"overruns {health['overruns']}",
         f"held {health['held']}",
+        *([f"refused {health['refused']}"] if health.get("refused") else []),
     ]
     return " ".join(parts)
 
 
 def summary(found: Mapping[str, Any], log: str = "", following: Iterable[str] = ()) -> str:
     """The summary of a run; `log`: what became of the recording, `following`: what to try next."""
-    parts = [("timing", _timing(found)), ("loop", _loop(found)), ("lost", _lost(found)), ("plant", _plant(found))]
+    parts = [("timing", _timing(found)), ("loop", _loop(found)), ("lost", _lost(found)), ("refused", _refused(found))]
+    parts.append(("plant", _plant(found)))
     parts.append(("note", [*found["faults"], *found["fault"].splitlines(), *found.get("died", ())]))
     parts.append(("audit", [one["text"] for one in found.get("audit", ()) if one["noted"]]))
     parts += [("log", [log]), ("next", [" | ".join(following)])]
@@ -126,6 +130,13 @@ def _loop(found: Mapping[str, Any]) -> list[str]:
         else:
             lines += _counted(name, counts)
     return lines
+
+
+def _refused(found: Mapping[str, Any]) -> list[str]:
+    """Messages that were not let in, those of whom there are most first."""
+    known = sorted(found.get("refused", {}).items(), key=lambda one: -one[1])
+    lines = [f"{count} from {sender}" for sender, count in known[:REFUSED]]
+    return lines + ([f"{sum(n for _, n in known[REFUSED:])} others"] if known[REFUSED:] else [])
 
 
 def _counted(name: str, counts: Mapping[str, int]) -> list[str]:

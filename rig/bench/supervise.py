@@ -21,12 +21,13 @@ from rig.bench.child import Child, end
 from rig.bench.job import Job
 from rig.bench.outcome import Outcome
 from rig.bench.status import Live
-from rig.bus import messages
 from rig.bus.port import Receiver, Session
 from rig.errors import BusError, Interrupted, RigError, UsageError
 from rig.process import told_to_stop
 from rig.scenes.scene import Scene
 
+_LINE = 400
+"""Longest text of an event that is shown."""
 JOIN_S = 30.0
 """Longest wait of a process for the run, and of the plant for the processes."""
 VIEWER, RECORDER = ("viewer", "viewer"), ("recorder", "recorder")
@@ -36,7 +37,7 @@ WRITE_S = 20.0
 """which finishes its file."""
 TOLD = frozenset(
     "begin joined left mark timeout parameter knock limit diverged fault "
-    "missing safe back refused overruled evicted pause".split()
+    "missing safe back refused flood overruled evicted pause".split()
 )
 """Kinds of events that are shown while the run goes on."""
 
@@ -191,17 +192,18 @@ class Team:
 
     def _show(self, health: Receiver, live: Live) -> None:
         for message in health.drain():
-            told = messages.decode("health", message.payload)
+            told = message.said
             self._health = {field.name: getattr(told, field.name) for field in told.DESCRIPTOR.fields}
             self._health["t"] = told.t_ns / 1e9
             live.show(self._health)
 
     def _tell(self, events: Receiver) -> None:
         for message in events.drain():
-            event = messages.decode(message.topic, message.payload)
+            event = message.said
             self._over = self._over or event.kind == "end"
             if event.kind in TOLD:
-                self._say(f"{event.t_ns / 1e9:9.3f} s  {event.kind}: {event.text.partition(chr(10))[0]}")
+                text = "".join(filter(str.isprintable, event.text.partition("\n")[0][:_LINE]))
+                self._say(f"{event.t_ns / 1e9:9.3f} s  {event.kind}: {text}")
 
     def _interrupt(self, interrupts: list[str]) -> None:
         """The first Ctrl-C ends the plant, the second everybody."""

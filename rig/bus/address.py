@@ -10,6 +10,7 @@ import fcntl
 import json
 import os
 import re
+import shutil
 import stat
 import sys
 import tempfile
@@ -19,6 +20,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from rig.bus.messages import FINGERPRINT
 from rig.errors import BusError
 
 _LONGEST = 107 if sys.platform == "linux" else 103
@@ -36,6 +38,8 @@ class RunAddress:
     scene: str
     started: float
     """Seconds since 1970."""
+    speaks: str = ""
+    """Fingerprint of its messages: `rig.bus.messages.FINGERPRINT`."""
 
 
 def directory() -> Path:
@@ -120,7 +124,7 @@ def claim(run: str | None = None, scene: str = "run", endpoint: str | None = Non
 
 
 def _try(run: str, scene: str, endpoint: str | None) -> Claim | None:
-    address = RunAddress(run, endpoint or socket_endpoint(run), os.getpid(), scene, time.time())
+    address = RunAddress(run, endpoint or socket_endpoint(run), os.getpid(), scene, time.time(), FINGERPRINT)
     with _alone() as here:
         path = here / f"{run}.run"
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -143,6 +147,22 @@ def _clear(path: Path) -> None:
     socket = path.with_suffix(".sock")
     for leftover in (socket, socket.with_suffix(".sock.lock"), path):
         leftover.unlink(missing_ok=True)
+    shutil.rmtree(path.with_suffix(".users"), ignore_errors=True)
+
+
+def is_live(run: str) -> bool:
+    """Whether the plant of a run lives: it holds the lock of its file, also while it hangs."""
+    try:
+        descriptor = os.open(directory() / f"{run}.run", os.O_RDWR | os.O_CLOEXEC)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)  # shared: others may look at the same time
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
 
 
 def list_runs() -> list[RunAddress]:
@@ -154,9 +174,18 @@ def list_runs() -> list[RunAddress]:
             if _lock(descriptor):
                 _clear(path)
             elif text := os.pread(descriptor, 1 << 16, 0):  # empty: claimed, but not open yet
-                found.append(RunAddress(**json.loads(text)))
+                found += _read(text)
             os.close(descriptor)
     return sorted(found, key=lambda run: run.started, reverse=True)
+
+
+def _read(text: bytes) -> list[RunAddress]:
+    """The run of a file; none where another installation has written it otherwise."""
+    try:
+        address = RunAddress(**json.loads(text))
+        return [address] if isinstance(address.started, float) and isinstance(address.endpoint, str) else []
+    except (TypeError, ValueError, RecursionError):
+        return []
 
 
 def find(run: str | None = None, wait: float = 0.0) -> RunAddress:

@@ -9,21 +9,24 @@ from __future__ import annotations
 
 import json
 import socket
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
 import zenoh
 
+from rig.bus import access, messages
 from rig.bus.address import Claim, RunAddress
 from rig.bus.port import Session
 from rig.bus.session import ZenohSession
 from rig.errors import BusError
 
 _PRIORITIES = ("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low")
-_LEASE_MS = 2000
+_LEASE_MS = 10_000
+"""Time that a process may hang before the others give its connection up. One that dies is noticed at once."""
 
 
-def _configuration(mode: str, listen: str | None, connect: str | None) -> zenoh.Config:
+def _configuration(mode: str, listen: str | None, connect: str | None, **more: Any) -> zenoh.Config:
     queues = "transport/link/tx/queue"
     settings: dict[str, Any] = {
         "mode": mode,
@@ -39,6 +42,7 @@ def _configuration(mode: str, listen: str | None, connect: str | None) -> zenoh.
         f"{queues}/congestion_control/drop/wait_before_drop": 0,
         f"{queues}/congestion_control/block/wait_before_close": 100_000,
         **{f"{queues}/size/{priority}": 16 for priority in (*_PRIORITIES, "background")},
+        **more,
     }
     config = zenoh.Config()
     for key, value in settings.items():
@@ -46,28 +50,38 @@ def _configuration(mode: str, listen: str | None, connect: str | None) -> zenoh.
     return config
 
 
-def open_hub(claim: Claim, role: str, name: str) -> Session:
+def open_hub(claim: Claim, controllers: Iterable[str] = ()) -> Session:
     """The plant's end of the bus; raises BusError if somebody else listens at its address."""
     address = claim.address
     try:
-        opened = zenoh.open(_configuration("peer", address.endpoint, None))
-    except zenoh.ZError as fault:
+        seat = access.invite(address.run, controllers)
+        with access.dictionary(address.run) as users:
+            more = access.bounds(address.run, seat, users)
+            opened = zenoh.open(_configuration("peer", address.endpoint, None, **more))
+    except (zenoh.ZError, OSError) as fault:
         claim.release()
         raise BusError(f"run {address.run} cannot listen at {address.endpoint}: {_cause(fault)}") from None
+    except BusError:
+        claim.release()
+        raise
     claim.open()
-    return ZenohSession(address.run, role, name, opened, claim)
+    return ZenohSession(address.run, "plant", seat, opened, claim)
 
 
 def open_leaf(address: RunAddress, role: str, name: str) -> Session:
-    """Everyone else's end; raises BusError if nobody listens there."""
+    """Everyone else's end; raises BusError if nobody listens there, or there is no place for `name`."""
     kind, _, path = address.endpoint.partition("/")
+    if address.speaks != messages.FINGERPRINT:
+        raise BusError(f"run {address.run} is of another installation: its processes must all come from the same one")
     if kind == "unixsock-stream":
         _probe(Path(path), address.run)
+    seat = access.take_seat(address.run, role, name)
     try:
-        opened = zenoh.open(_configuration("client", None, address.endpoint))
+        opened = zenoh.open(_configuration("client", None, address.endpoint, **access.login(seat)))
     except zenoh.ZError as fault:
+        seat.release()
         raise BusError(f"run {address.run} does not answer at {address.endpoint}: {_cause(fault)}") from None
-    return ZenohSession(address.run, role, name, opened, None)
+    return ZenohSession(address.run, role, seat, opened, None)
 
 
 def _probe(path: Path, run: str) -> None:
@@ -81,6 +95,6 @@ def _probe(path: Path, run: str) -> None:
             raise BusError(f"nobody listens at {path}: the plant of run {run} has died ({fault.strerror})") from None
 
 
-def _cause(fault: zenoh.ZError) -> str:
+def _cause(fault: Exception) -> str:
     text = str(fault).partition(" at /")[0]
     return "somebody already listens there" if "lock" in text or "in use" in text else text

@@ -35,7 +35,7 @@ DECLARED = {
     # data: JSON object that belongs to the kind of event
     "Event": "t_ns:int tick:int source:text kind:text text:text data:text",
     "Health": "t_ns:int tick:int phase:text rate:real lateness_us:real worst_us:real late:int overruns:int drops:int "
-    "held:int energy_error:real stick_share:real eta_s:real",
+    "held:int energy_error:real stick_share:real eta_s:real refused:int",
     # what one process sent, and what it received and lost (gaps seen in the sequence numbers), topic by topic
     "Totals": "process:text sent_topic:text* sent:int* heard_topic:text* received:int* lost:int*",
 }

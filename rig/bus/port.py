@@ -9,59 +9,27 @@ what was lost after the last one it got shows when the sender tells its totals.
 from __future__ import annotations
 
 import json
-import struct
+import queue
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from contextlib import suppress
+from typing import Any, Generic, TypeVar
 
 from rig.bus import messages, topics
+from rig.bus.inbound import HEADER, PAYLOAD, Arrived, Count, Door, Message, Presence, Refused, read_json, speaks
 from rig.errors import BusError, RigError
 
-HEADER = struct.Struct("<QQ")
+__all__ = ["Count", "Message", "Presence", "Publisher", "Receiver", "Request", "Server", "Session", "Watch"]
 
+_MOST = 256
+"""Most things that one call takes in, so that a flood cannot hold it."""
+_QUESTIONS = 16
+"""Most questions that one call answers."""
+PRESENCES, QUESTIONS = 1 << 14, 1 << 8
+"""Most signs of life, and most questions, that wait."""
 
-class Message(NamedTuple):
-    """One message as it arrived. `arrived_ns` is the monotonic clock at arrival, 0 unless the receiver stamps."""
-
-    topic: str
-    payload: bytes
-    seq: int
-    t_ns: int
-    arrived_ns: int = 0
-
-
-@dataclass
-class Count:
-    """What has been seen of one topic."""
-
-    received: int = 0
-    lost: int = 0
-    """Numbers missing between the first and the last message received."""
-    first: int = -1
-    last: int = -1
-
-    def see(self, seq: int) -> None:
-        """Count a message; a number that is not above the last one means that the publisher started anew."""
-        if seq > self.last >= 0:
-            self.lost += seq - self.last - 1
-        elif self.last < 0:
-            self.first = seq
-        self.last = seq
-        self.received += 1
-
-    def tail(self, sent: int) -> int:
-        """Messages lost after the last one received, once it is known that `sent` were sent."""
-        return max(sent - 1 - self.last, 0)
-
-
-class Presence(NamedTuple):
-    """Someone joined (`here`) or left."""
-
-    role: str
-    name: str
-    here: bool
+T = TypeVar("T")
 
 
 class Publisher(ABC):
@@ -80,36 +48,69 @@ class Publisher(ABC):
     def _send(self, payload: bytes, header: bytes) -> None: ...
 
 
+class Inbox(Generic[T]):
+    """What waits to be read: at most `depth` things, beyond which the oldest go. Filled and emptied by any thread."""
+
+    def __init__(self, depth: int) -> None:
+        self._queue: queue.SimpleQueue[T] = queue.SimpleQueue()
+        self._depth = depth
+
+    def put(self, one: T) -> None:
+        """Add the newest."""
+        self._queue.put(one)
+        if self._queue.qsize() > self._depth:
+            with suppress(queue.Empty):
+                self._queue.get_nowait()
+
+    def take(self, timeout: float) -> T | None:
+        """The oldest, waited for at most `timeout` seconds; None if there is none."""
+        try:
+            return self._queue.get(timeout=timeout) if timeout > 0.0 else self._queue.get_nowait()
+        except queue.Empty:
+            return None
+
+    def qsize(self) -> int:
+        """How many wait."""
+        return self._queue.qsize()
+
+
 class Receiver(ABC):
     """Receives what fits one pattern of topics. What exceeds `depth` waiting messages is dropped, oldest first."""
 
-    def __init__(self, depth: int) -> None:
-        self.depth = depth
+    def __init__(self, door: Door, pattern: str, depth: int) -> None:
+        self.door, self.pattern, self.depth = door, pattern, depth
         self.counts: dict[str, Count] = {}
 
     @abstractmethod
-    def _next(self, timeout: float) -> Message | None:
-        """The oldest waiting message, or None after `timeout` seconds."""
+    def _next(self, timeout: float) -> Any:
+        """The oldest thing that waits, as the transport delivered it, or None after `timeout` seconds."""
 
     @abstractmethod
-    def _waiting(self) -> int: ...
+    def _arrived(self, found: Any) -> Arrived:
+        """What was delivered, unread."""
+
+    def _message(self, arrived: Arrived) -> Message:
+        if arrived.topic not in self.counts and not topics.matches(self.pattern, arrived.topic):
+            raise Refused("not asked for", f"{arrived.topic[:80]} does not fit {self.pattern}")
+        return self.door.message(arrived, self.counts)
 
     def get(self, timeout: float = 0.0) -> Message | None:
-        """The oldest message, waited for at most `timeout` seconds; None if there is none."""
-        for _ in range(self._waiting() - self.depth):
-            self._next(0.0)
-        found = self._next(timeout)
-        if found is not None:
-            count = self.counts.get(found.topic)
-            if count is None:
-                count = self.counts[found.topic] = Count()
-            count.see(found.seq)
-        return found
+        """The oldest message that is let in, waited for at most `timeout` seconds; None if there is none."""
+        deadline = time.monotonic() + timeout if timeout else 0.0
+        for _ in range(_MOST):
+            found = self._next(timeout)
+            if found is None:
+                return None
+            message = self.door.let_in(self._message, self._arrived(found))
+            if message is not None:
+                return message
+            timeout = max(deadline - time.monotonic(), 0.0) if timeout else 0.0
+        return None
 
     def drain(self) -> list[Message]:
-        """All messages that wait now."""
-        found = []
-        while (one := self.get()) is not None:
+        """The messages that wait now, at most `depth`."""
+        found: list[Message] = []
+        while len(found) < self.depth and (one := self.get()) is not None:
             found.append(one)
         return found
 
@@ -127,19 +128,28 @@ class Receiver(ABC):
 class Watch(ABC):
     """Tells who joins and who leaves."""
 
-    def __init__(self) -> None:
+    def __init__(self, door: Door) -> None:
+        self.door = door
         self.present: set[tuple[str, str]] = set()
         """(role, name) of everyone here, as of the last `poll`."""
 
     @abstractmethod
-    def _next(self, timeout: float) -> Presence | None: ...
+    def _next(self, timeout: float) -> Arrived | None: ...
 
     def poll(self, timeout: float = 0.0) -> list[Presence]:
         """Changes since the last call; waits at most `timeout` seconds for the first."""
         changes: list[Presence] = []
-        while (found := self._next(0.0 if changes else timeout)) is not None:
+        for _ in range(_MOST):
+            arrived = self._next(0.0 if changes else timeout)
+            if arrived is None:
+                break
+            found = self.door.let_in(self.door.presence, arrived)
+            if found is None:
+                continue
             who = (found.role, found.name)
-            if found.here != (who in self.present):
+            if found.here and len(self.present) >= _MOST:
+                self.door.count(found.name, Refused("too many"))
+            elif found.here != (who in self.present):
                 (self.present.add if found.here else self.present.discard)(who)
                 changes.append(found)
         return changes
@@ -156,7 +166,7 @@ class Watch(ABC):
 class Request(ABC):
     """A question from another process; must be answered or refused, once."""
 
-    body: Any
+    asked: Arrived
 
     @abstractmethod
     def reply(self, text: bytes) -> None:
@@ -173,8 +183,8 @@ Answer = Callable[[dict[str, Any]], "dict[str, Any] | bytes"]
 class Server(ABC):
     """Answers the questions on one topic, in the thread that calls `poll`."""
 
-    def __init__(self, answer: Answer) -> None:
-        self._answer = answer
+    def __init__(self, door: Door, answer: Answer) -> None:
+        self.door, self._answer = door, answer
 
     @abstractmethod
     def _next(self, timeout: float) -> Request | None: ...
@@ -182,29 +192,37 @@ class Server(ABC):
     def poll(self, timeout: float = 0.0) -> int:
         """Answer what has been asked, waiting at most `timeout` seconds for the first; how many were answered.
 
-        A RigError or ValueError of the answering function goes to the asker; any other error to both.
+        A question that cannot be read or carried out is refused, whatever it breaks; the asker is told why.
         """
         answered = 0
-        while (request := self._next(0.0 if answered else timeout)) is not None:
+        while answered < _QUESTIONS and (request := self._next(0.0 if answered else timeout)) is not None:
             answered += 1
+            body = self.door.let_in(self.door.question, request.asked)
+            if body is None:
+                request.refuse(f"{self.door.last.kind}: {self.door.last}")
+                continue
             try:
-                found = self._answer(request.body)
+                found = self._answer(body)
+                text = found if isinstance(found, bytes) else json.dumps(found).encode()
             except (RigError, ValueError) as fault:
                 request.refuse(str(fault))
-            except Exception as fault:
-                request.refuse(f"{type(fault).__name__}: {fault}")
-                raise
+            except KeyError as fault:
+                request.refuse(f"{body.get('do', 'the request')} needs {fault}")
+            except Exception as fault:  # what was asked makes no sense: that must not end the one who is asked
+                request.refuse(f"{body!r:.200} cannot be done: {type(fault).__name__}: {fault}")
             else:
-                request.reply(found if isinstance(found, bytes) else json.dumps(found).encode())
+                request.reply(text)
         return answered
 
 
 class Session(ABC):
     """One process's connection to the bus of one run. Use it in a `with` block, or close it."""
 
-    def __init__(self, run: str, role: str, name: str) -> None:
-        self.run, self.role, self.name = run, role, name
+    def __init__(self, run: str, role: str, name: str, user: str, reserved: frozenset[str]) -> None:
+        self.run, self.role, self.name, self.user = run, role, name, user
         topics.of(f"alive/{role}/{name}")
+        self.door = Door(reserved)
+        """Through which everything comes in that others say; it counts what it refuses."""
         self._publishers: dict[str, Publisher] = {}
         self._receivers: list[Receiver] = []
 
@@ -235,16 +253,26 @@ class Session(ABC):
     def _ask(self, topic: str, text: bytes, timeout: float) -> tuple[bool, bytes] | None:
         """(granted, text) of the answer, or None if nobody answers."""
 
+    @property
+    @abstractmethod
+    def ended(self) -> bool:
+        """Whether the plant of the run has ended; one that hangs or cannot be reached just now has not."""
+
     @abstractmethod
     def close(self) -> None:
         """Leave. Takes at most two seconds and may be called twice."""
 
     def publisher(self, topic: str) -> Publisher:
-        """The publisher of a concrete topic; one for each topic in a session."""
+        """The publisher of a concrete topic; one for each topic in a session. BusError for one of somebody else."""
         if topic not in self._publishers:
-            topics.of(topic)
+            self._own(topic)
             self._publishers[topic] = self._publisher(topic)
         return self._publishers[topic]
+
+    def _own(self, topic: str) -> None:
+        """Raise BusError for a topic that belongs to another process."""
+        if not speaks(self.user, topic, self.door.reserved):
+            raise BusError(f"{topic} belongs to {topics.owner(topic)}; {self.role} {self.name} cannot speak there")
 
     def ask(self, topic: str, body: dict[str, Any], timeout: float = 1.0, *, patient: bool = False) -> Any:
         """The answer to `body` on `topic`; `patient` waits the whole time for someone who can answer."""
@@ -255,8 +283,11 @@ class Session(ABC):
             if found is not None:
                 granted, said = found
                 if not granted:
-                    raise BusError(f"{topic} of {self.run} refuses: {said.decode(errors='replace')}")
-                return json.loads(said)
+                    raise BusError(f"{topic} of {self.run} refuses: {said[:4096].decode(errors='replace')}")
+                try:
+                    return read_json(said, PAYLOAD, finite=False)
+                except Refused as fault:
+                    raise BusError(f"{topic} of {self.run} answers what cannot be read: {fault}") from None
             if not patient:
                 break
             time.sleep(0.02)

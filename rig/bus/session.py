@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import atexit
 import contextlib
-import json
-import queue
 import threading
 import time
 from collections.abc import Callable
@@ -17,8 +15,21 @@ from typing import Any
 import zenoh
 
 from rig.bus import messages, topics
-from rig.bus.address import Claim
-from rig.bus.port import HEADER, Answer, Message, Presence, Publisher, Receiver, Request, Server, Session, Watch
+from rig.bus.access import Seat
+from rig.bus.address import Claim, is_live
+from rig.bus.inbound import Arrived, Door
+from rig.bus.port import (
+    PRESENCES,
+    QUESTIONS,
+    Answer,
+    Inbox,
+    Publisher,
+    Receiver,
+    Request,
+    Server,
+    Session,
+    Watch,
+)
 from rig.errors import BusError
 
 _CLOSING_S = 2.0
@@ -36,59 +47,56 @@ class _Publisher(Publisher):
             raise BusError(f"{self.topic} could not be sent: {fault}") from None
 
 
-class _Receiver(Receiver):
-    """Shared by both ways to wait: turns what Zenoh delivers into messages and refuses strangers."""
+def _who(key: Any, prefix: int) -> tuple[str, str]:
+    """User and topic of a key `rig/<run>/<user>/<topic>`."""
+    user, _, topic = str(key)[prefix:].partition("/")
+    return user, topic
 
-    def __init__(self, depth: int, prefix: int) -> None:
-        super().__init__(depth)
+
+class _Receiver(Receiver):
+    """Shared by both ways to wait: what Zenoh delivers, unread."""
+
+    def __init__(self, door: Door, pattern: str, depth: int, prefix: int) -> None:
+        super().__init__(door, pattern, depth)
         self._prefix = prefix
 
-    def _message(self, sample: zenoh.Sample, arrived_ns: int = 0) -> Message:
-        topic = str(sample.key_expr)[self._prefix :]
+    def _arrived(self, found: tuple[zenoh.Sample, int]) -> Arrived:
+        sample, arrived_ns = found
+        user, topic = _who(sample.key_expr, self._prefix)
         attachment = sample.attachment
-        if topic not in self.counts and str(sample.encoding) != messages.encoding(topic):
-            raise BusError(
-                f"{topic} speaks {sample.encoding}, this process {messages.encoding(topic)}: "
-                "the processes of a run must come from the same installation"
-            )
-        if attachment is None:
-            raise BusError(f"a message on {topic} carries no sequence number; something else publishes there")
-        seq, t_ns = HEADER.unpack(attachment.to_bytes())
-        return Message(topic, sample.payload.to_bytes(), seq, t_ns, arrived_ns)
+        return Arrived(
+            user,
+            topic,
+            sample.payload.to_bytes(),
+            attachment.to_bytes() if attachment is not None else None,
+            sample.kind == zenoh.SampleKind.PUT,
+            "" if topic in self.counts else str(sample.encoding),
+            arrived_ns,
+        )
 
 
 class _Queued(_Receiver):
     """Woken by each message."""
 
-    def __init__(self, depth: int, prefix: int, stamped: bool) -> None:
-        super().__init__(depth, prefix)
-        self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
-        put, clock = self._queue.put, time.monotonic_ns
-        self._stamped = stamped
-        self.take: Callable[[zenoh.Sample], None] = (lambda sample: put((sample, clock()))) if stamped else put
+    def __init__(self, door: Door, pattern: str, depth: int, prefix: int, stamped: bool) -> None:
+        super().__init__(door, pattern, depth, prefix)
+        inbox = Inbox[tuple[zenoh.Sample, int]](depth)
+        put, clock = inbox.put, time.monotonic_ns if stamped else int
+        self.take: Callable[[zenoh.Sample], None] = lambda sample: put((sample, clock()))
+        self._inbox = inbox
 
-    def _waiting(self) -> int:
-        return self._queue.qsize()
-
-    def _next(self, timeout: float) -> Message | None:
-        try:
-            found = self._queue.get(timeout=timeout) if timeout > 0.0 else self._queue.get_nowait()
-        except queue.Empty:
-            return None
-        return self._message(*found) if self._stamped else self._message(found)
+    def _next(self, timeout: float) -> tuple[zenoh.Sample, int] | None:
+        return self._inbox.take(timeout)
 
 
 class _Polled(_Receiver):
-    """Messages wait in Zenoh's own channel and cost this process nothing until they are drained."""
+    """Messages wait in a ring of Zenoh's own and cost this process nothing until they are drained."""
 
-    def __init__(self, depth: int, prefix: int) -> None:
-        super().__init__(depth, prefix)
+    def __init__(self, door: Door, pattern: str, depth: int, prefix: int) -> None:
+        super().__init__(door, pattern, depth, prefix)
         self.subscriber: Any = None
 
-    def _waiting(self) -> int:
-        return 0  # the channel is a ring of `depth` and drops the oldest itself
-
-    def _next(self, timeout: float) -> Message | None:
+    def _next(self, timeout: float) -> tuple[zenoh.Sample, int] | None:
         deadline = time.monotonic() + timeout
         while True:
             try:
@@ -96,70 +104,68 @@ class _Polled(_Receiver):
             except zenoh.ZError:  # closed
                 return None
             if sample is not None:
-                return self._message(sample)
+                return sample, 0
             if time.monotonic() >= deadline:
                 return None
             time.sleep(0.001)
 
 
 class _Watch(Watch):
-    def __init__(self, prefix: int) -> None:
-        super().__init__()
+    def __init__(self, door: Door, prefix: int) -> None:
+        super().__init__(door)
         self._prefix = prefix
-        self._queue: queue.SimpleQueue[zenoh.Sample] = queue.SimpleQueue()
-        self.take = self._queue.put
+        self._inbox = Inbox[zenoh.Sample](PRESENCES)
+        self.take = self._inbox.put
 
-    def _next(self, timeout: float) -> Presence | None:
-        try:
-            sample = self._queue.get(timeout=timeout) if timeout > 0.0 else self._queue.get_nowait()
-        except queue.Empty:
+    def _next(self, timeout: float) -> Arrived | None:
+        sample = self._inbox.take(timeout)
+        if sample is None:
             return None
-        _, role, name = str(sample.key_expr)[self._prefix :].split("/")
-        return Presence(role, name, sample.kind == zenoh.SampleKind.PUT)
+        return Arrived(*_who(sample.key_expr, self._prefix), put=sample.kind == zenoh.SampleKind.PUT)
 
 
 class _Request(Request):
-    def __init__(self, query: zenoh.Query) -> None:
-        self._query = query
+    def __init__(self, query: zenoh.Query, key: str, user: str, topic: str) -> None:
+        self._query, self._key = query, key
         payload = query.payload
-        self.body = json.loads(payload.to_bytes()) if payload is not None else {}
+        self.asked = Arrived(user, topic, payload.to_bytes() if payload is not None else b"")
 
     def reply(self, text: bytes) -> None:
         with contextlib.suppress(zenoh.ZError), self._query as query:  # the asker may have gone
-            query.reply(query.key_expr, text)
+            query.reply(self._key, text)
 
     def refuse(self, why: str) -> None:
         with contextlib.suppress(zenoh.ZError), self._query as query:
-            query.reply_err(why.encode())
+            query.reply_err(why.encode(errors="replace"))
 
 
 class _Server(Server):
-    def __init__(self, answer: Answer) -> None:
-        super().__init__(answer)
-        self._queue: queue.SimpleQueue[zenoh.Query] = queue.SimpleQueue()
-        self.take = self._queue.put
+    def __init__(self, door: Door, answer: Answer, key: str, topic: str) -> None:
+        super().__init__(door, answer)
+        self._key, self._topic = key, topic
+        self._inbox = Inbox[zenoh.Query](QUESTIONS)
+        self.take = self._inbox.put  # one that falls out is dropped, which tells its asker that nobody answers
 
     def _next(self, timeout: float) -> Request | None:
-        try:
-            return _Request(self._queue.get(timeout=timeout) if timeout > 0.0 else self._queue.get_nowait())
-        except queue.Empty:
-            return None
+        query = self._inbox.take(timeout)
+        return None if query is None else _Request(query, self._key, "somebody", self._topic)
 
 
 class ZenohSession(Session):
     """A connection between processes."""
 
-    def __init__(self, run: str, role: str, name: str, opened: zenoh.Session, claim: Claim | None) -> None:
-        super().__init__(run, role, name)
-        self._zenoh, self._claim = opened, claim
+    def __init__(self, run: str, role: str, seat: Seat, opened: zenoh.Session, claim: Claim | None) -> None:
+        super().__init__(run, role, seat.name, seat.user, seat.reserved)
+        self._zenoh, self._seat, self._claim = opened, seat, claim
         self._prefix = f"rig/{run}/"
+        self._mine = f"{self._prefix}{seat.user}/"
         self._declared: list[Any] = []
         self._closed = False
         atexit.register(self.close)
 
     def _publisher(self, topic: str) -> Publisher:
         declared = self._zenoh.declare_publisher(
-            self._prefix + topic,
+            self._mine + topic,
             encoding=messages.encoding(topic),
             congestion_control=zenoh.CongestionControl.DROP,
             priority=getattr(zenoh.Priority, topics.of(topic).priority),
@@ -171,14 +177,14 @@ class ZenohSession(Session):
 
     def subscribe(self, pattern: str, depth: int = 4096, *, polled: bool = False, stamped: bool = False) -> Receiver:
         """See `Session.subscribe`."""
-        key, prefix = self._prefix + pattern, len(self._prefix)
+        key, prefix = f"{self._prefix}*/{pattern}", len(self._prefix)
         found: _Polled | _Queued
         if polled:
-            found = _Polled(depth, prefix)
+            found = _Polled(self.door, pattern, depth, prefix)
             found.subscriber = self._zenoh.declare_subscriber(key, zenoh.handlers.RingChannel(depth))
             self._declared.append(found.subscriber)
         else:
-            found = _Queued(depth, prefix, stamped)
+            found = _Queued(self.door, pattern, depth, prefix, stamped)
             handler = zenoh.handlers.Callback(found.take, indirect=False)
             self._declared.append(self._zenoh.declare_subscriber(key, handler))
         self._receivers.append(found)
@@ -186,31 +192,34 @@ class ZenohSession(Session):
 
     def announce(self) -> None:
         """See `Session.announce`."""
-        token = self._zenoh.liveliness().declare_token(f"{self._prefix}alive/{self.role}/{self.name}")
+        token = self._zenoh.liveliness().declare_token(f"{self._mine}alive/{self.role}/{self.name}")
         self._declared.append(token)
 
     def watch(self, who: str = "*/*") -> Watch:
         """See `Session.watch`."""
-        found = _Watch(len(self._prefix))
+        found = _Watch(self.door, len(self._prefix))
         self._declared.append(
             self._zenoh.liveliness().declare_subscriber(
-                f"{self._prefix}alive/{who}", zenoh.handlers.Callback(found.take, indirect=False), history=True
+                f"{self._prefix}*/alive/{who}", zenoh.handlers.Callback(found.take, indirect=False), history=True
             )
         )
         return found
 
     def serve(self, topic: str, answer: Answer) -> Server:
         """See `Session.serve`."""
-        topics.of(topic)
-        found = _Server(answer)
+        self._own(topic)
+        key = self._mine + topic
+        found = _Server(self.door, answer, key, topic)
         handler = zenoh.handlers.Callback(found.take, indirect=False)
-        self._declared.append(self._zenoh.declare_queryable(self._prefix + topic, handler, complete=True))
+        self._declared.append(self._zenoh.declare_queryable(key, handler, complete=True))
         return found
 
     def _ask(self, topic: str, text: bytes, timeout: float) -> tuple[bool, bytes] | None:
+        owner = topics.owner(topic)
+        known = owner == "plant" or owner in self.door.reserved  # else a guest, whose user is not known
         try:
             replies = self._zenoh.get(
-                self._prefix + topic,
+                f"{self._prefix}{owner if known else '*'}/{topic}",
                 payload=text,
                 timeout=timeout,
                 congestion_control=zenoh.CongestionControl.DROP,  # the answer is sent as the question was
@@ -224,6 +233,11 @@ class ZenohSession(Session):
             raise BusError(f"{topic} could not be asked: {fault}") from None
         return None
 
+    @property
+    def ended(self) -> bool:
+        """See `Session.ended`."""
+        return self._claim is None and not is_live(self.run)
+
     def close(self) -> None:
         """See `Session.close`."""
         if self._closed:
@@ -236,6 +250,7 @@ class ZenohSession(Session):
             ending.join(_CLOSING_S)
         except RuntimeError:  # the interpreter is ending and starts no threads any more
             self._end()
+        self._seat.release()
         if self._claim is not None:
             self._claim.release()
 

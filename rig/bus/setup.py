@@ -45,10 +45,15 @@ class Setup:
 
 
 def fetch(session: Session, timeout: float = 10.0) -> Setup:
-    """The setup of the session's run, asked of its plant; waits until the plant can answer."""
+    """The setup of the session's run, asked of its plant; waits until the plant can answer.
+
+    From here on the session reads the states of this scene.
+    """
     try:
-        return Setup.from_json(session.ask("scene", {}, timeout, patient=True))
-    except (KeyError, TypeError, ValueError) as fault:
+        found = Setup.from_json(session.ask("scene", {}, timeout, patient=True))
+        session.door.learn(list(found.outputs), list(found.sensors))
+    except (AttributeError, KeyError, TypeError, ValueError) as fault:
         raise BusError(
             f"the plant of {session.run} describes its scene in another way than expected: {fault}"
         ) from None
+    return found

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from functools import cache
+from functools import lru_cache
 from typing import NamedTuple
 
 from rig.errors import BusError
@@ -50,10 +50,16 @@ TABLE = (
 )
 
 _ROWS = {row.name.partition("/")[0]: row for row in TABLE}
-_NAME = re.compile(r"[A-Za-z0-9_.-]+")
+_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}")
+ROLES = ("plant", "controller", "recorder", "viewer", "operator")
 
 
-@cache
+def is_name(text: object) -> bool:
+    """Whether `text` can name a process, a sensor or an output: 1 to 64 letters, digits, '_', '.', '-'."""
+    return isinstance(text, str) and _NAME.fullmatch(text) is not None
+
+
+@lru_cache(4096)  # bounded: names arrive from outside
 def of(topic: str) -> Topic:
     """The row of a concrete topic such as `meas/vibrometer`; raises BusError for one that is not in the table."""
     first, *rest = topic.split("/")
@@ -61,9 +67,17 @@ def of(topic: str) -> Topic:
     if row is None:
         near = difflib.get_close_matches(first, _ROWS, n=3)
         raise BusError(f"no topic is called {topic!r}; " + (f"near: {', '.join(near)}" if near else _known()))
-    if len(rest) != row.name.count("/") or not all(map(_NAME.fullmatch, rest)):
-        raise BusError(f"the topic {topic!r} is not of the form {row.name}; names are letters, digits, '_', '.', '-'")
+    if len(rest) != row.name.count("/") or not all(map(is_name, rest)):
+        raise BusError(
+            f"the topic {topic!r} is not of the form {row.name}; names are letters, digits, '_', '.', '-', at most 64"
+        )
     return row
+
+
+@lru_cache(4096)
+def owner(topic: str) -> str:
+    """Name of the only process that may publish, serve or declare `topic`; raises BusError as `of` does."""
+    return "plant" if of(topic).sender == "plant" else topic.rpartition("/")[2]
 
 
 def _known() -> str:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import queue
 import threading
 import time
-from typing import TypeVar
 
-from rig.bus import topics
-from rig.bus.port import HEADER, Answer, Message, Presence, Publisher, Receiver, Request, Server, Session, Watch
-
-T = TypeVar("T")
+from rig.bus import messages, topics
+from rig.bus.inbound import Arrived, Door
+from rig.bus.port import PRESENCES, QUESTIONS, Answer, Inbox, Publisher, Receiver, Request, Server, Session, Watch
 
 
 class Twin:
@@ -45,7 +41,7 @@ class Twin:
             self._watches.append((who, watch))
             for role, name in self._alive:
                 if topics.matches(who, f"{role}/{name}"):
-                    watch.queue.put(Presence(role, name, True))
+                    watch.queue.put(Arrived(name, f"alive/{role}/{name}"))
 
     def tell(self, role: str, name: str, here: bool) -> None:
         """Someone joins or leaves."""
@@ -53,7 +49,13 @@ class Twin:
             (self._alive.append if here else self._alive.remove)((role, name))
             for who, watch in self._watches:
                 if topics.matches(who, f"{role}/{name}"):
-                    watch.queue.put(Presence(role, name, here))
+                    watch.queue.put(Arrived(name, f"alive/{role}/{name}", put=here))
+
+    @property
+    def has_plant(self) -> bool:
+        """Whether somebody is the plant."""
+        with self._lock:
+            return any(role == "plant" for role, _ in self._alive)
 
     def offer(self, topic: str, server: _Server) -> None:
         """Let `server` answer questions on `topic`."""
@@ -76,66 +78,60 @@ class _Publisher(Publisher):
     def __init__(self, topic: str, hub: Twin, speaker: Session) -> None:
         super().__init__(topic)
         self._hub, self._speaker = hub, speaker
+        self._encoding = messages.encoding(topic)
 
     def _send(self, payload: bytes, header: bytes) -> None:
-        seq, t_ns = HEADER.unpack(header)
         for receiver in self._hub.receivers_of(self.topic, self._speaker):
-            receiver.queue.put(Message(self.topic, payload, seq, t_ns, time.monotonic_ns() if receiver.stamped else 0))
+            now = time.monotonic_ns() if receiver.stamped else 0
+            receiver.queue.put(Arrived(self._speaker.user, self.topic, payload, header, True, self._encoding, now))
 
 
 class _Receiver(Receiver):
-    def __init__(self, owner: Session, depth: int, stamped: bool) -> None:
-        super().__init__(depth)
+    def __init__(self, owner: Session, pattern: str, depth: int, stamped: bool) -> None:
+        super().__init__(owner.door, pattern, depth)
         self.owner, self.stamped = owner, stamped
-        self.queue: queue.SimpleQueue[Message] = queue.SimpleQueue()
+        self.queue = Inbox[Arrived](depth)
 
-    def _waiting(self) -> int:
-        return self.queue.qsize()
+    def _next(self, timeout: float) -> Arrived | None:
+        return self.queue.take(timeout)
 
-    def _next(self, timeout: float) -> Message | None:
-        return _take(self.queue, timeout)
+    def _arrived(self, found: Arrived) -> Arrived:
+        return found
 
 
 class _Watch(Watch):
-    def __init__(self) -> None:
-        super().__init__()
-        self.queue: queue.SimpleQueue[Presence] = queue.SimpleQueue()
+    def __init__(self, door: Door) -> None:
+        super().__init__(door)
+        self.queue = Inbox[Arrived](PRESENCES)
 
-    def _next(self, timeout: float) -> Presence | None:
-        return _take(self.queue, timeout)
+    def _next(self, timeout: float) -> Arrived | None:
+        return self.queue.take(timeout)
 
 
 class _Request(Request):
-    def __init__(self, text: bytes) -> None:
-        self.body = json.loads(text)
-        self.answer: queue.SimpleQueue[tuple[bool, bytes]] = queue.SimpleQueue()
+    def __init__(self, asked: Arrived) -> None:
+        self.asked = asked
+        self.answer = Inbox[tuple[bool, bytes]](1)
 
     def reply(self, text: bytes) -> None:
         self.answer.put((True, text))
 
     def refuse(self, why: str) -> None:
-        self.answer.put((False, why.encode()))
+        self.answer.put((False, why.encode(errors="replace")))
 
 
 class _Server(Server):
-    def __init__(self, answer: Answer) -> None:
-        super().__init__(answer)
-        self.queue: queue.SimpleQueue[_Request] = queue.SimpleQueue()
+    def __init__(self, door: Door, answer: Answer) -> None:
+        super().__init__(door, answer)
+        self.queue = Inbox[_Request](QUESTIONS)
 
     def _next(self, timeout: float) -> Request | None:
-        return _take(self.queue, timeout)
-
-
-def _take(waiting: queue.SimpleQueue[T], timeout: float) -> T | None:
-    try:
-        return waiting.get(timeout=timeout) if timeout > 0.0 else waiting.get_nowait()
-    except queue.Empty:
-        return None
+        return self.queue.take(timeout)
 
 
 class _TwinSession(Session):
     def __init__(self, hub: Twin, role: str, name: str) -> None:
-        super().__init__(hub.run, role, name)
+        super().__init__(hub.run, role, name, name, frozenset({"plant", "operator"}))
         self._hub = hub
         self._servers: list[_Server] = []
         self._announced = False
@@ -144,7 +140,7 @@ class _TwinSession(Session):
         return _Publisher(topic, self._hub, self)
 
     def subscribe(self, pattern: str, depth: int = 4096, *, polled: bool = False, stamped: bool = False) -> Receiver:
-        found = _Receiver(self, depth, stamped)
+        found = _Receiver(self, pattern, depth, stamped)
         self._hub.listen(pattern, found)
         self._receivers.append(found)
         return found
@@ -154,13 +150,13 @@ class _TwinSession(Session):
         self._announced = True
 
     def watch(self, who: str = "*/*") -> Watch:
-        found = _Watch()
+        found = _Watch(self.door)
         self._hub.look(who, found)
         return found
 
     def serve(self, topic: str, answer: Answer) -> Server:
-        topics.of(topic)
-        found = _Server(answer)
+        self._own(topic)
+        found = _Server(self.door, answer)
         self._hub.offer(topic, found)
         self._servers.append(found)
         return found
@@ -169,9 +165,13 @@ class _TwinSession(Session):
         server = self._hub.server_of(topic)
         if server is None:
             return None
-        request = _Request(text)
+        request = _Request(Arrived(self.user, topic, text))
         server.queue.put(request)
-        return _take(request.answer, timeout)
+        return request.answer.take(timeout)
+
+    @property
+    def ended(self) -> bool:
+        return not self._hub.has_plant
 
     def close(self) -> None:
         self._hub.forget(self._receivers, self._servers)

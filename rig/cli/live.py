@@ -90,16 +90,16 @@ def topic_echo(
     from google.protobuf.json_format import MessageToDict
 
     from rig import bus
-    from rig.bus import messages, setup
+    from rig.bus import setup
 
     with bus.join(run, role="operator", name="echo") as session:
         receiver, plant = session.subscribe(pattern), session.watch("plant/*")
-        decode = messages.decoder(list(setup.fetch(session).outputs))
+        setup.fetch(session)  # from here on its states are read
         shown = 0
-        while plant.wait_for("plant", "plant", 0.0) and (not count or shown < count):
+        while (plant.wait_for("plant", "plant", 0.0) or not session.ended) and (not count or shown < count):
             message = receiver.get(timeout=0.1)
             if message is not None:
-                said = MessageToDict(decode(message.topic, message.payload), preserving_proto_field_name=True)
+                said = MessageToDict(message.said, preserving_proto_field_name=True)
                 tell.line(json.dumps({"topic": message.topic, "seq": message.seq, "t_ns": message.t_ns, **said}))
                 shown += 1
 

@@ -11,7 +11,6 @@ import json
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
@@ -51,6 +50,8 @@ class Recording:
     """Messages missing after the last one received, known from what the senders say that they sent."""
     late: dict[str, int] = field(default_factory=dict)
     """Messages sent before the recorder listened."""
+    refused: dict[str, int] = field(default_factory=dict)
+    """Messages that were not let in, by sender and kind."""
     totals: bool = False
     """Whether the plant told what it had sent; without it the tail is unknown."""
 
@@ -113,8 +114,8 @@ def record(
             with stopping() as stop:
                 recording = _Recorder(session, heard, plant, writer).run(stop)
         except LogError as fault:  # let the run's verdict name the reason
-            told = messages.event(writer.last_ns, 0, name, "fault", str(fault))
-            session.publisher(f"event/{name}").put(told, writer.last_ns)
+            told = messages.event(writer.last_ns, 0, session.name, "fault", str(fault))
+            session.publisher(f"event/{session.name}").put(told, writer.last_ns)
             raise
         finally:
             writer.abandon()
@@ -130,7 +131,7 @@ class _Recorder:
         self._summary: dict[str, Any] = {}
 
     def run(self, stop: threading.Event) -> Recording:
-        while not stop.is_set() and ("plant", "plant") in self._plant.present:
+        while not stop.is_set() and (("plant", "plant") in self._plant.present or not self._session.ended):
             if not self._take():
                 stop.wait(_PAUSE_S)
             self._plant.poll()
@@ -158,18 +159,16 @@ class _Recorder:
         return taken == _TURN
 
     def _compare(self, message: Message) -> None:
-        told = messages.decode(message.topic, message.payload)
-        self._sent |= dict(zip(told.sent_topic, told.sent))
+        self._sent |= dict(zip(message.said.sent_topic, message.said.sent))
         if message.topic == "total/plant":  # answer at once: the plant waits for it to pass its verdict
             self._totals = True
             own = f"total/{self._session.name}"
             self._session.publisher(own).put(self._session.totals(), message.t_ns)
 
     def _look(self, message: Message) -> None:
-        event = messages.decode(message.topic, message.payload)
-        if event.kind == "verdict":
-            with suppress(ValueError):
-                self._summary = {"verdict": event.text, **json.loads(event.data or "{}")}
+        event = message.said
+        if event.kind == "verdict" and message.topic == "event/plant":
+            self._summary = {"verdict": event.text, **json.loads(event.data or "{}")}
 
     def _account(self, ended: str) -> Recording:
         counts = self._heard.counts
@@ -184,5 +183,6 @@ class _Recorder:
             gaps={topic: count.lost for topic, count in counts.items() if count.lost},
             tail={topic: tail for topic, tail in tails.items() if tail},
             late={topic: count.first for topic, count in counts.items() if count.first},
+            refused=self._session.door.told(),
             totals=self._totals,
         )

@@ -233,7 +233,7 @@ class _Replay:
     def _take(self, timeout: float) -> None:
         while (message := self._acts.get(timeout)) is not None:
             timeout = 0.0
-            said, name = messages.decode(message.topic, message.payload), message.topic.partition("/")[2]
+            said, name = message.said, message.topic.partition("/")[2]
             if (name, said.tick) in self._open:
                 self._open.remove((name, said.tick))
                 self._compare(name, said.tick, tuple(said.values))

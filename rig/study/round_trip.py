@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig import bus
+from rig.bus import encode
 from rig.errors import RigError
 from rig.scheduling import CONTROLLER, PLANT, ahead
 
@@ -23,7 +24,8 @@ _EACH_S = 0.001
 
 def round_trips(seconds: float) -> tuple[Array, Array, str]:
     """Round trips and single publications [ns] in about `seconds`; empty, with the reason, where there are none."""
-    name, payload, none = f"doctor-{os.getpid()}", b"\0" * 64, np.zeros(0, dtype=np.int64)
+    name, none = f"doctor-{os.getpid()}", np.zeros(0, dtype=np.int64)
+    latest, fresh = np.zeros(2), np.ones(2, dtype=np.int64)
     trips, puts = [], []
     try:
         with bus.host(name, "doctor") as session:
@@ -35,6 +37,7 @@ def round_trips(seconds: float) -> tuple[Array, Array, str]:
                     return none, none, "the other process did not come"
                 with ahead(PLANT):
                     for number in range(max(int(seconds / _EACH_S), 50)):
+                        payload = encode.step(number, number, latest, fresh)
                         begin = time.perf_counter_ns()
                         step.put(payload, number)
                         puts.append(time.perf_counter_ns() - begin)
@@ -70,4 +73,4 @@ def echo(run: str) -> None:
         session.announce()
         with ahead(CONTROLLER):
             while (step := steps.get(timeout=2.0)) is not None:
-                act.put(step.payload, step.t_ns)
+                act.put(encode.act(step.said.tick, step.t_ns, step.said.values), step.t_ns)

@@ -33,7 +33,6 @@ class Feed:
 
     def __init__(self, drawing: Drawing, described: Setup) -> None:
         self._drawing = drawing
-        self._decode = messages.decoder(list(described.outputs))
         self._fields = [(name, messages.field_name(name)) for name in described.outputs]
         self._states: deque[Any] = deque(maxlen=KEPT)
         self._blocks: dict[str, deque[Any]] = defaultdict(lambda: deque(maxlen=KEPT))
@@ -52,7 +51,7 @@ class Feed:
         """Take messages in."""
         for message in arrived:
             kind, _, name = message.topic.partition("/")
-            told = self._decode(message.topic, message.payload)
+            told = message.said
             self.messages += 1
             self._now_ns = max(self._now_ns, message.t_ns)
             if kind == "state":

@@ -50,12 +50,15 @@ class Viewing:
     """By topic: missing between the first message received and the last."""
     dropped: int = 0
     """Received, but not shown because rerun took nothing."""
+    refused: int = 0
+    """Messages that were not let in."""
     thinned: int = 0
     """Rows that were left out because nobody could see them."""
 
     def __str__(self) -> str:
         missing = sum(self.lost.values()) + self.dropped
-        return f"{self.ended}; {self.messages} messages shown, {missing or 'none'} dropped"
+        refused = f", {self.refused} refused" if self.refused else ""
+        return f"{self.ended}; {self.messages} messages shown, {missing or 'none'} dropped{refused}"
 
 
 def view(
@@ -116,7 +119,7 @@ class Bridge:
         """Feed `rec` until the plant leaves, `stop` is set, or nobody is watching any more."""
         self.drawing.static(rec)
         sender = Sender(rec)
-        while not stop.is_set() and ("plant", "plant") in self._plant.present and watched() and not sender.fault:
+        while not stop.is_set() and self._goes_on() and watched() and not sender.fault:
             self._listen()
             if sender.free:
                 sender.offer(self._feed.take(self.lost))
@@ -136,8 +139,13 @@ class Bridge:
             messages=sum(count.received for count in counts.values()),
             lost={topic: count.lost for topic, count in counts.items() if count.lost},
             dropped=self._feed.dropped,
+            refused=self._session.door.total,
             thinned=self._feed.thinned,
         )
+
+    def _goes_on(self) -> bool:
+        """Whether the plant is here, or hangs and may come back."""
+        return ("plant", "plant") in self._plant.present or not self._session.ended
 
     def _listen(self) -> None:
         for receiver in self._heard:

@@ -135,8 +135,12 @@ def test_messages_of_another_version_are_refused(runs, monkeypatch):
         publisher = plant.publisher("step")
         monkeypatch.undo()
         publisher.put(b"", 0)
-        with pytest.raises(BusError, match="same installation"):
-            heard.get(2.0)
+        assert heard.get(1.0) is None
+        assert one.door.told() == {"plant on step: another version": 1}
+        assert "same installation" in str(one.door.last)
+    monkeypatch.setattr(messages, "FINGERPRINT", "00000000")
+    with bus.host("new"), pytest.raises(BusError, match="of another installation"):
+        bus.join("new", role="controller", name="c")
 
 
 def test_a_hung_listener_never_holds_the_plant_and_its_loss_is_counted(runs, script):

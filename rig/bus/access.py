@@ -1,0 +1,174 @@
+"""Who may speak on the bus of a run: one user of Zenoh for each process that is expected, and guests for the others.
+
+Every user speaks, serves and is present under keys of its own, `rig/<run>/<user>/...`; the hub drops everything else
+before it reaches Python. Rules cannot change while the hub is open, so the users are made before: one for each
+controller of the scene, recorder and viewer, one that all operators share, and `GUESTS` for processes that the run
+does not know beforehand. Their passwords are made anew for every run and lie in a folder that only this user of the
+machine can read, one file each. A process takes its seat by locking the file; the kernel gives the lock back.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import secrets
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rig.bus import address, topics
+from rig.bus.inbound import is_guest
+from rig.errors import BusError
+
+GUESTS = 16
+COMMON = ("recorder", "viewer", "operator")
+SESSIONS, ACCEPT_MS = 64, 500
+FROM_LEAVES, SHORT = 1 << 20, 1 << 16
+"""Longest message [bytes] that the hub puts together, and that it lets a process send."""
+_DICTIONARY = ".dictionary"
+
+
+@dataclass
+class Seat:
+    """The right to be on the bus as `user` under the name `name`; held until `release` or the end of the process."""
+
+    user: str
+    name: str
+    password: str
+    reserved: frozenset[str]
+    """Names for which only users of these names may speak."""
+    lock: int = -1
+
+    def release(self) -> None:
+        """Leave it to others."""
+        if self.lock >= 0:
+            os.close(self.lock)
+            self.lock = -1
+
+
+def folder(run: str) -> Path:
+    """Where the passwords of a run lie."""
+    return address.directory() / f"{run}.users"
+
+
+def _reserved(users: Iterable[str]) -> frozenset[str]:
+    return frozenset({"plant", *(user for user in users if not is_guest(user))})
+
+
+def invite(run: str, names: Iterable[str]) -> Seat:
+    """Make the users of a run, and the seat of its plant; `names` are those of its controllers."""
+    names = list(names)
+    wrong = [n for n in names if not topics.is_name(n) or is_guest(n) or n in ("plant", *COMMON)]
+    if wrong:
+        taken = f"plant, {', '.join(COMMON)} and guest-... are taken"
+        raise BusError(
+            f"{', '.join(map(repr, wrong))} cannot name a controller; letters, digits, '_', '.', '-'; {taken}"
+        )
+    users = [*COMMON, *names, *(f"guest-{i + 1}" for i in range(GUESTS))]
+    here = folder(run)
+    shutil.rmtree(here, ignore_errors=True)
+    here.mkdir(mode=0o700)
+    for user in users:
+        _write(here / user, secrets.token_hex(16))
+    return Seat("plant", "plant", secrets.token_hex(16), _reserved(users))
+
+
+def _write(path: Path, text: str) -> None:
+    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600), "w") as file:
+        file.write(text)
+
+
+def take_seat(run: str, role: str, name: str) -> Seat:
+    """A seat for `name` in `role`: its own, or that of a guest. Raises BusError if a controller of its name is here."""
+    here = folder(run)
+    topics.of(f"alive/{role}/{name}")
+    try:
+        users = sorted(path.name for path in here.iterdir() if path.name != _DICTIONARY)
+        reserved = _reserved(users)
+        if role == "operator":
+            return Seat("operator", name, (here / "operator").read_text(), reserved)
+        if name in reserved and name != "plant":
+            if (found := _sit(here, name, name, reserved)) is not None:
+                return found
+            if role == "controller":
+                raise BusError(f"a controller {name} takes part in run {run} already; end that one first")
+        for guest in filter(is_guest, users):
+            given = f"{name}-{guest.partition('-')[2]}" if name in reserved else name
+            if (found := _sit(here, guest, given, reserved)) is not None:
+                return found
+    except OSError as fault:
+        raise BusError(f"run {run} has no user for {role} {name}: {here} cannot be read ({fault.strerror})") from None
+    raise BusError(f"run {run} has no seat left for {role} {name}: all {GUESTS} guests are there")
+
+
+def _sit(here: Path, user: str, name: str, reserved: frozenset[str]) -> Seat | None:
+    lock = os.open(here / user, os.O_RDWR | os.O_CLOEXEC)
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(lock)
+        return None
+    return Seat(user, name, os.pread(lock, 256, 0).decode(), reserved, lock)
+
+
+@contextmanager
+def dictionary(run: str) -> Iterator[Path]:
+    """The file of all users and passwords in the form that Zenoh reads, once, when the hub opens."""
+    here = folder(run)
+    path = here / _DICTIONARY
+    _write(path, "".join(f"{one.name}:{one.read_text()}\n" for one in here.iterdir()))
+    try:
+        yield path
+    finally:
+        path.unlink()
+
+
+def rules(run: str) -> dict[str, Any]:
+    """Zenoh's access control for the users of a run: nothing but what is named here."""
+    prefix = f"rig/{run}/"
+    users = sorted(path.name for path in folder(run).iterdir() if path.name != _DICTIONARY)
+    looking = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
+    telling = ["put", "reply", "query", "declare_queryable", "liveliness_token"]
+    everyone = ["told", "look", "ask-scene"]
+    made = [
+        _allow("told", [*telling, *looking], "egress", [f"{prefix}**"]),
+        _allow("look", looking, "ingress", [f"{prefix}**"]),
+        _allow("ask-scene", ["query"], "ingress", [f"{prefix}plant/scene"]),
+        _allow("ask-plant", ["query"], "ingress", [f"{prefix}plant/**"]),
+        _allow("ask-all", ["query"], "ingress", [f"{prefix}**"]),
+    ]
+    policies = [{"rules": everyone, "subjects": users}, {"rules": ["ask-all"], "subjects": ["operator"]}]
+    for user in users:
+        if user == "operator":
+            continue
+        own = ["put", "reply", "declare_queryable", "liveliness_token"]
+        made.append(_allow(f"own-{user}", own, "ingress", [f"{prefix}{user}/**"]))
+        policies.append({"rules": [f"own-{user}", *(["ask-plant"] if is_guest(user) else [])], "subjects": [user]})
+    subjects = [{"id": user, "usernames": [user]} for user in users]
+    return {"enabled": True, "default_permission": "deny", "rules": made, "subjects": subjects, "policies": policies}
+
+
+def _allow(name: str, what: list[str], flow: str, keys: list[str]) -> dict[str, Any]:
+    return {"id": name, "messages": what, "flows": [flow], "permission": "allow", "key_exprs": keys}
+
+
+def bounds(run: str, seat: Seat, users: Path) -> dict[str, Any]:
+    """What the hub's configuration holds beside the address: users, rules, bounds."""
+    limit = {"id": "size", "flows": ["ingress"], "messages": ["put", "delete", "query", "reply"]}
+    return {
+        "access_control": rules(run),
+        "transport/auth/usrpwd/dictionary_file": str(users),
+        **login(seat),
+        "transport/unicast/max_sessions": SESSIONS,
+        "transport/unicast/accept_timeout": ACCEPT_MS,
+        "transport/link/rx/max_message_size": FROM_LEAVES,
+        "low_pass_filter": [{**limit, "key_exprs": ["**"], "size_limit": SHORT}],
+    }
+
+
+def login(seat: Seat) -> dict[str, Any]:
+    """What the configuration of a process holds to be let in."""
+    return {"transport/auth/usrpwd/user": seat.user, "transport/auth/usrpwd/password": seat.password}

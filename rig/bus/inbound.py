@@ -1,0 +1,353 @@
+"""The one place where bytes from other processes are read.
+
+Everything that arrives passes `Door.let_in`: messages, questions, answers and signs of life. What is malformed, too
+large, out of bounds, or sent by a process that does not own the topic is refused: it is counted by sender and kind,
+and nobody behind the door sees it. No content of a message raises an exception behind it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import struct
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple, NoReturn, TypeVar
+
+from rig.bus import messages, topics
+from rig.errors import BusError
+
+HEADER = struct.Struct("<QQ")
+PAYLOAD = 1 << 24
+"""Longest message [bytes]. The hub takes no more than `rig.bus.access.FROM_LEAVES` from another process."""
+QUESTION = 1 << 16
+"""Longest question [bytes]."""
+DEPTH = 32
+"""Deepest nesting of JSON."""
+TICKS, TIMES_NS, SPAN_NS = 1 << 53, 1 << 62, 1 << 42
+"""Bounds of tick, simulated time and sample interval."""
+FASTEST, AT_ONCE = 200_000, 1_000
+"""Messages per second of the fastest topic, and messages lost at one instant, that a jump of numbers may stand for."""
+_SENDERS, _TOPICS = 32, 1024
+_STRINGS = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
+_BOUNDS = {"tick": TICKS, "t_ns": TIMES_NS, "t0_ns": TIMES_NS, "dt_ns": SPAN_NS}
+
+T = TypeVar("T")
+A = TypeVar("A", bound="Arrived")
+
+
+class Refused(BusError):
+    """Something that is not let in. `kind` is the reason in two or three words."""
+
+    def __init__(self, kind: str, text: str = "") -> None:
+        self.kind = kind
+        super().__init__(text or kind)
+
+
+class Message(NamedTuple):
+    """One message as it arrived. `arrived_ns` is the monotonic clock at arrival, 0 unless the receiver stamps."""
+
+    topic: str
+    payload: bytes
+    seq: int
+    t_ns: int
+    arrived_ns: int = 0
+    said: Any = None
+    """The payload, decoded; None for a `state` of a scene that this session has not asked for."""
+    user: str = ""
+    """The user of the connection that it came over."""
+
+
+class Presence(NamedTuple):
+    """Someone joined (`here`) or left."""
+
+    role: str
+    name: str
+    here: bool
+
+
+class Arrived(NamedTuple):
+    """What a transport delivers, unread. `user` speaks on `topic`; `put` is false for a deletion."""
+
+    user: str
+    topic: str
+    payload: bytes = b""
+    header: bytes | None = None
+    put: bool = True
+    encoding: str = ""
+    arrived_ns: int = 0
+
+
+@dataclass
+class Count:
+    """What has been seen of one topic."""
+
+    received: int = 0
+    lost: int = 0
+    """Numbers missing between the first and the last message received."""
+    first: int = -1
+    last: int = -1
+    tick: int = -1
+    at: float = 0.0
+    """When the last message was read [s on the monotonic clock]."""
+
+    def see(self, seq: int) -> None:
+        """Count a message; a number that is not above the last one means that the publisher started anew."""
+        if seq > self.last >= 0:
+            self.lost += seq - self.last - 1
+        elif self.last < 0:
+            self.first = seq
+        self.last = seq
+        self.received += 1
+
+    def plausible(self, steps: int, now: float) -> bool:
+        """Whether a publisher can have sent `steps` messages since the last one that was read."""
+        return steps <= AT_ONCE + FASTEST * (now - self.at)
+
+    def tail(self, sent: int) -> int:
+        """Messages lost after the last one received, once it is known that `sent` were sent."""
+        return max(sent - 1 - self.last, 0)
+
+
+def speaks(user: str, topic: str, reserved: frozenset[str]) -> bool:
+    """Whether `user` may publish, serve or declare `topic`: its own, or as a guest those of a name not reserved."""
+    owner = topics.owner(topic)
+    return user in ("plant", owner) or (is_guest(user) and owner not in reserved)
+
+
+def is_guest(user: str) -> bool:
+    """Whether a user is one of those that stand ready for processes that the run does not know beforehand."""
+    return user.startswith("guest-")
+
+
+def read_json(data: bytes, limit: int = QUESTION, *, finite: bool = True) -> dict[str, Any]:
+    """The JSON object in `data`; raises Refused for what is too long, too deep, ambiguous or no finite number."""
+    if len(data) > limit:
+        raise Refused("too long", f"{len(data)} bytes; at most {limit} are read")
+    try:
+        text = data.decode()
+        depth = deepest = 0
+        for mark in re.findall(r"[\[\]{}]", _STRINGS.sub("", text)):
+            depth += 1 if mark in "[{" else -1
+            deepest = max(deepest, depth)
+        if deepest > DEPTH:
+            raise Refused("too deep", f"nested {deepest} deep; at most {DEPTH} is read")
+        found = json.loads(
+            text,
+            object_pairs_hook=_unambiguous,
+            parse_constant=_not_finite if finite else None,
+            parse_float=_finite if finite else None,
+        )
+        json.dumps(found, ensure_ascii=False).encode()  # half a surrogate pair is no text
+    except Refused:
+        raise
+    except (ValueError, RecursionError) as fault:
+        raise Refused("not JSON", f"{_shown(data)} is not JSON: {fault}") from None
+    if not isinstance(found, dict):
+        raise Refused("not JSON", f"{_shown(data)} is no JSON object")
+    return found
+
+
+def _unambiguous(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        keys = [key for key, _ in pairs]
+        raise Refused("not JSON", f"{next(key for key in keys if keys.count(key) > 1)!r} is given twice")
+    return found
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    return number if math.isfinite(number) else _not_finite(text)
+
+
+def _not_finite(text: str) -> NoReturn:
+    raise Refused("not finite", f"{text[:40]} is no finite number")
+
+
+def _shown(data: bytes) -> str:
+    return repr(data[:40]) + ("..." if len(data) > 40 else "")
+
+
+class Door:
+    """What one session lets in. `reserved`: names that only a user of that name may speak for."""
+
+    def __init__(self, reserved: frozenset[str] = frozenset()) -> None:
+        self.reserved = reserved
+        self.refused: dict[tuple[str, str], int] = {}
+        """(sender, kind) -> how many."""
+        self.last: Refused = Refused("nothing")
+        """The latest refusal."""
+        self._told: dict[tuple[str, str], int] = {}
+        self._granted: set[tuple[str, str]] = set()
+        self._decode: Callable[[str, bytes], Any] = lambda topic, payload: (
+            None if topic == "state" else messages.decode(topic, payload)
+        )
+        self._sensors: int | None = None
+        self._names: dict[str, frozenset[str]] = {}
+
+    def learn(self, outputs: Sequence[str], sensors: Sequence[str]) -> None:
+        """Know the scene: from here on `state` is decoded too, and what its stand does not have is refused."""
+        self._decode, self._sensors = messages.decoder(outputs), len(sensors)
+        self._names = {"meas": frozenset(sensors), "truth": frozenset([*outputs, "mode"])}
+
+    def let_in(self, read: Callable[[A], T], arrived: A) -> T | None:
+        """What `read` makes of something that arrived; None if it is refused, whatever `read` raises."""
+        try:
+            return read(arrived)
+        except Refused as fault:
+            self._refuse(arrived, fault)
+        except BusError as fault:
+            self._refuse(arrived, Refused("unreadable", str(fault)))
+        except Exception as fault:  # bytes from outside never end a process
+            self._refuse(arrived, Refused("unreadable", f"{type(fault).__name__}: {fault}"))
+        return None
+
+    def _refuse(self, arrived: Arrived, fault: Refused) -> None:
+        try:
+            topics.of(arrived.topic)
+            topic = arrived.topic
+        except BusError:
+            topic = "an unknown topic"
+        sender = f"{arrived.user} on {topic}" if topics.is_name(arrived.user) else f"somebody on {topic}"
+        self.count(sender, fault)
+
+    def count(self, sender: str, fault: Refused) -> None:
+        """Count a refusal; of more senders than can be listed, as of "others"."""
+        key = (sender, fault.kind)
+        if key not in self.refused and len(self.refused) >= _SENDERS:
+            key = ("others", fault.kind)
+        self.refused[key] = self.refused.get(key, 0) + 1
+        self.last = fault
+
+    @property
+    def total(self) -> int:
+        """All refusals."""
+        return sum(self.refused.values())
+
+    def told(self) -> dict[str, int]:
+        """Refusals by sender and kind, for a summary."""
+        return {f"{sender}: {kind}": count for (sender, kind), count in list(self.refused.items())}
+
+    def news(self) -> list[str]:
+        """Of whom something was refused since the last call, and why; a line for each sender and kind."""
+        found = [
+            f"{sender}: {kind}" for (sender, kind), n in self.refused.items() if n > self._told.get((sender, kind), 0)
+        ]
+        self._told = dict(self.refused)
+        return found
+
+    def message(self, arrived: Arrived, counts: dict[str, Count]) -> Message:
+        """A message; its number is counted in `counts` once nothing is wrong with it. Raises Refused."""
+        user, topic, payload, header, put, encoding, arrived_ns = arrived
+        if (user, topic) not in self._granted:
+            self._grant(user, topic, encoding)
+        if not put:
+            raise Refused("a deletion")
+        if header is None or len(header) != HEADER.size:
+            raise Refused("no number", f"a message on {topic} carries no sequence number of {HEADER.size} bytes")
+        if len(payload) > PAYLOAD:
+            raise Refused("too long", f"{len(payload)} bytes; at most {PAYLOAD} are read")
+        seq, t_ns = HEADER.unpack(header)
+        count, now = counts.get(topic), time.monotonic()
+        if count is None:
+            if len(counts) >= _TOPICS:
+                raise Refused("too many topics", f"more than {_TOPICS} topics")
+            count = Count()
+        since = seq - count.last if seq > count.last else seq + 1  # or the publisher started anew
+        if t_ns >= TIMES_NS or not count.plausible(since, now):
+            raise Refused("implausible number", f"number {seq} at t = {t_ns} ns after number {count.last} on {topic}")
+        said = self._decode(topic, payload)
+        if said is not None:
+            self._check(topic, said, counts, count, now)
+        counts[topic] = count
+        count.see(seq)
+        count.at = now
+        return Message(topic, payload, seq, t_ns, arrived_ns, said, user)
+
+    def _grant(self, user: str, topic: str, encoding: str) -> None:
+        row = topics.of(topic)
+        if not row.recorded:
+            raise Refused("not a message", f"{topic} is no topic for messages")
+        if not speaks(user, topic, self.reserved):
+            raise Refused("not its own topic", f"{user} speaks on {topic}, which belongs to {topics.owner(topic)}")
+        first, _, name = topic.partition("/")
+        if name not in self._names.get(first, (name,)):
+            raise Refused("not of this scene", f"the scene has no {topic[:80]}")
+        if encoding != messages.encoding(topic):
+            raise Refused(
+                "another version",
+                f"{topic} speaks {encoding[:80]}, this process {messages.encoding(topic)}: "
+                "the processes of a run must come from the same installation",
+            )
+        if len(self._granted) >= 4 * _TOPICS:
+            self._granted.clear()
+        self._granted.add((user, topic))
+
+    def _check(self, topic: str, said: Any, counts: dict[str, Count], count: Count, now: float) -> None:
+        """The contents of a message."""
+        kind = said.DESCRIPTOR.name
+        for name in _FIELDS[kind]:
+            if not 0 <= getattr(said, name) < _BOUNDS[name]:
+                raise Refused("out of bounds", f"{name} = {getattr(said, name)} of a {kind}")
+        if kind == "Step":
+            if not count.plausible(said.tick - count.tick, now):
+                raise Refused("implausible tick", f"tick {said.tick} after tick {count.tick}")
+            self._check_step(said)
+            count.tick = said.tick
+        elif kind == "Event":
+            read_json(said.data.encode() or b"{}", PAYLOAD, finite=False)
+        elif kind == "Totals":
+            _check_totals(topic, said, counts, now)
+
+    def _check_step(self, step: Any) -> None:
+        sensors, fresh = len(step.values), step.fresh
+        if self._sensors not in (None, sensors):
+            raise Refused("wrong length", f"a Step of {sensors} values for {self._sensors} sensors")
+        if not step.heard:
+            return
+        if any(not 0 <= place < min(sensors, len(fresh)) for place in step.heard):
+            raise Refused("wrong length", "a Step brings samples of a sensor that is not there")
+        brought = [fresh[place] for place in step.heard]
+        if min(brought) < 0 or sum(brought) != len(step.samples):
+            raise Refused("wrong length", f"a Step brings {len(step.samples)} samples, and says another number")
+
+    def presence(self, arrived: Arrived) -> Presence:
+        """A sign of life. Raises Refused."""
+        if topics.of(arrived.topic).message != "token":
+            raise Refused("no sign of life", f"{arrived.topic} is no sign of life")
+        _, role, name = arrived.topic.split("/")
+        if role not in topics.ROLES:
+            raise Refused("no such role", f"{role!r} is no role; there are {', '.join(topics.ROLES)}")
+        own = speaks(arrived.user, arrived.topic, self.reserved)
+        if not own or (role == "plant" and arrived.user != "plant"):
+            raise Refused("not its own name", f"{arrived.user} cannot be {role} {name}")
+        return Presence(role, name, arrived.put)
+
+    def question(self, arrived: Arrived) -> dict[str, Any]:
+        """The body of a question. Raises Refused."""
+        return read_json(arrived.payload or b"{}")
+
+
+_FIELDS = {"State": ("tick", "t_ns")} | {
+    kind: tuple(name for name in _BOUNDS if f"{name}:int" in fields.split())
+    for kind, fields in messages.DECLARED.items()
+}
+
+
+def _check_totals(topic: str, said: Any, counts: dict[str, Count], now: float) -> None:
+    sent, heard = said.sent_topic, said.heard_topic
+    if len(sent) != len(said.sent) or not len(heard) == len(said.received) == len(said.lost):
+        raise Refused("wrong length", "Totals whose columns differ in length")
+    if max(len(sent), len(heard)) > _TOPICS:
+        raise Refused("too many topics", f"Totals of more than {_TOPICS} topics")
+    if foreign := [one for one in sent if topics.owner(one) not in topic.split("/") and topic != "total/plant"]:
+        raise Refused("not its own topic", f"{topic} tells of {foreign[0][:80]}")
+    nothing = Count()
+    pairs = (*zip(sent, said.sent), *zip(heard, said.received), *zip(heard, said.lost))
+    for one, number in pairs:
+        count = counts.get(one, nothing)
+        if number < 0 or not count.plausible(number - 1 - count.last, now):
+            raise Refused("implausible number", f"Totals of {number} messages on {one[:80]}")
