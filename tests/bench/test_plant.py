@@ -204,6 +204,30 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene, numbers):
             ("cmd/plant", {"do": "admit", "controller": "x", "drives": ["load.force"], "period_ns": 10**6}, "by nf"),
             (
                 "cmd/plant",
+                {"do": "admit", "controller": 5, "drives": "x"},
+                "controller: .*\n.*drives: .*\n.*period_ns: ",
+            ),
+            *[
+                ("cmd/plant", {"do": "admit", "controller": "x", "drives": [], "period_ns": 10**6} | wrong, text)
+                for wrong, text in [
+                    ({"controller": "../../evil x"}, "'../../evil x': is no name"),
+                    ({"controller": ""}, "is no name"),
+                    ({"controller": "x" * 65}, "is no name"),
+                    ({"controller": "plant"}, "'plant' is taken"),
+                    ({"period_ns": -(10**6)}, "period of -1000000 ns"),
+                    ({"period_ns": 0}, "period of 0 ns"),
+                    ({"period_ns": 10**18}, "between 1 ms and 3600 s"),
+                    ({"period_ns": 1e6}, "period_ns: "),
+                    ({"period_ns": True}, "period_ns: "),
+                    ({"period_ns": float("nan")}, "not finite"),
+                    ({"drives": ["drive.speed", "drive.speed"]}, "drive.speed: is named twice"),
+                    ({"drives": [5]}, "drives.0: "),
+                    ({"hears": "yes"}, "hears: "),
+                    ({"sees": 1}, "sees: "),
+                ]
+            ],
+            (
+                "cmd/plant",
                 {"do": "admit", "controller": "x", "reads": ["y"], "drives": [], "period_ns": 10**6, "hears": True},
                 "no sensor y; there are vibrometer",
             ),
