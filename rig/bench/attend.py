@@ -34,6 +34,8 @@ class Attendant:
         self._marked = (0, 0)
         self._given_up = 0
         self._passed_ns: list[int] = []
+        self._left: dict[tuple[str, str], str] = {}
+        """Who has left and not come back, and the fault that tells it."""
         self._asleep = pace.asleep_ns()
         self._begun, self._stolen = 0, 0
         self._counted = False
@@ -79,11 +81,19 @@ class Attendant:
             known = {"role": who.role, "name": who.name}
             if who.here:
                 note("joined", f"{who.role} {who.name} is here", **known)
+                self._is_back(who.role, who.name)
                 continue
             text = f"{who.role} {who.name} left at t = {self._stand.t_ns / 1e9:.3f} s"
             note("left", text, **known)
             if who.role in MISSED:
                 self.faults.append(text)
+                self._left[who.role, who.name] = text
+
+    def _is_back(self, role: str, name: str) -> None:
+        """Who left has come again: the fault is the time in between."""
+        if (text := self._left.pop((role, name), None)) in self.faults:
+            back = f"{self._stand.t_ns / 1e9:.3f} s"
+            self.faults[self.faults.index(text)] = f"{text.replace(' left at t = ', ' was away from t = ')} to {back}"
 
     def miss(self, missing: Iterable[str]) -> None:
         """Write down who ("role name") was expected and is not here at the first frame."""

@@ -22,7 +22,7 @@ from rig.bus.session import ZenohSession
 from rig.errors import BusError
 
 _PRIORITIES = ("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low")
-_LEASE_MS = 10_000
+_LEASE_MS = 30_000
 """Time that a process may hang before the others give its connection up. One that dies is noticed at once."""
 
 
@@ -36,6 +36,8 @@ def _configuration(mode: str, listen: str | None, connect: str | None, **more: A
         "connect/endpoints": [connect] if connect else [],
         "connect/timeout_ms": 3000,
         "connect/exit_on_failure": True,
+        # a connection that broke, because a process hung for longer than the lease, is made again
+        "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": _LEASE_MS,
         # a full queue costs the sender no time: what does not fit is dropped at once

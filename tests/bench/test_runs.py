@@ -23,6 +23,7 @@ from rig.bench import supervise
 from rig.bench.job import Job
 from rig.bench.plant_process import carry_out, warm
 from rig.bench.simulate import simulate
+from rig.bench.verify import verify
 from rig.bus import address, messages
 from rig.errors import Interrupted, UsageError
 from rig.record.reader import Scan
@@ -330,3 +331,49 @@ def test_a_recording_that_cannot_be_written_is_no_reason_to_begin_without_the_co
     assert outcome.summary["faults"] == ["recorder recorder was not here when the run began"]
     assert any("run.mcap cannot be written" in line for line in going.lines)
     assert outcome.exit_code == 1 or outcome.summary["verdict"] == "INVALID"
+
+
+def stalled(scene, path, who, seconds):
+    """The outcome and the recording of a run in which one process was stopped for a while."""
+    going = Going(scene, duration=seconds + 4.0, out=path)
+    going.line("begin: ")
+    time.sleep(1.0)
+    process = going.process(who)
+    process.suspend()
+    time.sleep(seconds)
+    process.resume()
+    outcome = going.wait(60.0)
+    assert outcome.died == ()
+    return outcome, rig.open(path)
+
+
+def test_a_plant_that_hung_for_three_seconds_has_lost_nobody(folder, tmp_path):
+    outcome, run = stalled(scenes.load(SCENE), tmp_path / "run.mcap", "rig.bench.plant_process", 3.0)
+    summary = outcome.summary
+    (passed,) = [fault for fault in summary["faults"] if "of the wall clock passed without a frame" in fault]
+    assert float(passed.split()[0]) >= 2.9
+    assert any("passed without a frame" in reason for reason in summary["reasons"])
+    assert summary["lost"] == {}
+    assert summary["verdict"] != "VALID"
+    assert verify(tmp_path / "run.mcap").passed
+    (pause,) = [event for event in run.events if event["kind"] == "pause"]
+    answered = run.commands["nf"].tick
+    assert np.count_nonzero(answered > pause["tick"] + 100) > 1000
+
+
+@pytest.mark.parametrize("who", ["controllers.process nf", "rig record"])
+def test_a_process_that_hung_for_three_seconds_takes_part_again(folder, tmp_path, who):
+    outcome, run = stalled(scenes.load(SCENE), tmp_path / "run.mcap", who, 3.0)
+    assert verify(tmp_path / "run.mcap").passed == (not outcome.summary["lost"])
+    assert not any("left at" in fault for fault in outcome.summary["faults"])
+    assert run.commands["nf"].tick[-1] > outcome.summary["ticks"] - 100
+
+
+@pytest.mark.slow
+def test_a_plant_that_hung_for_longer_than_connections_last_is_joined_again(folder, tmp_path):
+    outcome, run = stalled(scenes.load(SCENE), tmp_path / "run.mcap", "rig.bench.plant_process", 34.0)
+    faults = outcome.summary["faults"]
+    assert any(fault.startswith("controller nf was away from t = ") for fault in faults), faults
+    assert any(fault.startswith("recorder recorder was away from t = ") for fault in faults), faults
+    assert outcome.summary["lost"]
+    assert run.commands["nf"].tick[-1] > outcome.summary["ticks"] - 100
