@@ -86,7 +86,7 @@ class Hub:
         """Controller -> user whose commands count; the first to command after its admission."""
         self._counted: dict[str, int] = {}
         self._steps = 0
-        self.totals = session.subscribe("total/*")
+        self.totals = session.subscribe("total/*", polled=True)
         self.watch = session.watch("*/*")
         text = setup.to_text().encode()
         self._scene = session.serve("scene", lambda _: text)

