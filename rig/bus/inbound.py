@@ -16,6 +16,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, NoReturn, TypeVar
 
+from google.protobuf.message import DecodeError
+
 from rig.bus import messages, topics
 from rig.errors import BusError
 
@@ -171,6 +173,15 @@ def _shown(data: bytes) -> str:
     return repr(data[:40]) + ("..." if len(data) > 40 else "")
 
 
+class _Granted(NamedTuple):
+    """What is known of the messages of one user on one topic, found once."""
+
+    kind: str
+    read: Callable[[bytes], Any] | None
+    bounds: tuple[tuple[str, int], ...]
+    check: Callable[[str, Any, dict[str, Count], Count, float], None] | None
+
+
 class Door:
     """What one session lets in. `reserved`: names that only a user of that name may speak for."""
 
@@ -181,16 +192,16 @@ class Door:
         self.last: Refused = Refused("nothing")
         """The latest refusal."""
         self._told: dict[tuple[str, str], int] = {}
-        self._granted: set[tuple[str, str]] = set()
-        self._decode: Callable[[str, bytes], Any] = lambda topic, payload: (
-            None if topic == "state" else messages.decode(topic, payload)
-        )
+        self._granted: dict[tuple[str, str], _Granted] = {}
+        self._state: Callable[[bytes], Any] | None = None
+        self._checks = {"Step": self._check_step, "Event": _check_event, "Totals": _check_totals}
         self._sensors: int | None = None
         self._names: dict[str, frozenset[str]] = {}
 
     def learn(self, outputs: Sequence[str], sensors: Sequence[str]) -> None:
         """Know the scene: from here on `state` is decoded too, and what its stand does not have is refused."""
-        self._decode, self._sensors = messages.decoder(outputs), len(sensors)
+        self._state, self._sensors = messages.state_type(outputs).FromString, len(sensors)
+        self._granted.clear()
         self._names = {"meas": frozenset(sensors), "truth": frozenset([*outputs, "mode"])}
 
     def let_in(self, read: Callable[[A], T], arrived: A) -> T | None:
@@ -242,11 +253,10 @@ class Door:
     def message(self, arrived: Arrived, counts: dict[str, Count]) -> Message:
         """A message; its number is counted in `counts` once nothing is wrong with it. Raises Refused."""
         user, topic, payload, header, put, encoding, arrived_ns = arrived
-        if (user, topic) not in self._granted:
-            self._grant(user, topic, encoding)
+        granted = self._granted.get((user, topic)) or self._grant(user, topic, encoding)
         if not put:
             raise Refused("a deletion")
-        if header is None or len(header) != HEADER.size:
+        if header is None or len(header) != 16:
             raise Refused("no number", f"a message on {topic} carries no sequence number of {HEADER.size} bytes")
         if len(payload) > PAYLOAD:
             raise Refused("too long", f"{len(payload)} bytes; at most {PAYLOAD} are read")
@@ -256,18 +266,30 @@ class Door:
             if len(counts) >= _TOPICS:
                 raise Refused("too many topics", f"more than {_TOPICS} topics")
             count = Count()
-        since = seq - count.last if seq > count.last else seq + 1  # or the publisher started anew
-        if t_ns >= TIMES_NS or not count.plausible(since, now):
-            raise Refused("implausible number", f"number {seq} at t = {t_ns} ns after number {count.last} on {topic}")
-        said = self._decode(topic, payload)
-        if said is not None:
-            self._check(topic, said, counts, count, now)
-        counts[topic] = count
+        if seq != count.last + 1 or t_ns >= TIMES_NS:
+            since = seq - count.last if seq > count.last else seq + 1  # or the publisher started anew
+            if t_ns >= TIMES_NS or not count.plausible(since, now):
+                raise Refused("implausible number", f"number {seq}, t = {t_ns} ns after number {count.last} on {topic}")
+        said = None
+        if granted.read is not None:
+            try:
+                said = granted.read(payload)
+            except DecodeError as fault:
+                raise Refused(
+                    "unreadable", f"{len(payload)} bytes on {topic} are not a {granted.kind}: {fault}"
+                ) from None
+            for name, limit in granted.bounds:
+                if not 0 <= getattr(said, name) < limit:
+                    raise Refused("out of bounds", f"{name} = {getattr(said, name)} of a {granted.kind}")
+        if granted.check is not None:
+            granted.check(topic, said, counts, count, now)
+        if not count.received:
+            counts[topic] = count
         count.see(seq)
         count.at = now
         return Message(topic, payload, seq, t_ns, arrived_ns, said, user)
 
-    def _grant(self, user: str, topic: str, encoding: str) -> None:
+    def _grant(self, user: str, topic: str, encoding: str) -> _Granted:
         row = topics.of(topic)
         if not row.recorded:
             raise Refused("not a message", f"{topic} is no topic for messages")
@@ -284,35 +306,24 @@ class Door:
             )
         if len(self._granted) >= 4 * _TOPICS:
             self._granted.clear()
-        self._granted.add((user, topic))
+        kind = row.message
+        read = self._state if kind == "State" else messages.TYPES[kind].FromString
+        found = self._granted[user, topic] = _Granted(kind, read, _FIELDS[kind], self._checks.get(kind))
+        return found
 
-    def _check(self, topic: str, said: Any, counts: dict[str, Count], count: Count, now: float) -> None:
-        """The contents of a message."""
-        kind = said.DESCRIPTOR.name
-        for name in _FIELDS[kind]:
-            if not 0 <= getattr(said, name) < _BOUNDS[name]:
-                raise Refused("out of bounds", f"{name} = {getattr(said, name)} of a {kind}")
-        if kind == "Step":
-            if not count.plausible(said.tick - count.tick, now):
-                raise Refused("implausible tick", f"tick {said.tick} after tick {count.tick}")
-            self._check_step(said)
-            count.tick = said.tick
-        elif kind == "Event":
-            read_json(said.data.encode() or b"{}", PAYLOAD, finite=False)
-        elif kind == "Totals":
-            _check_totals(topic, said, counts, now)
-
-    def _check_step(self, step: Any) -> None:
+    def _check_step(self, topic: str, step: Any, counts: dict[str, Count], count: Count, now: float) -> None:
+        if step.tick != count.tick + 1 and not count.plausible(step.tick - count.tick, now):
+            raise Refused("implausible tick", f"tick {step.tick} after tick {count.tick}")
         sensors, fresh = len(step.values), step.fresh
         if self._sensors not in (None, sensors):
             raise Refused("wrong length", f"a Step of {sensors} values for {self._sensors} sensors")
-        if not step.heard:
-            return
-        if any(not 0 <= place < min(sensors, len(fresh)) for place in step.heard):
-            raise Refused("wrong length", "a Step brings samples of a sensor that is not there")
-        brought = [fresh[place] for place in step.heard]
-        if min(brought) < 0 or sum(brought) != len(step.samples):
-            raise Refused("wrong length", f"a Step brings {len(step.samples)} samples, and says another number")
+        if step.heard:
+            if any(not 0 <= place < min(sensors, len(fresh)) for place in step.heard):
+                raise Refused("wrong length", "a Step brings samples of a sensor that is not there")
+            brought = [fresh[place] for place in step.heard]
+            if min(brought) < 0 or sum(brought) != len(step.samples):
+                raise Refused("wrong length", f"a Step brings {len(step.samples)} samples, and says another number")
+        count.tick = step.tick
 
     def presence(self, arrived: Arrived) -> Presence:
         """A sign of life. Raises Refused."""
@@ -331,13 +342,17 @@ class Door:
         return read_json(arrived.payload or b"{}")
 
 
-_FIELDS = {"State": ("tick", "t_ns")} | {
-    kind: tuple(name for name in _BOUNDS if f"{name}:int" in fields.split())
+_FIELDS = {"State": (("tick", TICKS), ("t_ns", TIMES_NS))} | {
+    kind: tuple((name, limit) for name, limit in _BOUNDS.items() if f"{name}:int" in fields.split())
     for kind, fields in messages.DECLARED.items()
 }
 
 
-def _check_totals(topic: str, said: Any, counts: dict[str, Count], now: float) -> None:
+def _check_event(topic: str, said: Any, counts: dict[str, Count], count: Count, now: float) -> None:
+    read_json(said.data.encode() or b"{}", PAYLOAD, finite=False)
+
+
+def _check_totals(topic: str, said: Any, counts: dict[str, Count], count: Count, now: float) -> None:
     sent, heard = said.sent_topic, said.heard_topic
     if len(sent) != len(said.sent) or not len(heard) == len(said.received) == len(said.lost):
         raise Refused("wrong length", "Totals whose columns differ in length")
@@ -348,6 +363,6 @@ def _check_totals(topic: str, said: Any, counts: dict[str, Count], now: float) -
     nothing = Count()
     pairs = (*zip(sent, said.sent), *zip(heard, said.received), *zip(heard, said.lost))
     for one, number in pairs:
-        count = counts.get(one, nothing)
-        if number < 0 or not count.plausible(number - 1 - count.last, now):
+        seen = counts.get(one, nothing)
+        if number < 0 or not seen.plausible(number - 1 - seen.last, now):
             raise Refused("implausible number", f"Totals of {number} messages on {one[:80]}")

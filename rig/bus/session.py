@@ -34,6 +34,8 @@ from rig.bus.port import (
 from rig.errors import BusError
 
 _CLOSING_S = 2.0
+_KEYS = 4096
+_PUT = zenoh.SampleKind.PUT
 
 
 class _Publisher(Publisher):
@@ -60,20 +62,21 @@ class _Receiver(Receiver):
     def __init__(self, door: Door, pattern: str, depth: int, prefix: int) -> None:
         super().__init__(door, pattern, depth)
         self._prefix = prefix
+        self._who: dict[str, tuple[str, str]] = {}
+        """Key -> user and topic."""
 
     def _arrived(self, found: tuple[zenoh.Sample, int]) -> Arrived:
         sample, arrived_ns = found
-        user, topic = _who(sample.key_expr, self._prefix)
-        attachment = sample.attachment
-        return Arrived(
-            user,
-            topic,
-            sample.payload.to_bytes(),
-            attachment.to_bytes() if attachment is not None else None,
-            sample.kind == zenoh.SampleKind.PUT,
-            "" if topic in self.counts else str(sample.encoding),
-            arrived_ns,
-        )
+        key = str(sample.key_expr)
+        who = self._who.get(key)
+        if who is None:
+            if len(self._who) >= _KEYS:
+                self._who.clear()
+            who = self._who[key] = _who(key, self._prefix)
+        user, topic = who
+        attached, encoding = sample.attachment, "" if topic in self.counts else str(sample.encoding)
+        header = attached.to_bytes() if attached is not None else None
+        return Arrived(user, topic, sample.payload.to_bytes(), header, sample.kind == _PUT, encoding, arrived_ns)
 
 
 class _Queued(_Receiver):
@@ -133,7 +136,7 @@ class _Watch(Watch):
         sample = self._inbox.take(timeout)
         if sample is None:
             return None
-        return Arrived(*_who(sample.key_expr, self._prefix), put=sample.kind == zenoh.SampleKind.PUT)
+        return Arrived(*_who(sample.key_expr, self._prefix), put=sample.kind == _PUT)
 
 
 class _Request(Request):
