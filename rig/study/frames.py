@@ -23,7 +23,7 @@ _ENDLESS_NS = 10_000_000_000  # measured of a protocol without an end
 
 
 def costs(scene: Scene, least: int = LEAST) -> Costs:
-    """What frames of plant and sensors take [ns], at least `least` of them, spread over the whole protocol.
+    """What frames of protocol, plant and sensors take [ns], at least `least` of them, spread over the whole protocol.
 
     As in a paced run, a rehearsal has built the mode sets before; a short protocol is carried out again and again. Of a
     long one the frames between the measured rows are carried out in one piece.
@@ -48,19 +48,23 @@ def _carried_through(scene: Scene, job: Job, sets: tuple[int, ...], least: int) 
     apart = _ROW * max(duration_ns // scene.frame_ns // least, 1)
     found: list[int] = []
     try:
-        while operation.begin():
+        while True:
             tick = stand.tick
+            if tick % _ROW == 0:
+                truth.work_out(stand.motion)  # which a paced run does not keep: not within a measured frame
+            begin = clock()
+            if not operation.begin():
+                break
+            protocol = clock() - begin
             if tick % apart >= _ROW:
                 carry_on(operation, answering, min(operation.until(), tick - tick % apart + apart))
                 continue
-            if tick % _ROW == 0:
-                truth.work_out(stand.motion)  # which a paced run does not keep: not within a measured frame
             for one in answering:
                 one.answer()
             begin = clock()
             operation.take_over()
             stand.frame()
-            found.append(clock() - begin)
+            found.append(protocol + clock() - begin)
     except NumericsError:  # the frames up to there count
         pass
     return found

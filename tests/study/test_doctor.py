@@ -2,12 +2,14 @@
 
 import json
 import os
+import time
 
 import numpy as np
 import pytest
 
 import rig
 from rig import kernel
+from rig.bench.operation import Operation
 from rig.bench.stand import Stand
 from rig.solve.carry import advance
 from rig.solve.motion import Motion
@@ -103,6 +105,17 @@ def test_frames_are_measured_over_the_whole_protocol(name, monkeypatch):
     assert min(ticks) == 0
     assert max(ticks) >= 0.95 * whole - 1
     assert np.histogram(ticks, 5, (0, whole))[0].min() >= 0.9 * len(ticks) / 5
+
+
+def test_what_the_protocol_does_is_part_of_a_frame(monkeypatch):
+    begin = Operation.begin
+
+    def slow(operation):
+        time.sleep(0.001)
+        return begin(operation)
+
+    monkeypatch.setattr(Operation, "begin", slow)
+    assert np.median(costs(rig.load("north"), least=100)) > 1_000_000
 
 
 def test_what_is_published_counts():
