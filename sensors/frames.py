@@ -26,7 +26,7 @@ def frames(shape, tables, loan, begin, first, last, wide, tolerance, substeps, b
     origin = first if begin else ic[REACHED]
     while True:
         if begin:
-            start(state, seg, origin)
+            start(t, work, now, read, origin)
         begin = True
         end = min(origin + steps, last)
         status = carry(

@@ -42,6 +42,7 @@ class Work(NamedTuple):
     rates: Array
     T: Array
     scratch: Array
+    swung: Array  # [generator, 2] its signals when the block began
     derivatives: Array
     spare: Array
     poly: Array
@@ -74,6 +75,7 @@ def workspace(system: System, read: int, guards: int) -> Work:
         rates=np.zeros(n),
         T=np.zeros(system.inputs),
         scratch=np.zeros((P, P)),
+        swung=np.zeros((len(system.generators), 2)),
         derivatives=np.zeros((DEGREE + 1, n)),
         spare=np.zeros((DEGREE + 1, n)),
         poly=np.zeros(DEGREE + 1),
@@ -120,15 +122,16 @@ def advance(shape, tables, loan, begin, origin, ticks, wide, tolerance, substeps
     steps: what is not asked for is not compiled. `wide` is None for a rig of few states (rig.solve.wide).
     """
     w, state, log, seg = loan.content
+    t, work, now, written, read = lent(tables.content), lent(w), lent(state), lent(log), lent(seg)
     if begin:
-        start(state, seg, origin)
+        start(t, work, now, read, origin)
     return carry(
         shape,
-        lent(tables.content),
-        lent(w),
-        lent(state),
-        lent(log),
-        lent(seg),
+        t,
+        work,
+        now,
+        written,
+        read,
         origin,
         ticks,
         wide,
@@ -140,9 +143,12 @@ def advance(shape, tables, loan, begin, origin, ticks, wide, tolerance, substeps
     )
 
 
-@inlined
-def start(state, seg, origin):
+@inner
+def start(t, w, state, seg, origin):
     """Begin a block at row `origin` of the log: modes are settled first, no event and no segment was yet."""
+    for g in range(t.swing.shape[0]):
+        for i in range(2):
+            w.swung[g, i] = state.x[t.swing[g, i]]
     state.ic[REACHED] = state.ic[TICK] = origin
     state.ic[EVENTS] = 0
     state.ic[PENDING] = max(state.ic[PENDING], SETTLE)

@@ -2,7 +2,8 @@
 
 x' = A x + b T(x). Steps are not cut at ticks; the quartic dense output gives the state there. Guards are polynomials
 of the dense output and their first fall ends the step. Stick is linear for any law and, without products, is left to
-the exact propagator. The law is continued smoothly through w = 0, so the trial step over an event keeps its order.
+the exact propagator. Signals that swing for ever, such as dither, are put to their exact values after every step. The
+law is continued smoothly through w = 0, so the trial step over an event keeps its order.
 
 Source: Dormand and Prince, J. Comp. Appl. Math. 6 (1980) 19; dense output: Hairer, Norsett, Wanner, Solving Ordinary
 Differential Equations I, section II.6.
@@ -134,6 +135,24 @@ def emit(shape, f, b, d, from_theta, to_theta, h, z, values, start, seg):
     emit_quartic(values, start, (to_theta - from_theta) * h, seg)
 
 
+@inlined
+def swing(shape, t, w, time, x):
+    """Put the generators among the signals of x to their exact values, `time` [s] after the block began.
+
+    Nothing damps them: the errors of the steps would add up, in amplitude and in phase. Every index of x is a constant
+    of the compiled code, so that x stays in registers.
+    """
+    for g in range(t.swing.shape[0]):
+        turn = t.swing_rate[g] * time
+        sine, cosine = np.sin(turn), np.cos(turn)
+        a, b = w.swung[g, 0], w.swung[g, 1]
+        for i in range(len(shape)):
+            if i == t.swing[g, 0]:
+                x[i] = cosine * a + sine * b
+            elif i == t.swing[g, 1]:
+                x[i] = cosine * b - sine * a
+
+
 @inner
 def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, out, modes, energy, booking, emitting, seg, tolerance):
     """Carry x in slip until an event or the end of the ticks asked for.
@@ -211,6 +230,7 @@ def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, out, modes, energy, boo
         if fallen >= 0:
             at(shape, d, end, here)
             continue
+        swing(shape, t, w, ((tick - origin) + place) * tick_length, y)
         for i in range(n):
             here[i] = y[i]
             k[0, i] = k[6, i]

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from itertools import product
+from itertools import permutations, product
 from typing import Any
 
 import numpy as np
@@ -224,6 +224,18 @@ class System:
     def laws(self, p: int) -> tuple[Law, ...]:
         """The laws that patch p may meet: its own, or those of its sectors."""
         return next((s.laws for s in self.sectors if s.patch == p), (self.patches[p].law,))
+
+    @property
+    def generators(self) -> list[tuple[int, int, float]]:
+        """Signals that swing for ever: states a, b of a' = rate b, b' = -rate a, which nothing else moves, and rate."""
+        found, driven = [], {limiter.state for limiter in self.limiters}
+        for a, b in permutations(set(range(self.one, self.n)) - driven, 2):
+            rate = float(self.signals[a - self.one, b])
+            rows = np.zeros((2, self.n))
+            rows[0, b], rows[1, a] = rate, -rate
+            if rate > 0.0 and np.array_equal(self.signals[[a - self.one, b - self.one]], rows):
+                found.append((a, b, rate))
+        return found
 
     @property
     def radices(self) -> list[int]:

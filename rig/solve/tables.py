@@ -79,6 +79,8 @@ class Tables(NamedTuple):
     turn: NDArray[np.int64]  # [sector row] the state that is moved by a period
     commanded: NDArray[np.int64]  # [switch] the state that says its position
     positions: NDArray[np.int64]  # [switch] how many it has
+    swing: NDArray[np.int64]  # [generator, 2] signals a, b of a' = rate b, b' = -rate a
+    swing_rate: Array  # [generator]
     store: Array  # [slot, n, n] twice the energy in the network
     loss: Array  # [slot, resistor, n] their heat is the square of this, times the
     conductance: Array  # [resistor]
@@ -160,6 +162,8 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         turn=np.array([sector.turn for sector in s.sectors], dtype=np.int64),
         commanded=np.array([switch.state for switch in s.switches], dtype=np.int64),
         positions=np.array([len(switch.positions) for switch in s.switches], dtype=np.int64),
+        swing=np.array([pair for *pair, _ in s.generators], dtype=np.int64).reshape(-1, 2),
+        swing_rate=np.array([rate for *_, rate in s.generators], dtype=np.float64),
         store=z((0, n, n)),
         loss=z((0, len(s.losses), n)),
         conductance=np.array([loss.conductance for loss in s.losses]),
