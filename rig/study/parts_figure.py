@@ -24,7 +24,7 @@ def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
     with sheet(f"{scene.name}: its effects, on or absent", provenance(scene.seed), path) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         for place, (one, paired) in enumerate(shown):
-            colour, tick = (ON if one.on else ABSENT), paired.tick
+            colour, tick = (ON if one.on else ABSENT), paired.told
             left.barh(place, tick.value, color=colour)
             spread = [[max(tick.value - tick.low, 0.0)], [max(tick.high - tick.value, 0.0)]]
             left.errorbar(tick.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
@@ -45,5 +45,5 @@ def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
         left.set_yticks(range(len(shown)), labels)
         whole = max((p.whole for one, p in shown if one.on), default=max(p.whole for _, p in shown))
         noise = max(p.noise for _, p in shown)
-        left.set(xlabel=f"ns that it adds to a step, or would; a step takes {whole:.0f} ns, noise up to {noise:.0f} ns")
-        right.set(xscale="log", xlabel="change of each measure if left out, or added: share of the larger value")
+        left.set(xlabel=f"ns that it adds to a step of {whole:.0f} ns; noise up to {noise:.2g} ns")
+        right.set(xscale="log", xlabel="change if left out or added: share of the larger value")

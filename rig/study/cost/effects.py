@@ -75,6 +75,11 @@ class Paired:
         """Whether a cost can be told from the noise of the machine at all."""
         return self.noise <= _BUSY * self.whole
 
+    @property
+    def told(self) -> Spread:
+        """What a figure shows as the cost: nothing where it cannot be measured."""
+        return self.tick if self.measurable else Spread(0.0, 0.0, 0.0)
+
     def cost(self) -> str:
         """What it costs, in words."""
         if math.isnan(self.whole) or math.isnan(self.tick.value):
@@ -174,7 +179,7 @@ def compared(
         whole = problem(base, values)
         contenders = {"": Contender(whole, of(whole.scene, whole.system), whole.later(of(whole.scene, whole.system)))}
     except NumericsError as error:
-        yield from (Paired(name, fault=f"the plant as it is stops: {error.what}") for name in others)
+        yield from (Paired(name, note=f"the plant as it is stops: {error.what}") for name in others)
         return
     told: dict[str, Paired] = {}
     for name, scene in others.items():

@@ -21,7 +21,7 @@ def write(found: Sequence[Paired], path: Path) -> None:
              "without", "change", "told", "note"]
         )  # fmt: skip
         for one, how in [(one, "as held") for one in found] + [(p.closed, "closed") for p in found if p.closed]:
-            head = [one.name, how, one.states, one.tick.value, one.tick.low, one.tick.high, one.noise]
+            head = [one.name, how, one.states, *one.to_json()["tick"].values(), one.to_json()["noise"]]
             note = one.fault or one.note
             for c in one.changes:
                 out.writerow([*head, c.measure, c.unit, c.whole, c.less, c.size, c.told, note])
@@ -33,7 +33,7 @@ def text(one: Paired) -> str:
     """For a reader."""
     if one.fault:
         return f"effect {one.name}: {one.change()}"
-    return f"effect {one.name}: {one.states} states, {one.cost()} per step; left out, it changes {one.change()}"
+    return f"effect {one.name}: {one.states} states, {one.cost()} per step; change if left out: {one.change()}"
 
 
 def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
@@ -44,16 +44,16 @@ def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
     with sheet(f"{table.title}: what its effects cost", table.machine, path) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         places = range(len(shown) + 1)
-        ticks = [one.tick for one in shown]
+        ticks = [one.told for one in shown]
         whole = shown[0].whole
         rest = max(whole - sum(max(tick.value, 0.0) for tick in ticks), 0.0)
         begin = rest
         left.barh(0, rest, color="#9aa5b1")
         for place, one in zip(places[1:], shown):
-            left.barh(place, one.tick.value, left=begin, color="#1d4f91")
-            spread = [[max(one.tick.value - one.tick.low, 0.0)], [max(one.tick.high - one.tick.value, 0.0)]]
-            left.errorbar(begin + one.tick.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
-            begin += one.tick.value
+            left.barh(place, one.told.value, left=begin, color="#1d4f91")
+            spread = [[max(one.told.value - one.told.low, 0.0)], [max(one.told.high - one.told.value, 0.0)]]
+            left.errorbar(begin + one.told.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
+            begin += one.told.value
             for change in one.changes:
                 if change.told:
                     right.plot(change.size, place, "o", ms=5, color="#c03a76", alpha=0.7)
@@ -65,9 +65,9 @@ def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
                 right.annotate("no change", (0.02, place), xycoords=("axes fraction", "data"), fontsize=9.5)
         left.axvline(whole, color="black", ls=":", lw=1.0)
         noise = max(one.noise for one in shown)
-        left.set(xlabel=f"compute of a step of {1e6 * table.step:g} us [ns], plant alone; noise up to {noise:.0f} ns")
+        left.set(xlabel=f"compute of a step of {1e6 * table.step:g} us [ns]; noise up to {noise:.2g} ns")
         left.set_yticks(list(places), ["everything else", *(one.name for one in shown)])
-        right.set(xscale="log", xlabel="change of each measure if the effect is left out, share of the larger value")
+        right.set(xscale="log", xlabel="change if left out: share of the larger value")
         right.set_xlim(*_range([size for one in shown for size in one.errors.values()]))
         figure.supxlabel("\n", fontsize=8.5)  # room for the machine
 
