@@ -8,10 +8,12 @@ its commands arrive a frame later. What a frame calls is loaded or compiled on t
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 
 import controllers
 from rig.bench.job import Job
 from rig.bench.simulate import carry_out
+from rig.errors import RigError
 from rig.scenes.scene import Scene
 
 LONGEST_S = 3.0
@@ -24,10 +26,10 @@ def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, 
     All of them, if it takes no longer than `longest_s` on the wall clock after the first tenth of a second of simulated
     time, in which kernels are loaded or compiled.
     """
-    working = {
-        name: controllers.restored(controllers.described(section, job.numbers.get(name, {})))
-        for name, section in scene.controllers.items()
-    }
+    working = {}
+    for name, section in scene.controllers.items():
+        with suppress(RigError):  # one that cannot begin says why in its own process; the run goes on without
+            working[name] = controllers.restored(controllers.described(section, job.numbers.get(name, {})))
     duration_ns = scene.duration_ns if job.duration is None else round(job.duration * 1e9)
     begun: list[float] = []
 
