@@ -170,8 +170,10 @@ def simulate(
     if as_json:
         tell.report({**found.summary, "energy": found.energy, "events": found.events, "fault": found.fault})
     else:
-        for label, text in _told(found, wall, out, figure):
-            tell.line(f" {label:<14}{text}")
+        from rig.study.columns import columns
+
+        for line in columns(_told(found, wall, out, figure), "<<"):
+            tell.line(line)
     if found.fault:
         tell.note(found.fault)
         raise typer.Exit(NumericsError.exit_code)

@@ -139,9 +139,11 @@ def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
     tell.line(
         "change: difference of the two values as a share of the larger one; < x ns: within the noise of the machine"
     )
+    from rig.study.columns import columns as columns_of
+
     tell.line("\nmethods")
-    for name, why in methods.items():
-        tell.line(f"  {name:<10}{why}")
+    for line in columns_of(methods.items(), "<<"):
+        tell.line(line)
     for title, computed in (("outputs", signals), ("topics of rig run", topics)):
         tell.line()
         rates = [(one.name, f"{one.rate:g}" if one.rate else "", one.asked) for one in computed]
