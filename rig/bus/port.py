@@ -132,6 +132,8 @@ class Watch(ABC):
         self.door = door
         self.present: set[tuple[str, str]] = set()
         """(role, name) of everyone here, as of the last `poll`."""
+        self._held: dict[str, tuple[str, str]] = {}
+        """User -> as whom it is here; operators share one user and do not announce themselves."""
 
     @abstractmethod
     def _next(self, timeout: float) -> Arrived | None: ...
@@ -147,10 +149,17 @@ class Watch(ABC):
             if found is None:
                 continue
             who = (found.role, found.name)
-            if found.here and len(self.present) >= _MOST:
-                self.door.count(found.name, Refused("too many"))
+            if self._held.get(arrived.user, who) != who:  # a process is here under one name
+                self.door.count(arrived.user, Refused("a second name"))
+            elif found.here and len(self.present) >= _MOST:
+                self.door.count("others", Refused("too many"))
             elif found.here != (who in self.present):
-                (self.present.add if found.here else self.present.discard)(who)
+                if found.here:
+                    self.present.add(who)
+                    self._held[arrived.user] = who
+                else:
+                    self.present.discard(who)
+                    self._held.pop(arrived.user, None)
                 changes.append(found)
         return changes
 

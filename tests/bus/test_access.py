@@ -80,6 +80,21 @@ def test_only_its_own_user_speaks_for_a_controller(plant):
         assert watch.present == {("plant", "plant"), ("controller", "nf")}
 
 
+def test_a_guest_is_here_under_one_name(plant):
+    watch = plant.watch("*/*")
+    with raw("guest-1") as guest:
+        tokens = [guest.liveliness().declare_token(f"rig/guarded/guest-1/alive/controller/x{i}") for i in range(500)]
+        assert tokens
+        deadline = time.monotonic() + 5.0
+        while plant.door.total < 499 and time.monotonic() < deadline:
+            watch.poll(0.1)
+        assert len(watch.present) == 2
+        assert plant.door.told() == {"guest-1: a second name": 499}
+    while len(watch.present) > 1 and time.monotonic() < deadline:
+        watch.poll(0.1)
+    assert watch.present == {("plant", "plant")}
+
+
 def test_nobody_but_an_operator_asks_a_controller(plant):
     with bus.join("guarded", role="controller", name="nf") as nf, raw("guest-1") as guest, raw("recorder") as recorder:
         server, plants = nf.serve("param/nf", lambda _: {"ok": 1}), plant.serve("cmd/plant", lambda _: {})
