@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Budget, Changes, Force, Json, SceneName, accuracy, at, changes, share
+from rig.cli.options import Budget, Changes, Force, Json, SceneName, accuracy, at, changes, share, the_scene
 from rig.cli.outputs import refuse
 
 if TYPE_CHECKING:
@@ -43,14 +43,13 @@ def cost(
     """
     wanted, most = accuracy(target, "--target"), share(budget)
     from rig.errors import UsageError
-    from rig.scenes import load
     from rig.study.cost import cost as measure
     from rig.study.cost import folder_of, recommended
     from rig.study.cost.figure import draw
     from rig.study.cost.report import COLUMNS, lines, notes
     from rig.study.cost.waterfall import text
 
-    loaded = load(scene, changes(p))
+    loaded = the_scene(scene, changes(p))
     tell.warnings(loaded)
     folder = folder_of(loaded, at(out))
     refuse(folder, ("peers.csv", "peers.png") if peers else ("cost.png",), force)  # drawn last: a table without is not

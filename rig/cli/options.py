@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from rig.cli import tell
 from rig.cli.outputs import new
 from rig.errors import UsageError
+
+if TYPE_CHECKING:
+    from rig.scenes.scene import Scene
 
 SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="Name of a shipped scene (rig list) or a TOML file.")]
 Changes = Annotated[
@@ -61,6 +66,16 @@ def changes(given: list[str] | None) -> dict[str, str]:
             raise UsageError(f'-p {one}: expected KEY=VALUE, e.g. -p drive.speed="2 rpm"')
         found[key.strip()] = value.strip()
     return found
+
+
+def the_scene(name: str, overrides: Mapping[str, str]) -> Scene:
+    """The scene of a command; what a change left aside is told beside the output."""
+    from rig.scenes import load
+
+    scene = load(name, overrides)
+    for line in scene.dropped:
+        tell.note(line)
+    return scene
 
 
 def number(given: str, option: str, unit: str, low: float, high: float, also: str = "") -> float:

@@ -22,6 +22,7 @@ from rig.cli.options import (
     changes,
     pace,
     seconds,
+    the_scene,
 )
 from rig.cli.outputs import new
 
@@ -42,10 +43,9 @@ def plant(
     from rig.bench.outcome import Outcome
     from rig.bench.plant_process import carry_out
     from rig.bench.status import Live
-    from rig.scenes import load
     from rig.study.design import numbers
 
-    loaded = load(scene, overrides)
+    loaded = the_scene(scene, overrides)
     tell.warnings(loaded)
     job = Job(
         loaded.to_json(),

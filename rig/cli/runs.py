@@ -26,6 +26,7 @@ from rig.cli.options import (
     pace,
     seconds,
     share,
+    the_scene,
 )
 from rig.cli.outputs import new
 from rig.errors import Interrupted, NumericsError, UsageError
@@ -76,10 +77,9 @@ def run(
     factor, length, overrides = pace(speed, lockstep), seconds(duration), changes(p)
     from rig.bench.job import keeps_up
     from rig.bench.supervise import run as supervise
-    from rig.scenes import load
     from rig.study.design import numbers
 
-    loaded = load(scene, overrides)
+    loaded = the_scene(scene, overrides)
     keeps_up(loaded, factor)
     loaded = _set(loaded, overrides, precision, budget)
     tell.warnings(loaded)
@@ -147,7 +147,7 @@ def simulate(
         overrides["clock.method"] = method
     import rig
 
-    loaded = _set(rig.load(scene, overrides), overrides, precision, budget)
+    loaded = _set(the_scene(scene, overrides), overrides, precision, budget)
     tell.warnings(loaded)
     begin = time.perf_counter()
     asked: list[str] = []

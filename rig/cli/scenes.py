@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Changes, Force, Json, SceneName, changes
+from rig.cli.options import Changes, Force, Json, SceneName, changes, the_scene
 from rig.cli.outputs import new
 from rig.errors import UsageError
 
@@ -48,7 +48,6 @@ def explain(
 
     Of a recording (FILE.mcap): its audit, which effects changed nothing and which were missing in that run.
     """
-    from rig.scenes import load
     from rig.scenes.explain import explain as take_apart
 
     if figure is not None and not measure:
@@ -56,7 +55,7 @@ def explain(
     if scene.endswith(".mcap"):
         _audited(scene, as_json)
         return
-    told = take_apart(load(scene, changes(p)))
+    told = take_apart(the_scene(scene, changes(p)))
     if measure:
         _measured(told.scene, figure, as_json)
         return

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import tell
-from rig.cli.options import Changes, Force, Json, SceneName, changes, seconds
+from rig.cli.options import Changes, Force, Json, SceneName, changes, seconds, the_scene
 from rig.cli.outputs import new, refuse
 from rig.errors import NumericsError, SceneError, UsageError
 
@@ -61,9 +61,7 @@ def modes(
     as_json: Json = False,
 ) -> None:
     """Eigenvalues at the sliding equilibrium, or of the closed loop of a controller; along a parameter with --sweep."""
-    from rig.scenes import load
-
-    loaded = load(scene, changes(p))
+    loaded = the_scene(scene, changes(p))
     if along is not None or controller is not None:
         tell.warnings(loaded)
     faults = ["--figure: draws a sweep; say over what: --sweep KEY=A:B:N"] if figure is not None and not along else []
@@ -134,10 +132,9 @@ def cycle(scene: SceneName, p: Changes = None, longest: Settling = None, as_json
 
     Exit code 1 where it is not decided within the longest time whether there is one.
     """
-    from rig.scenes import load
     from rig.study.cycle import limit_cycle
 
-    most, loaded = seconds(longest, "--longest"), load(scene, changes(p))
+    most, loaded = seconds(longest, "--longest"), the_scene(scene, changes(p))
     tell.warnings(loaded)
     status = tell.Status()
     try:
@@ -158,10 +155,9 @@ def cycle(scene: SceneName, p: Changes = None, longest: Settling = None, as_json
 
 def identify(scene: SceneName, p: Changes = None, as_json: Json = False) -> None:
     """Run an experiment that identifies a part of the lever rig, and read its parameters from the sensors."""
-    from rig.scenes import load
     from rig.study.identify import identify as run
 
-    found = run(load(scene, changes(p)))
+    found = run(the_scene(scene, changes(p)))
     if as_json:
         tell.report(found.to_json())
         return
@@ -185,11 +181,10 @@ def map_(
 
     One axis gives a bifurcation diagram. Results are kept as they come: the same command goes on where it was stopped.
     """
-    from rig.scenes import load
     from rig.study.map import Store, chart, job
     from rig.study.map.figure import draw
 
-    loaded = load(scene, changes(p))
+    loaded = the_scene(scene, changes(p))
     tell.warnings(loaded)
     if eigenvalues:
         _regions(loaded, x, y, out, workers, as_json)

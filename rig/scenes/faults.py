@@ -11,6 +11,7 @@ import json
 import types
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import SequenceMatcher
+from inspect import get_annotations
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
@@ -24,7 +25,7 @@ BOUNDS = {
     "less_than": ("less than", "lt"),
     "less_than_equal": ("at most", "le"),
 }
-TAGS = ("law", "kind", "step", "direction")
+TAGS = ("law", "kind", "on", "step", "direction")
 _MANY = 24  # names: more than a reader looks through
 _LONG = 100  # letters: no name has as many, and to compare them takes long
 Loc = tuple[int | str, ...]
@@ -159,6 +160,31 @@ def dotted(path: Iterable[int | str], prefix: str = "") -> str:
     for part in path:
         out += f"[{part + 1}]" if isinstance(part, int) else f".{part}" if out else part
     return out
+
+
+def inner(annotation: Any, path: Iterable[str]) -> Any:
+    """The annotation at a dotted path of a section; None where it leads nowhere."""
+    for part in path:
+        if get_origin(annotation) is dict:
+            annotation = get_args(annotation)[1]
+            continue
+        holder = next((model for model in _models(annotation) if part in model.model_fields), None)
+        annotation = None if holder is None else holder.model_fields[part].annotation
+    return annotation
+
+
+def shared(first: type[BaseModel], second: type[BaseModel]) -> set[str]:
+    """Fields that two sections have from a common base: what they say is the same in both."""
+    bases = [base for base in first.__mro__ if base in second.__mro__ and issubclass(base, BaseModel)]
+    common = {name for base in bases for name in base.model_fields}
+    own = [name for model in (first, second) for name in _declared(model, bases)]
+    return common.difference(own)
+
+
+def _declared(model: type[BaseModel], bases: Sequence[type]) -> Iterator[str]:
+    for owner in model.__mro__:
+        if owner not in bases:
+            yield from get_annotations(owner)
 
 
 def keys(model: Any) -> list[str]:

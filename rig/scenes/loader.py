@@ -40,7 +40,8 @@ def load(name_or_path: str | Path, overrides: Mapping[str, object] | None = None
     scene = reading.scene(path.stem)
     if scene is None:
         told = reading.faults[:MOST]
-        raise SceneError(str(name_or_path), [*told, "and more"] if len(reading.faults) > MOST else told)
+        more = ["and more"] if len(reading.faults) > MOST else []
+        raise SceneError(str(name_or_path), [*told, *more, *reading.dropped])
     return scene
 
 
@@ -52,11 +53,13 @@ class _Reading:
         self.origins: dict[str, Origin] = {}
         self.raw: dict[str, Any] = source.stripped(raw, self.origins, self.faults)
         self.overrides = overrides
+        self.dropped: list[str] = []
         self.recast = source.change(self.raw, overrides, self.origins, self.faults)
 
     def scene(self, name: str) -> Scene | None:
         """The scene, or None where there are faults."""
         raw = self.raw
+        self._forget()
         clock = self._section(Clock, "clock", raw.get("clock", {}))
         seed = self._seed(raw.get("seed", 0))
         plant, parameters = self._plant()
@@ -68,6 +71,7 @@ class _Reading:
             told = known(assembly, parameters, sensors, controllers)
         sensors = {n: s for n, s in sensors.items() if s is not None}
         controllers = {n: c for n, c in controllers.items() if c is not None}
+        self._leave_out(told)
         protocol = self._protocol(told)
         limits = self._limits(assembly)
         if clock is not None:
@@ -101,7 +105,57 @@ class _Reading:
             limits=limits,
             seed=seed,
             origins=self.origins,
+            dropped=tuple(self.dropped),
         )
+
+    def _forget(self) -> None:
+        """Drop the values of a table that were those of another kind, but for what every such kind has."""
+        for table, (tag, before) in self.recast.items():
+            values = source.at(self.raw, table.split("."))
+            now, kinds = (values or {}).get(tag), self._kinds(table, tag)
+            if values is None or not isinstance(now, str) or now not in kinds:
+                continue  # a fault, told later
+            known = isinstance(before, str) and before in kinds
+            common = faults.shared(kinds[before], kinds[now]) if known else set()
+            given = {key.removeprefix(f"{table}.").partition(".")[0] for key in self.overrides}
+            gone = [key for key in values if key != tag and key not in given | common]
+            kept = [key for key in values if key in common - given]
+            for key in gone:
+                del values[key]
+                source.forget(self.origins, f"{table}.{key}")
+            if gone:
+                told = f"{table}.{tag} = {now}: dropped {', '.join(gone)} of {before}"
+                self.dropped.append(told + (f"; kept {', '.join(kept)}" if kept else ""))
+
+    def _kinds(self, table: str, tag: str) -> Mapping[str, Any]:
+        """What the kinds of a table are, by name."""
+        room, *path = table.split(".")
+        if room == "sensors":
+            return SENSORS
+        if room == "controllers":
+            return {kind: section for kind, (section, _) in CONTROLLERS.items()}
+        plant = self.raw.get("plant")
+        model = plant_module(plant).Parameters if isinstance(plant, str) and plant in PLANTS else None
+        return faults.members(faults.inner(model, (room, *path)), tag)
+
+    def _leave_out(self, told: Known) -> None:
+        """Steps of the protocol that set what a table of another kind has no more become marks that say so."""
+        if not told.whole or not self.recast:
+            return
+
+        def look(steps: Any, key: str) -> None:
+            for i, step in enumerate(steps if isinstance(steps, list) else (), 1):
+                if not isinstance(step, dict):
+                    continue
+                here, target = f"{key}[{i}]", step.get("target")
+                if isinstance(target, str) and target not in told.inputs and target not in told.settable:
+                    if any(target.startswith(f"{table}.") for table in self.recast):
+                        steps[i - 1] = {"step": "mark", "text": f"left out: {step.get('step')} {target}"}
+                        source.forget(self.origins, here)
+                        self.dropped.append(f"{here}: left out, there is no {target} any more")
+                look(step.get("steps"), f"{here}.steps")
+
+        look(self.raw.get("protocol"), "protocol")
 
     def _report(self, found: Iterator[tuple[str, str]]) -> None:
         for _, line in found:
@@ -111,22 +165,12 @@ class _Reading:
                 self.faults.append(line)
 
     def _section(self, model: type[S], prefix: str, raw: Any) -> S | None:
-        """`raw` as a section; None after reporting what is wrong. Keys of a law that was replaced are dropped."""
+        """`raw` as a section; None after reporting what is wrong."""
         try:
             return model.model_validate(raw)
         except ValidationError as error:
-            found = list(faults.lines(error, model, raw, prefix))
-        stale = [key for key, line in found if ": unknown key" in line and self._stale(key)]
-        if stale:
-            for key in stale:
-                source.drop(self.raw, key)
-                source.forget(self.origins, key)
-            return self._section(model, prefix, raw)
-        self._report(iter(found))
-        return None
-
-    def _stale(self, key: str) -> bool:
-        return key.rpartition(".")[0] in self.recast and key not in self.overrides
+            self._report(faults.lines(error, model, raw, prefix))
+            return None
 
     def _plant(self) -> tuple[str, Section | None]:
         plant = self.raw.get("plant")

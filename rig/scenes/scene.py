@@ -94,6 +94,8 @@ class Scene:
     limits: dict[str, float]
     seed: int
     origins: dict[str, Origin] = field(default_factory=dict)
+    dropped: tuple[str, ...] = field(default=(), compare=False)
+    """What of the file was left aside because a change made another kind of something, a line each."""
 
     @property
     def frame_ns(self) -> int:

@@ -11,12 +11,14 @@ from typing import Any
 from rig.errors import SceneError
 from rig.files import contents
 from rig.quantities import ORIGINS, brief
-from rig.scenes.faults import shown, unknown_choice
+from rig.scenes.faults import TAGS, shown, unknown_choice
 from rig.scenes.scene import Origin
 
 FIXED = ("title", "plant", "about", "protocol")
 _POSITION = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 _NUMBER = re.compile(r"[+-]?(\d|\.\d)")
+KIND = tuple(tag for tag in TAGS if tag != "step")
+"""Keys that say which kind of thing a table is."""
 _DEEPEST = 20
 _DIGITS = 18  # of a whole number: 64 bits hold them
 
@@ -93,12 +95,12 @@ def _has_origin(raw: list[Any]) -> bool:
 
 def change(
     raw: dict[str, Any], overrides: Mapping[str, object], origins: dict[str, Origin], faults: list[str]
-) -> set[str]:
-    """Put `overrides` into `raw`; returns the tables whose `law` or `kind` was changed.
+) -> dict[str, tuple[str, Any]]:
+    """Put `overrides` into `raw`; returns the tables of a changed kind: which key says it, what it said.
 
     A text is read as a TOML value where it is one ("5", "true", "[1, 2]"); "none" takes a key or a table away.
     """
-    recast: set[str] = set()
+    recast: dict[str, tuple[str, Any]] = {}
     for key, value in overrides.items():
         *parents, last = key.split(".")
         if not all((*parents, last)) or len(parents) >= _DEEPEST:
@@ -111,7 +113,7 @@ def change(
         if too_much := list(beyond(value, key)):
             faults += too_much
             continue
-        table = _table(raw, parents)
+        table = at(raw, parents)
         if table is None:
             faults.append(f"{key} = {shown(value)}: {'.'.join(parents)} is a value, not a table")
             continue
@@ -120,11 +122,11 @@ def change(
             if table.pop(last, None) is None:
                 faults.append(f"{key}: is not in the scene, so it cannot be taken away")
             continue
-        if last in ("law", "kind") and table.get(last, value) != value:
-            recast.add(".".join(parents))
+        if last in KIND and parents and table.get(last, value) != value:
+            recast[".".join(parents)] = last, table[last]
         if isinstance(value, list) and _has_origin(value):
             value = stripped(value, origins, faults, key)
-        elif isinstance(value, int | float | str) and last not in ("law", "kind"):
+        elif isinstance(value, int | float | str) and last not in KIND:
             origins[key] = Origin("user")
         table[last] = value
     return recast
@@ -143,7 +145,7 @@ def _read(value: object) -> Any:
     return found if isinstance(found, bool | int | float | str | list) else text
 
 
-def _table(raw: dict[str, Any], parents: list[str]) -> dict[str, Any] | None:
+def at(raw: dict[str, Any], parents: list[str]) -> dict[str, Any] | None:
     """The table to change, made where it is not there; None where a value is in the way."""
     table: Any = raw
     for name in parents:
@@ -151,14 +153,6 @@ def _table(raw: dict[str, Any], parents: list[str]) -> dict[str, Any] | None:
         if not isinstance(table, dict):
             return None
     return table  # type: ignore[no-any-return]
-
-
-def drop(raw: dict[str, Any], key: str) -> None:
-    """Take the value at a dotted key away."""
-    *parents, last = key.split(".")
-    table = _table(raw, parents)
-    if table is not None:
-        table.pop(last, None)
 
 
 def forget(origins: dict[str, Origin], key: str) -> None:

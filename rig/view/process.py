@@ -86,7 +86,7 @@ def view(
         )
         with target as (rec, shown):
             if shown is not None and shown.page:
-                say(f"live at {shown.page}")
+                say(f"live at {shown.page}\n{viewer.OPEN_TO}")
             session.announce()
             with stopping() as stop:
                 viewing = bridge.run(rec, stop, lambda: shown is None or shown.alive)

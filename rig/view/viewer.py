@@ -35,6 +35,11 @@ _WRITTEN_S = 2.0
 """Longest wait for the end of a file, which is written however late it is read."""
 _SETTLED_S = 0.4
 """A viewer that finds no display gives up within a tenth of this, after it has begun to listen."""
+OPEN_TO = (
+    "any user of this machine can look at this page while it is served; the page itself asks fonts.googleapis.com, "
+    "api.github.com, tel.rerun.io and app.rerun.io for fonts, versions, statistics and examples"
+)
+"""What somebody who opens the page should know: rerun's page is fetched without a password, and calls out."""
 _MEMORY, _SERVED = "2GB", "256MB"
 _BOUND = """import ctypes, os, sys
 ctypes.CDLL(None).prctl(1, 15)

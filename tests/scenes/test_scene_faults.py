@@ -233,7 +233,11 @@ def test_overrides_refuse_what_they_cannot_change():
 
 
 def test_another_law_leaves_the_numbers_of_the_old_one_behind():
-    scene = scenes.load("belt", {"friction.law": "coulomb", "friction.mu_kinetic": "0.25"})
+    with pytest.raises(
+        SceneError, match=r"(?s)friction\.mu_static: is missing.*dropped mu_static, mu_dynamic, speed_scale"
+    ):
+        scenes.load("belt", {"friction.law": "coulomb", "friction.mu_kinetic": "0.25"})
+    scene = scenes.load("belt", {"friction.mu_static": 0.5, "friction.law": "coulomb", "friction.mu_kinetic": "0.25"})
     assert scene.parameters.friction.model_dump() == {"law": "coulomb", "mu_static": 0.5, "mu_kinetic": 0.25}
     assert "friction.mu_dynamic" not in scene.origins
     with pytest.raises(SceneError, match=r"friction\.mu_kinetc: unknown key; did you mean friction\.mu_kinetic"):
@@ -312,3 +316,55 @@ def test_a_file_named_without_its_ending_is_pointed_out(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(SceneError, match=r"no scene has this name; the file is called mine\.toml"):
         scenes.load("mine")
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "told"),
+    [
+        (
+            "belt",
+            {"friction.law": "table", "friction.speeds": "[0, 1]", "friction.values": "[0.4, 0.3]"},
+            ["friction.law = table: dropped mu_static, mu_dynamic, speed_scale of stribeck"],
+        ),
+        (
+            "brake_shunt",
+            {"shunt.kind": "open"},
+            [
+                "shunt.kind = open: dropped connected, resistance, inductance, delta of series",
+                "protocol[2]: left out, there is no shunt.connected any more",
+                "protocol[4]: left out, there is no shunt.connected any more",
+            ],
+        ),
+        (
+            "belt_normal_force",
+            {"controllers.nf.kind": "belt_velocity"},
+            ["controllers.nf.kind = belt_velocity: dropped gain of normal_force; kept sensor, enable_at"],
+        ),
+        (
+            "belt",
+            {"sensors.laser.kind": "accelerometer", "sensors.laser.noise": "none"},
+            ["sensors.laser.kind = accelerometer: dropped reads, span of displacement_laser; kept rate"],
+        ),
+        ("belt", {"friction.law": "stribeck"}, []),
+    ],
+)
+def test_a_changed_kind_drops_the_values_of_the_old_one_and_says_so(name, changes, told):
+    scene = scenes.load(name, changes)
+    assert list(scene.dropped) == told
+    assert not [key for key in scene.origins if key not in scene.values() and key.startswith(("friction.", "shunt."))]
+    assert scenes.Scene.from_json(scene.to_json()) == scene
+
+
+def test_a_table_has_no_static_friction_of_the_law_before():
+    points = {"friction.law": "table", "friction.speeds": "[0, 1]", "friction.values": "[0.4, 0.3]"}
+    assert scenes.load("belt", points).parameters.friction.mu_static is None
+    assert scenes.load("belt", points | {"friction.mu_static": 0.6}).parameters.friction.mu_static == 0.6
+
+
+@pytest.mark.parametrize("kind", ["open", "short"])
+def test_a_shunt_is_opened_or_shorted_by_its_kind(kind):
+    scene = scenes.load("brake_shunt", {"shunt.kind": kind})
+    assert scene.parameters.shunt.kind == kind
+    assert "shunt.connected" not in scene.assemble().inputs
+    assert [step.step for step in scene.protocol].count("mark") >= 2
+    assert scene.duration_ns == scenes.load("brake_shunt").duration_ns

@@ -6,6 +6,7 @@ import signal
 import sys
 import threading
 import time
+import urllib.request
 
 import numpy as np
 import psutil
@@ -266,6 +267,20 @@ import sys
 from rig.view.process import view
 view("shown", save=sys.argv[1], wait=10.0, say=lambda text: print(text, flush=True))
 """
+
+
+def test_a_page_that_anybody_here_can_open_is_announced_as_such(script):
+    plant = script(HUB)
+    shown = script(BRIDGE.replace("save=sys.argv[1]", "web=True"), "")
+    assert plant.stdout.readline() == "half a second\n"
+    address, warning = shown.stdout.readline(), shown.stdout.readline()
+    with urllib.request.urlopen(address.removeprefix("live at ").strip(), timeout=10) as page:  # no password is asked
+        assert page.status == 200
+    assert "any user of this machine can look at this page" in warning
+    hosts = ("fonts.googleapis.com", "api.github.com", "tel.rerun.io", "app.rerun.io")
+    assert all(host in warning for host in hosts)
+    plant.kill()
+    shown.communicate(timeout=20)
 
 
 def test_a_killed_plant_ends_the_bridge_with_a_whole_file(script, contents, tmp_path):
