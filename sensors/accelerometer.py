@@ -68,7 +68,7 @@ class Accelerometer(Instrument):
         if math.isclose(corner, b, rel_tol=1e-6):  # the limit is a double pole; this is within 1e-6 of it
             b *= 1.0 - 1e-6
         return FrontEnd(
-            self.period_ns,
+            self.instants,
             self.delay,
             *filters.resonance(self.resonance, self.quality, self.highpass),
             gain=self.gain,

@@ -14,6 +14,7 @@ from rig.errors import SceneError
 from rig.kernel import bundle, entry
 from rig.solve.segments import DEGREE, Segments
 from sensors.front_end import FrontEnd
+from sensors.instants import SECOND, Integers, common_step
 from sensors.instrument import Instrument
 from sensors.response import COLUMNS, POLE, RESIDUE, STATE
 from sensors.sampling import FRONT, NOW, SHORT, Rack, advance, prepare
@@ -21,30 +22,30 @@ from sensors.streams import Stream
 
 _CHUNK = 1024  # random numbers drawn and samples kept at a time, at least
 _FRAMES = 64  # and for so many frames
-_FINEST_STEP = 1000  # ns
 
 
 class Bank:
     """The instruments of a scene over the plant's outputs.
 
     `latest[i]` is the last published sample of instrument i (NaN before `start`), `fresh[i]` how many were published in
-    the last frame, `samples(i)` these. `columns` names the signals of `Segments` in order. `rack` is what the kernels
-    work on; where they find the bank `short`, it must be filled up before the next frame.
+    the last frame, `samples(i)` these, `times(i)` when. `columns` names the signals of `Segments` in order. `rack` is
+    what the kernels work on; where they find the bank `short`, it must be filled up before the next frame.
     """
 
     def __init__(self, sensors: Mapping[str, Instrument], columns: Sequence[str], frame_ns: int, seed: int) -> None:
         self.names = tuple(sensors)
         self.units = tuple(s.unit for s in sensors.values())
+        self.instants = tuple(s.instants for s in sensors.values())
         self.periods_ns = tuple(s.period_ns for s in sensors.values())
-        self.step_ns = math.gcd(frame_ns, *self.periods_ns)
-        _check(sensors, columns, frame_ns, self.step_ns)
+        self.step_ns = common_step(frame_ns, self.instants)
+        _check(sensors, columns)
         self._sections = tuple(sensors.values())
         self._ends = tuple(s.front_end() for s in self._sections)
         self._columns = tuple(columns)
         self._frame, self._seed = frame_ns, seed
         n = len(self.names)
-        most = [frame_ns // period + 1 for period in self.periods_ns]
-        wait = max((end.delay_ns // end.period_ns + m + 1 for end, m in zip(self._ends, most)), default=1)
+        most = [int(frame_ns // one.period_ns) + 1 + (not one.even) for one in self.instants]
+        wait = max((int(end.delay_ns // end.period_ns) + m + 1 for end, m in zip(self._ends, most)), default=1)
         room = max(_CHUNK, _FRAMES * max(most, default=1))
         self.latest = np.full(n, np.nan)
         self.fresh = np.zeros(n, dtype=np.int64)
@@ -127,19 +128,28 @@ class Bank:
 
     def shown(self, i: int, t_ns: Sequence[int]) -> list[float]:
         """What `latest[i]` was at instants [ns] since the bank was filled up."""
-        last = np.array(t_ns) // self.periods_ns[i]
+        last = self.instants[i].until(np.array(t_ns)) - 1
         return self.since(i, int(last[0]))[last - last[0]].tolist()  # type: ignore[no-any-return]
 
     def published(self, i: int, t_ns: Sequence[int]) -> list[list[float]]:
         """What `samples(i)` was at instants [ns], one frame after another, since the bank was filled up."""
-        behind = np.array([t_ns[0] - self._frame, *t_ns]) // self.periods_ns[i] + 1
+        behind = self.instants[i].until(np.array([t_ns[0] - self._frame, *t_ns]))
         kept = self.since(i, int(behind[0])).tolist()
         ends = (behind - behind[0]).tolist()
         return [kept[first:last] for first, last in pairwise(ends)]
 
+    def first(self, i: int) -> int:
+        """The number of the first of them, counted from 0."""
+        return int(self._fronts["published"][i] - self.fresh[i])
+
+    def times(self, i: int) -> Integers:
+        """When they were published [ns]."""
+        first = self.first(i)
+        return self.instants[i].at(np.arange(first, first + int(self.fresh[i])))
+
     def first_ns(self, i: int) -> int:
-        """When the first of them was published [ns]; the others follow period by period."""
-        return int(self._fronts["published"][i] - self.fresh[i]) * self.periods_ns[i]
+        """When the first of them was published [ns]."""
+        return int(self.instants[i].at(self.first(i)))
 
     def counters(self) -> dict[str, dict[str, int]]:
         """Per instrument: samples clipped, dropped out, and lost to the slew limit since the start."""
@@ -151,7 +161,9 @@ class Bank:
         s = self._fronts[i]
         self._fronts[i] = np.zeros((), dtype=FRONT)
         s["column"] = self._columns.index(self._sections[i].reads)
-        s["period"], s["delay"], s["most"] = end.period_ns, end.delay_ns, self._most[i]
+        s["period"], s["rest"] = end.instants.whole
+        s["samples"], s["cycle"] = end.instants.samples, SECOND * end.instants.seconds
+        s["mean"], s["delay"], s["most"] = end.period_ns, end.delay_ns, self._most[i]
         for key in ("averages", "holds", "direct", "gain", "offset", "slope", "warmth", "fade", "rise", "noise"):
             s[key] = getattr(end, key)
         s["low"], s["high"], s["resolution"] = end.low, end.high, end.resolution
@@ -197,18 +209,12 @@ class Bank:
                 s["gap"] = 0
 
 
-def _check(sensors: Mapping[str, Instrument], columns: Sequence[str], frame_ns: int, step_ns: int) -> None:
+def _check(sensors: Mapping[str, Instrument], columns: Sequence[str]) -> None:
     """Raise SceneError with every instrument that cannot run."""
     faults = []
     for name, s in sensors.items():
         if s.reads not in columns:
             near = get_close_matches(s.reads, columns, n=3) or sorted(columns)
             faults.append(f"{name}.reads = {s.reads!r}: the plant has no such output; near: {', '.join(near)}")
-    if step_ns < min(_FINEST_STEP, frame_ns):
-        periods = ", ".join(f"{name} {s.period_ns} ns" for name, s in sensors.items())
-        faults.append(
-            f"rates: the frame of {frame_ns} ns and the sample periods ({periods}) have only {step_ns} ns in common; "
-            f"choose rates that share at least {_FINEST_STEP} ns"
-        )
     if faults:
         raise SceneError("sensors", faults)

@@ -54,7 +54,7 @@ class DiscSpeed(Instrument):
         """Low-pass; numbers of the wheel taken to its rim."""
         rim = 1.0 if self.radius is None else float(self.radius)
         return FrontEnd(
-            self.period_ns,
+            self.instants,
             self.delay,
             *filters.first_order(self.bandwidth),
             gain=self.gain,

@@ -43,8 +43,8 @@ class DisplacementLaser(Instrument):
     def flawed(self) -> FrontEnd:
         """Mean over a period, published after the processing; an ideal one does not average."""
         return FrontEnd(
-            self.period_ns,
-            self.delay + self.processing * self.period_ns,
+            self.instants,
+            self.delay + round(self.processing * self.instants.period_ns),
             direct=1.0 if self.ideal else 0.0,
             averages=not self.ideal,
             gain=self.gain,

@@ -6,10 +6,12 @@ import cmath
 import math
 from dataclasses import dataclass
 
+from sensors.instants import Instants
+
 
 @dataclass(frozen=True)
 class FrontEnd:
-    """y = Q{ sat[ gain H(s) x e^{-s delay} + offset + drift + noise ] }, sampled each `period_ns`, then drop-outs.
+    """y = Q{ sat[ gain H(s) x e^{-s delay} + offset + drift + noise ] }, sampled at `instants`, then drop-outs.
 
     H(s) = direct + sum_i residues_i / (s - poles_i), where a pole with positive imaginary part stands for its pair.
     `echoes` are (share, seconds later): the same again, to the nearest sample, of H x alone.
@@ -17,7 +19,7 @@ class FrontEnd:
     Drift in t [s]:  slope t + warmth (e^{-fade t} - e^{-rise t}).  The defaults are a perfect instrument.
     """
 
-    period_ns: int
+    instants: Instants
     delay_ns: int = 0
     poles: tuple[complex, ...] = ()
     residues: tuple[complex, ...] = ()
@@ -39,6 +41,11 @@ class FrontEnd:
     dropout_shortest: float = 0.0  # s
     dropout_longest: float = 0.0  # s
     holds: bool = False  # a lost sample repeats the last one; otherwise it is 0
+
+    @property
+    def period_ns(self) -> float:
+        """Time between two samples [ns]."""
+        return self.instants.period_ns
 
     def response(self, s: complex) -> complex:
         """What becomes of a vibration exp(s t), within all limits."""

@@ -9,14 +9,16 @@ from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, mod
 
 from rig.quantities import Section
 from sensors.front_end import FrontEnd
-from sensors.units import SECOND, Delay, GainError, Rate
+from sensors.instants import Instants
+from sensors.units import Delay, GainError, Rate
 
 
 class Instrument(Section):
     """An instrument on the rig. Subclasses add their numbers and compile to a `FrontEnd`.
 
     rate     1 kHz [calibrated]: the rate of the loop; 25 and 100 Hz are those of a slow acquisition card
-             [public: LabJack U12, at most 25 Hz in a command/response loop]
+             [public: LabJack U12, at most 25 Hz in a command/response loop]. Any rate from 1 Hz to 100 kHz: sample k is
+             taken at k / rate, to the nearest nanosecond
     delay    0 [calibrated]: transport and conversion beside the lag of the filter
     gain_error, offset   0 [calibrated]: a specimen after calibration
 
@@ -61,9 +63,14 @@ class Instrument(Section):
         return self.accepts
 
     @property
+    def instants(self) -> Instants:
+        """When it samples."""
+        return Instants.of(self.rate)
+
+    @property
     def period_ns(self) -> int:
-        """Sample period [ns]."""
-        return round(SECOND / self.rate)
+        """Sample period, to the nearest whole nanosecond [ns]."""
+        return round(self.instants.period_ns)
 
     @property
     def sensitivity(self) -> float:

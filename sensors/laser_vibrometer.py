@@ -69,7 +69,7 @@ class LaserVibrometer(Instrument):
     def flawed(self) -> FrontEnd:
         """Bessel filter, drop-outs, slew limit."""
         return FrontEnd(
-            self.period_ns,
+            self.instants,
             self.delay,
             *filters.bessel(self.bandwidth),
             gain=self.gain,

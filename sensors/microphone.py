@@ -12,7 +12,6 @@ from sensors import filters
 from sensors.front_end import FrontEnd, deviation
 from sensors.instrument import Instrument
 from sensors.units import (
-    SECOND,
     Paths,
     Pressure,
     PressureDensity,
@@ -88,8 +87,8 @@ class Microphone(Instrument):
     def flawed(self) -> FrontEnd:
         """Diaphragm and vent, after the way through the air; each echo the same again, later and weaker."""
         return FrontEnd(
-            self.period_ns,
-            self.delay + round(SECOND * self.distance / self.sound_speed),
+            self.instants,
+            self.delay + round(1e9 * self.distance / self.sound_speed),
             *filters.resonance(self.resonance, self.quality, self.highpass),
             gain=self.gain,
             offset=self.offset,

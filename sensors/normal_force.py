@@ -47,7 +47,7 @@ class NormalForce(Instrument):
     def flawed(self) -> FrontEnd:
         """Low-pass and linear drift."""
         return FrontEnd(
-            self.period_ns,
+            self.instants,
             self.delay,
             *filters.second_order(self.bandwidth, self.quality),
             gain=self.gain,

@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 from rig.kernel import inner, kernel, lent
 from sensors.response import PART, PEEK, RESIDUE, STATE, STEP, polynomial, settle, weigh
 
-# One instrument: what it is, then where it stands. Sample n is published at n period and taken `delay` earlier.
+# One instrument: what it is, then where it stands. Sample n is published at `instant` n and taken `delay` earlier.
 FRONT = np.dtype(
     [
         ("column", np.int64),  # of the signal in Segments
-        ("period", np.int64),  # ns
+        ("period", np.int64),  # whole ns between two samples, and what is left of it:
+        ("rest", np.int64),  # in parts of a nanosecond, of which
+        ("samples", np.int64),  # make one; so many samples later the pattern repeats,
+        ("cycle", np.int64),  # ns later
+        ("mean", np.float64),  # ns, the whole period
         ("delay", np.int64),  # ns
         ("first", np.int64),  # its poles are rows first .. last - 1 of the table
         ("last", np.int64),
@@ -73,6 +77,29 @@ class Rack(NamedTuple):
     clock: NDArray[np.int64]  # NOW [ns]; SHORT: 1 where random numbers or room do not last for another frame
     frame: int  # ns
     step: float  # s, length of a full segment
+
+
+@inner
+def instant(s: Any, k: int) -> int:
+    """When sample k of instrument s is published [ns]: k periods, rounded, to the even one of two."""
+    if s.rest == 0:
+        return k * s.period  # type: ignore[no-any-return]
+    cycles = k // s.samples
+    k -= cycles * s.samples
+    more = k * s.rest // s.samples
+    part = k * s.rest - more * s.samples
+    t = k * s.period + more
+    if 2 * part > s.samples or (2 * part == s.samples and t % 2 == 1):
+        t += 1
+    return cycles * s.cycle + t  # type: ignore[no-any-return]
+
+
+@inner
+def share(s: Any) -> float:
+    """A period over the time since the last sample: what a mean over an uneven interval is corrected by."""
+    if s.rest == 0 or s.taken == 0:
+        return 1.0
+    return s.mean / (instant(s, s.taken) - instant(s, s.taken - 1))  # type: ignore[no-any-return]
 
 
 @inner
@@ -147,7 +174,7 @@ def sample(r: Any, segments: Any) -> None:
     for i in range(fronts.shape[0]):
         s = fronts[i]
         column = s.column
-        due = s.taken * s.period - s.delay
+        due = instant(s, s.taken) - s.delay
         tau = 1e-9 * (due - now)
         for j in range(last + 1):
             begin = start[j]
@@ -164,12 +191,12 @@ def sample(r: Any, segments: Any) -> None:
                 for p in range(s.first, s.last):
                     x += (poles[p, RESIDUE] * settle(poles, p, PEEK, coef, j, column, part / h)).real
                 if s.averages:
-                    x, base = x - base, x
+                    x, base = (x - base) * share(s), x
                 if s.direct != 0.0:
                     x += s.direct * polynomial(coef, j, column, part / h)
                 queue[i, s.taken % queue.shape[1]] = reading(s, x, due, r, i)
                 s.taken += 1
-                due += s.period
+                due = instant(s, s.taken) - s.delay
                 tau = 1e-9 * (due - now)
             at = STEP
             if abs(h - step) > same:
@@ -185,16 +212,18 @@ def sample(r: Any, segments: Any) -> None:
                 x += (poles[p, RESIDUE] * z).real
             if due <= end_ns and (tau <= end + snap or j == last):  # a sample at the end of the segment
                 base = x + base
+                if s.averages:
+                    x *= share(s)
                 if s.direct != 0.0:
                     x += s.direct * polynomial(coef, j, column, 1.0)
                 queue[i, s.taken % queue.shape[1]] = reading(s, x, due, r, i)
                 s.taken += 1
-                due += s.period
+                due = instant(s, s.taken) - s.delay
                 tau = 1e-9 * (due - now)
             if s.averages:
                 poles[s.first, STATE] -= base / poles[s.first, RESIDUE]
         before = s.published
-        while s.published * s.period <= end_ns:
+        while instant(s, s.published) <= end_ns:
             r.latest[i] = queue[i, s.published % queue.shape[1]]
             r.samples[i, s.kept] = r.latest[i]
             s.published += 1

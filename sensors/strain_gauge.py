@@ -60,7 +60,7 @@ class StrainGauge(Instrument):
     def flawed(self) -> FrontEnd:
         """Amplifier and zero drift."""
         return FrontEnd(
-            self.period_ns,
+            self.instants,
             self.delay,
             *filters.second_order(self.bandwidth, math.sqrt(0.5)),
             gain=self.gain,

@@ -41,7 +41,7 @@ class Voltmeter(Instrument):
     def flawed(self) -> FrontEnd:
         """Second-order low-pass."""
         return FrontEnd(
-            self.period_ns,
+            self.instants,
             self.delay,
             *filters.second_order(self.bandwidth, math.sqrt(0.5)),
             gain=self.gain,

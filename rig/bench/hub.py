@@ -24,6 +24,7 @@ from rig.bus.port import Publisher, Session
 from rig.bus.setup import Setup
 from rig.errors import UsageError
 from rig.scenes.scene import heard
+from sensors.instants import Instants
 
 BLOCK_NS = 20_000_000
 STATE_NS = 5_000_000
@@ -37,17 +38,17 @@ _TOO_MANY = 1000
 class Samples:
     """The samples of one sensor on their way out: collected until a block is full."""
 
-    def __init__(self, publisher: Publisher, period_ns: int) -> None:
-        self._put = publisher.put
-        self._period_ns = period_ns
-        self._size = max(BLOCK_NS // period_ns, 1)
+    def __init__(self, instants: Instants) -> None:
+        self._instants = instants
+        self._period_ns = round(instants.period_ns)
+        self._size = max(BLOCK_NS // self._period_ns, 1)
         self._kept: list[NDArray[np.float64]] = []
-        self._count, self._first_ns = 0, 0
+        self._count, self._first = 0, 0
 
-    def add(self, tick: int, t_ns: int, first_ns: int, samples: NDArray[np.float64]) -> bytes | None:
-        """Add what was published at `first_ns` and after; a block if it is full."""
+    def add(self, tick: int, number: int, samples: NDArray[np.float64]) -> bytes | None:
+        """Add sample `number` and what came after; a block if it is full."""
         if not self._count:
-            self._first_ns = first_ns
+            self._first = number
         self._kept.append(samples.copy())
         self._count += len(samples)
         return self.block(tick) if self._count >= self._size else None
@@ -57,8 +58,9 @@ class Samples:
         if not self._count:
             return None
         gathered = self._kept[0] if len(self._kept) == 1 else np.concatenate(self._kept)
+        times = self._instants.at(np.arange(self._first, self._first + self._count))
         self._kept, self._count = [], 0
-        return encode.block(tick, self._first_ns, self._period_ns, gathered)
+        return encode.block(tick, int(times[0]), self._period_ns, gathered, None if self._instants.even else times)
 
 
 class Hub:
@@ -77,7 +79,7 @@ class Hub:
         self._events = session.publisher("event/plant")
         self._health = session.publisher("health")
         self._meas = [session.publisher(f"meas/{name}") for name in bank.names]
-        self._samples = [Samples(*pair) for pair in zip(self._meas, bank.periods_ns)]
+        self._samples = [Samples(instants) for instants in bank.instants]
         self._applied: dict[str, Publisher] = {}
         self._waiting: list[tuple[Publisher, bytes]] = []
         self._told = 0
@@ -157,7 +159,7 @@ class Hub:
         stand = self.stand
         tick, bank, waiting = stand.tick, stand.bank, self._waiting
         for i in bank.fresh.nonzero()[0].tolist():
-            block = self._samples[i].add(tick, stand.t_ns, bank.first_ns(i), bank.samples(i))
+            block = self._samples[i].add(tick, bank.first(i), bank.samples(i))
             if block is not None:
                 waiting.append((self._meas[i], block))
         if tick % self._state_ticks == 0:

@@ -28,6 +28,6 @@ class Measurements:
         """What each sensor published: times [ns], values."""
         self.take()
         return {
-            name: Samples(np.arange(self._count[i], dtype=np.int64) * period, np.concatenate(self._taken[i]))
-            for i, (name, period) in enumerate(zip(self._bank.names, self._bank.periods_ns))
+            name: Samples(instants.at(np.arange(self._count[i])), np.concatenate(self._taken[i]))
+            for i, (name, instants) in enumerate(zip(self._bank.names, self._bank.instants))
         }

@@ -204,6 +204,7 @@ class Stand:
             "method": self.motion.method,
             **self.motion.counts(),
             "stick_share": self.motion.stick_share(),
+            **({"kick_residual": residual} if (residual := self.motion.residual()) is not None else {}),
             "findings": [one.to_json() for one in self.findings if one.level != "info"],
             "energy": energy,
             "energy_error": energy["error"],

@@ -153,10 +153,13 @@ def _lost(found: Mapping[str, Any]) -> list[str]:
 
 
 def _plant(found: Mapping[str, Any]) -> list[str]:
-    plant = found["plant"]
-    if not plant:
-        return []
-    return [
-        f"method {plant['method']}, {plant['events']} events, stick {plant['stick_share']:.0%}, "
-        f"energy error {found['energy']['error']:.0e}"
-    ]
+    return [plant(found["plant"], found["energy"]["error"])] if found["plant"] else []
+
+
+def plant(told: Mapping[str, Any], energy_error: float) -> str:
+    """How the plant went, in a line."""
+    text = f"method {told['method']}, {told['events']} events, stick {told['stick_share']:.0%}"
+    text += f", energy error {energy_error:.0e}"
+    if "kick_residual" in told:
+        text += f", residual of kick {told['kick_residual']['share']:.0e}"
+    return text

@@ -77,10 +77,21 @@ def applied(tick: int, t_ns: int, answered: int, status: int, values: np.ndarray
     return _FOUR.pack(9, tick, 17, t_ns, 25, answered, 33, status, 42) + _length(len(raw)) + raw
 
 
-def block(tick: int, t0_ns: int, dt_ns: int, v: np.ndarray | Sequence[float]) -> bytes:
-    """A Block of samples, the first published at `t0_ns`, the others `dt_ns` apart."""
+def block(tick: int, t0_ns: int, dt_ns: int, v: np.ndarray | Sequence[float], t_ns: np.ndarray | None = None) -> bytes:
+    """A Block of samples, the first published at `t0_ns`, the others `dt_ns` apart; or at `t_ns` (int64), if given."""
     raw = _raw(v)
-    return _THREE.pack(9, tick, 17, t0_ns, 25, dt_ns, 34) + _length(len(raw)) + raw
+    parts = [_THREE.pack(9, tick, 17, t0_ns, 25, dt_ns, 34), _length(len(raw)), raw]
+    if t_ns is not None:
+        parts += [b"\x2a", _length(8 * len(t_ns)), t_ns.astype(np.int64, copy=False).tobytes()]
+    return b"".join(parts)
+
+
+def samples(tick: int, t_ns: np.ndarray, v: np.ndarray) -> bytes:
+    """A Block of samples published at `t_ns` (int64, one at least), which are written down where they are uneven."""
+    gaps = np.diff(t_ns)
+    even = not gaps.size or not np.ptp(gaps)
+    dt_ns = round((int(t_ns[-1]) - int(t_ns[0])) / gaps.size) if gaps.size else 0
+    return block(tick, int(t_ns[0]), dt_ns, v, None if even else t_ns)
 
 
 class StateEncoder:

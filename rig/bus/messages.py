@@ -14,9 +14,11 @@ from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any
 
+import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto
 from google.protobuf.message import DecodeError, Message
+from numpy.typing import NDArray
 
 from rig.bus import topics
 from rig.errors import BusError
@@ -30,8 +32,9 @@ DECLARED = {
     # in force from `tick` on: values as they took effect, an answer to the step of `answered`; status: 0 as sent,
     # 1 clamped or completed, 2 safe values because no answer came
     "Applied": "tick:int t_ns:int answered:int status:int values:real*",
-    # v[i] was published at t0_ns + i dt_ns; tick: the frame in which the block was completed
-    "Block": "tick:int t0_ns:int dt_ns:int v:real*",
+    # v[i] was published at t0_ns + i dt_ns, or, where the spacing is no whole number of ns, at t_ns[i] (see `times`);
+    # tick: the frame in which the block was completed
+    "Block": "tick:int t0_ns:int dt_ns:int v:real* t_ns:int*",
     # data: JSON object that belongs to the kind of event
     "Event": "t_ns:int tick:int source:text kind:text text:text data:text",
     "Health": "t_ns:int tick:int phase:text rate:real lateness_us:real worst_us:real late:int overruns:int drops:int "
@@ -110,6 +113,13 @@ def decoder(outputs: Sequence[str]) -> Callable[[str, bytes], Any]:
     """`decode` for all topics of a scene with these outputs, `state` among them."""
     state = state_type(outputs)
     return lambda topic, payload: state.FromString(payload) if topic == "state" else decode(topic, payload)
+
+
+def times(block: Any) -> NDArray[np.int64]:
+    """When the samples of a Block were published [ns]."""
+    if block.t_ns:
+        return np.array(block.t_ns, dtype=np.int64)
+    return np.asarray(block.t0_ns + block.dt_ns * np.arange(len(block.v), dtype=np.int64))
 
 
 def event(t_ns: int, tick: int, source: str, kind: str, text: str, data: dict[str, Any] | None = None) -> bytes:

@@ -195,10 +195,11 @@ def _save(run: Run, scene: Scene, out: Path) -> None:
 
 def _told(run: Run, wall: float, out: Path | None, figure: Path | None) -> Iterator[tuple[str, str]]:
     """A run of this process, told in lines."""
+    from rig.bench import status
+
     plant, length = run.summary["plant"], float(run.time[-1])
     yield "run", f"{run.summary['ended']}: {length:g} s in {wall:.2f} s, compiling included"
-    stick = f"stick {plant['stick_share']:.0%}, energy error {plant['energy_error']:.0e}"
-    yield "plant", f"method {plant['method']}, {plant['events']} events, {stick}"
+    yield "plant", status.plant(plant, plant["energy_error"])
     for name in ("displacement", "velocity"):
         if name in run.signals:
             v = run.signals[name]

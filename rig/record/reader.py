@@ -122,9 +122,8 @@ def _when(event: dict[str, Any]) -> int:
 def _samples(blocks: list[Any]) -> Samples:
     times, values = [np.empty(0, np.int64)], [np.empty(0)]
     for block in blocks:
-        v = np.array(block.v, dtype=np.float64)
-        values.append(v)
-        times.append(block.t0_ns + block.dt_ns * np.arange(v.size, dtype=np.int64))
+        values.append(np.array(block.v, dtype=np.float64))
+        times.append(messages.times(block))
     return Samples(np.concatenate(times), np.concatenate(values))
 
 

@@ -273,8 +273,7 @@ class _Remade:
                 if high:
                     latest[i] = v[high - 1]
                 if high > low:
-                    dt_ns = int(t_ns[low + 1] - t_ns[low]) if high - low > 1 else 0
-                    yield Record(f"meas/{name}", encode.block(tick, int(t_ns[low]), dt_ns, v[low:high]), now, 0, now)
+                    yield Record(f"meas/{name}", encode.samples(tick, t_ns[low:high], v[low:high]), now, 0, now)
             new = {i: series[i][1].v[cuts[i][tick] : cuts[i][tick + 1]] for i in places}
             yield Record("step", encode.step(tick, now, latest, fresh, new), now, 0, now)
             for name, known in answers.items():

@@ -54,7 +54,7 @@ def save(
 
 
 def _period(t_ns: Integers) -> int:
-    return int(np.diff(t_ns).min()) if t_ns.size > 1 else 0
+    return round(float(np.median(np.diff(t_ns)))) if t_ns.size > 1 else 0
 
 
 def _messages(run: Run, writer: Writer) -> Iterator[Stamped]:
@@ -97,11 +97,10 @@ def _blocks(topic: str, t_ns: Integers, v: Reals, frame_ns: int, begin: int, sto
         return
     times, values = t_ns[first:last], np.ascontiguousarray(v[first:last], np.float64)
     gaps = np.diff(times)
-    cuts = [0, *(np.flatnonzero(np.diff(gaps)) + 2), times.size]  # where the spacing changes, a new block begins
-    for low, high in pairwise(cuts):
-        dt_ns = int(times[low + 1] - times[low]) if high - low > 1 else 0
-        t0_ns = int(times[low])
-        yield t0_ns, topic, encode.block(-(-int(times[high - 1]) // frame_ns), t0_ns, dt_ns, values[low:high])
+    changes = np.abs(np.diff(gaps)) > 1  # by more than rounding to whole nanoseconds: a new block begins
+    for low, high in pairwise([0, *(np.flatnonzero(changes) + 2), times.size]):
+        tick = -(-int(times[high - 1]) // frame_ns)
+        yield int(times[low]), topic, encode.samples(tick, times[low:high], values[low:high])
 
 
 def _points(run: Run, writer: Writer, time_ns: Integers, begin: int, stop: int) -> Iterator[Stamped]:

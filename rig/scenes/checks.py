@@ -6,7 +6,7 @@ Every check yields (dotted key, line), as `faults.lines` does.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from math import ceil, floor, isqrt
+from math import isqrt
 from typing import Any
 
 from controllers import KINDS
@@ -18,35 +18,6 @@ from rig.scenes.scene import Clock, controller_drives, controller_reads
 
 Fault = tuple[str, str]
 TIMES = ("over", "time", "timeout", "window")
-
-
-def sampling(clock: Clock, sensors: Mapping[str, Any], raw: Mapping[str, Any]) -> Iterator[Fault]:
-    """A sensor samples at every n-th frame, or n times in each."""
-    frame = clock.frame
-    for name, section in sensors.items():
-        period = section.period_ns
-        if period % frame == 0 or frame % period == 0:
-            continue
-        key = f"sensors.{name}.rate"
-        given = _raw(raw, "sensors", name, "rate", default=section.rate)
-        yield (
-            key,
-            f"{key} = {given}: a sample every {_ms(period)} is neither a whole number of frames ({_ms(frame)}) "
-            f"nor a whole part of one; nearest: {_near_rates(section.rate, frame)}",
-        )
-
-
-def _near_rates(rate: float, frame: int) -> str:
-    """The next allowed rates below and above."""
-    ratio = 1e9 / rate / frame  # frames to a sample
-    if ratio > 1:
-        found = {1e9 / (n * frame) for n in (floor(ratio), ceil(ratio))}
-    else:
-        parts = [n for n in range(1, 4 * ceil(1 / ratio) + 8) if frame % n == 0]
-        below = max(n for n in parts if n <= 1 / ratio)
-        above = min((n for n in parts if n >= 1 / ratio), default=below)
-        found = {n * 1e9 / frame for n in (below, above)}
-    return " or ".join(f"{f:g} Hz" for f in sorted(found))
 
 
 def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]) -> Iterator[Fault]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from math import gcd
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,6 +19,7 @@ from rig.scenes.protocol import UNKNOWN, Known, Load, Mark, Ramp, Step, flat
 from rig.scenes.scene import STEP, STEPS, Clock, Origin, Scene, known, plant_module
 from rig.scenes.shelf import path as path_of
 from sensors import KINDS as SENSORS
+from sensors.instants import common_step
 
 S = TypeVar("S", bound=Section)
 MOST = 100
@@ -75,9 +75,8 @@ class _Reading:
         protocol = self._protocol(told)
         limits = self._limits(assembly)
         if clock is not None:
-            self._report(checks.sampling(clock, sensors, raw))
             self._report(checks.periods(clock, controllers, raw))
-            self._report(checks.steps(clock, gcd(clock.frame, *(s.period_ns for s in sensors.values())), raw))
+            self._report(checks.steps(clock, common_step(clock.frame, (s.instants for s in sensors.values())), raw))
             self._report(checks.lengths(clock, protocol, raw.get("protocol")))
             self._report(checks.whole(protocol))
         if assembly is not None:

@@ -8,7 +8,6 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import gcd
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from annotated_types import Ge, Gt, Le
@@ -21,6 +20,7 @@ from rig.quantities import PositiveMetrePerSecond, Section, duration, quantity
 from rig.scenes.faults import unit_of
 from rig.scenes.protocol import Known, Load, Ramp, Set, Step, flat, longest_ns
 from sensors import KINDS as SENSORS
+from sensors.instants import common_step
 
 Count = Annotated[int, Gt(0), Le(1_000_000)]
 Frame: Any = duration(Ge(10_000), Le(1_000_000_000))
@@ -104,8 +104,8 @@ class Scene:
 
     @cached_property
     def step_ns(self) -> int:
-        """Sample step of the integrator [ns]: it meets every frame and every sample of every sensor."""
-        return gcd(self.frame_ns, *(s.period_ns for s in self.sensors.values()))
+        """Sample step of the integrator [ns]: it meets every frame, and samples of which a whole number is in one."""
+        return common_step(self.frame_ns, (s.instants for s in self.sensors.values()))
 
     @cached_property
     def duration_ns(self) -> int | None:

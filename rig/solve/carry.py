@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rig.kernel import inlined, inner, kernel, lent
 from rig.solve import dopri5, exact, kick, ledger, rk4
-from rig.solve.emit import emit_linear
+from rig.solve.emit import crowded, emit_linear
 from rig.solve.forces import dot, inputs
 from rig.solve.lanes import multiply
 from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
@@ -116,8 +116,9 @@ class State(NamedTuple):
 def advance(shape, tables, loan, begin, origin, ticks, wide, tolerance, substeps, booking, emitting, limit):
     """Carry the state from row `origin` of the log up to row `ticks`; returns a status.
 
-    To be called again, no longer with `begin`, when that asks for a mode set. ic[REACHED]: row up to which blocks are
-    done; ic[BEYOND]: number of the first output beyond its bound, or -1; ic[PAST]: events of all calls so far.
+    To be called again, no longer with `begin`, when that asks for a mode set or for more room for segments.
+    ic[REACHED]: row up to which blocks are done; ic[BEYOND]: number of the first output beyond its bound, or -1;
+    ic[PAST]: events of all calls so far.
     `tolerance` is None for a system that is linear in every mode set, `substeps` is None for methods without fixed
     steps: what is not asked for is not compiled. `wide` is None for a rig of few states (rig.solve.wide).
     """
@@ -164,7 +165,7 @@ def propagate(shape, wide, t, slot, ic, fc, x, w, origin, ticks, log, energy, bo
                 x[i] = log.out[ic[TICK], i]
             log.modes[ic[TICK]] = slot
             ic[TICK] += 1
-            if ic[TICK] == ticks:
+            if ic[TICK] == ticks or (emitting and crowded(t, slot, seg, ticks - ic[TICK])):
                 return -1
     elif fc[PLACE] == 0.0:
         first = ic[TICK]
@@ -207,6 +208,8 @@ def carry(shape, t, w, state, log, seg, origin, ticks, wide, tolerance, substeps
         if ic[TICK] >= ticks:
             break
         slot = t.slot_of[ic[KEY]]
+        if emitting and crowded(t, slot, seg, ticks - ic[TICK]):
+            return OVERFULL
         before, first = ic[KEY], ic[TICK]
         guard = -1
         if substeps is not None:
@@ -268,8 +271,6 @@ def carry(shape, t, w, state, log, seg, origin, ticks, wide, tolerance, substeps
             log.place[e] = fc[PLACE]
             ic[EVENTS] = e + 1
     ic[PAST] += ic[EVENTS]
-    if seg.count[0] > seg.start.shape[0]:
-        return OVERFULL
     for i in range(len(shape)):
         if abs(x[i]) < _FLUSH:
             x[i] = 0.0

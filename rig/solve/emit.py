@@ -1,14 +1,15 @@
 """Writing down, segment by segment, the quantities that the sensors read.
 
 Linear mode sets give Taylor polynomials; a segment is no longer than half a reciprocal norm, where nine terms leave
-5e-9. Mode sets with a law over speed give the quartic through five points of the dense output.
+5e-9. Mode sets with a law over speed give the quartic through five points of the dense output. Who writes asks before
+each step whether the buffers are `crowded`, and stops there until they have been enlarged.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from rig.kernel import inner
+from rig.kernel import inlined, inner
 from rig.solve.segments import DEGREE, Segments
 
 
@@ -22,6 +23,12 @@ def empty_segments(signals: int, capacity: int) -> Segments:
     )
 
 
+@inlined
+def crowded(t, slot, seg, ticks):
+    """Whether `seg` may have no room for what one step or one tick writes, of a block with so many ticks left."""
+    return seg.count[0] + ticks + 2 ** t.depth[slot] + 4 > seg.start.shape[0]
+
+
 @inner
 def emit_linear(t, slot, x, start, length, seg, derivatives):
     """Segments of the signals over [start, start + length] s, from x at the start."""
@@ -33,9 +40,6 @@ def emit_linear(t, slot, x, start, length, seg, derivatives):
         derivatives[0, i] = x[i]
     for p in range(pieces):
         at = seg.count[0]
-        if at >= seg.start.shape[0]:
-            seg.count[0] = at + 1  # counted, not kept: the run stops with the number needed
-            return
         for k in range(1, DEGREE + 1):
             f = piece / k
             for i in range(n):
@@ -64,8 +68,6 @@ def emit_quartic(values, start, length, seg):
     """One segment from signal values at u = 0, 1/4, 1/2, 3/4, 1: `values` [5, signal]."""
     at = seg.count[0]
     seg.count[0] = at + 1
-    if at >= seg.start.shape[0]:
-        return
     for s in range(values.shape[1]):
         c0, c1, c2, c3, c4 = quartic(values[0, s], values[1, s], values[2, s], values[3, s], values[4, s])
         seg.coef[at, s, 0], seg.coef[at, s, 1], seg.coef[at, s, 2] = c0, c1, c2
@@ -80,8 +82,6 @@ def emit_chord(begin, end, start, length, seg):
     """One segment from signal values at its ends: straight, for methods of second order."""
     at = seg.count[0]
     seg.count[0] = at + 1
-    if at >= seg.start.shape[0]:
-        return
     for s in range(begin.shape[0]):
         seg.coef[at, s, 0], seg.coef[at, s, 1] = begin[s], end[s] - begin[s]
         for k in range(2, DEGREE + 1):

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from rig.kernel import inlined, inner
 from rig.solve import expm, ledger
 from rig.solve.books import lend_books, read
-from rig.solve.emit import emit_chord
+from rig.solve.emit import crowded, emit_chord
 from rig.solve.forces import ROUND, rounding
 from rig.solve.formulation import ModeSet
 from rig.solve.lanes import BLOCK, blocks, gather, multiply, zeros
@@ -41,7 +41,8 @@ class Flow(NamedTuple):
     """Tables stacked by slot, and scratch. Rows: the slot's guards, then surface and slip speeds of the patches.
 
     Columns of `push`, what a newton at a point does: accelerations | the rows' change in a second | the guards', at
-    once | friction of the patches | forces along the coordinates.
+    once | friction of the patches | forces along the coordinates | those that its spring takes up, along the
+    coordinates and along the states that are no motion.
     """
 
     step: Array  # [slot, block, n, BLOCK] propagator less one, landing folded in
@@ -55,6 +56,7 @@ class Flow(NamedTuple):
     filled: Array  # scratch [n and what fills the block]
     force: Array  # scratch [point]
     before: Array  # scratch [guard]
+    spring: Array  # [1] work that the kicks have done on the springs of the points [J]
 
 
 def refusal(system: System) -> str:
@@ -99,7 +101,7 @@ def empty(system: System, guards: int) -> Flow:
     """Tables without a slot, for a system of `pressed` with at most so many guards."""
     n, P, points = system.n, len(system.patches), len(system.products)
     rows = guards + 2 * P
-    width = _whole(2 * len(system.coordinates) + rows + guards + P)
+    width = _whole(len(system.coordinates) + rows + guards + P + n)
     return Flow(
         step=zeros((0, _whole(n) // BLOCK, n, BLOCK)),
         look=zeros((0, _whole(points + rows) // BLOCK, n, BLOCK)),
@@ -112,6 +114,7 @@ def empty(system: System, guards: int) -> Flow:
         filled=zeros(_whole(n)),
         force=zeros(points),
         before=zeros(guards),
+        spring=zeros(1),
     )
 
 
@@ -121,14 +124,16 @@ def tables(system: System, modes: ModeSet, forms: Array, step: float, guards: in
     E = expm.ladder(modes.A, step)
     nodes = ledger.at_nodes(modes.A, modes.landing, step / 2.0 ** (len(E) - 1))
     E = (modes.landing - np.eye(len(modes.A))) + modes.landing @ E @ modes.landing
-    press = np.array([product.factors[0].row for product in system.products])
+    press = _rows(system)
     rows = np.zeros((guards + 2 * P, system.n))
     at_once = np.zeros((guards, points))
     rows[: len(modes.guards)], at_once[: len(modes.guards)] = modes.guards, modes.guards_t[:, P:]
     rows[guards:] = np.concatenate([ledger.supplied(system), system.slip_rows])
     b = modes.b[:, P:]
     nq = len(system.coordinates)
-    push = np.concatenate([b[nq : 2 * nq], rows @ b, at_once, modes.friction_t[:, P:], system.force_t])
+    springs = (compliances(system)[:, None] * press).T
+    taken = np.concatenate([springs[:nq], springs[2 * nq :]])
+    push = np.concatenate([b[nq : 2 * nq], rows @ b, at_once, modes.friction_t[:, P:], system.force_t, taken])
     return {
         "step": blocks(E[0]),
         "look": blocks(np.concatenate([press, rows])),
@@ -136,6 +141,28 @@ def tables(system: System, modes: ModeSet, forms: Array, step: float, guards: in
         "work": ledger.work(nodes, forms, step, E)[0],
         "whole": np.zeros((system.n, _whole(system.n))),
     }
+
+
+def _rows(system: System) -> Array:
+    """What presses at each point, as a row over the states."""
+    return np.array([product.factors[0].row for product in system.products], dtype=np.float64)
+
+
+def compliances(system: System) -> Array:
+    """Compression for each newton at a point [m/N]: the part of its push that gives way as the row says; [point].
+
+    0 for a force that no position changes.
+    """
+    rows = _rows(system)[:, : len(system.coordinates)]
+    stiff = np.sum(rows * rows, axis=1)
+    give = np.einsum("pi,ip->p", rows, system.force_t)
+    return np.asarray(-give / np.where(stiff > 0.0, stiff, np.inf), dtype=np.float64)
+
+
+def held(system: System, x: Array) -> float:
+    """The energy in the springs of the points at x [J]."""
+    force = np.maximum(_rows(system) @ x, 0.0)
+    return float(0.5 * np.sum(compliances(system) * force * force))
 
 
 @inlined
@@ -162,6 +189,21 @@ def book(own, nq, patches, x, scale, shift, energy):
     for i in range(nq):
         s += own.given[friction + patches + i] * (x[nq + i] + shift * own.given[i])
     energy[3] += scale * s
+    taken = friction + patches + nq
+    s = 0.0
+    for i in range(nq):
+        s += own.given[taken + i] * (x[nq + i] + shift * own.given[i])
+    own.spring[0] += scale * s
+
+
+@inlined
+def commanded(own, n, nq, patches):
+    """Book half of what the springs take up over a step because a load moved, at the forces of now."""
+    first = nq + 2 * (own.before.shape[0] + patches) + patches + 2 * nq
+    s = 0.0
+    for j in range(2 * nq, n):
+        s += own.given[first + j - 2 * nq] * own.moved[j]
+    own.spring[0] += 0.5 * s
 
 
 @inner
@@ -213,7 +255,7 @@ def stretch(shape, t, own, slot, ic, fc, x, w, origin, ticks, substeps, out, mod
         book(own, nq, patches, x, 0.5 * h, 0.25 * h, energy)
     if emitting:
         tell(own, b, x, begin)
-    while tick < ticks and fallen < 0:
+    while tick < ticks and fallen < 0 and not (emitting and crowded(t, slot, seg, ticks - tick)):
         for i in range(nq):
             x[nq + i] += 0.5 * h * given[i]
         if booking:
@@ -223,7 +265,11 @@ def stretch(shape, t, own, slot, ic, fc, x, w, origin, ticks, substeps, out, mod
         multiply(own.step[slot], x, 0, own.step.shape[1], moved)
         for i in range(n):
             x[i] += moved[i]
+        if booking:
+            commanded(own, n, nq, patches)
         press(own, slot, x)  # serves both the kick that ends this step and the one that begins the next
+        if booking:
+            commanded(own, n, nq, patches)
         for i in range(nq):
             x[nq + i] += 0.5 * h * given[i]
         for r in range(own.before.shape[0] + 2 * patches):

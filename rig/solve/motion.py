@@ -43,11 +43,13 @@ from rig.solve.emit import empty_segments
 from rig.solve.method import seen
 from rig.solve.settle import BEGUN, CHATTER, DONE, JAM, LOOK, LOST, NEED, OVERFULL, SETTLE, START
 from rig.solve.slots import Slots
+from rig.solve.springs import Springs
 from rig.solve.system import System
 from rig.solve.tables import UNROLLED
 
 Array = NDArray[np.float64]
-SEGMENTS = 1024
+SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
+"""Room for the smooth segments of a frame, to begin with and at most."""
 
 
 class Frames(NamedTuple):
@@ -142,7 +144,8 @@ class Motion:
         self.slots.take()
         self.tick, self._jumps = 0, 0.0
         at_start = system.key([0] * len(system.patches), [0] * len(system.normals), [0] * len(system.limiters))
-        self._stored = ledger.stored(system, state.x, at_start)
+        self.stored_first = ledger.stored(system, state.x, at_start)
+        self._springs = Springs(self) if self.method == "kick" else None
         self._run(0, 0)
 
     @property
@@ -239,12 +242,16 @@ class Motion:
 
         The energy that this gives the structure is booked as an impulse.
         """
+        if self._springs:
+            self._springs.pause()
         if index < 2 * len(self.system.coordinates):
             before = ledger.stored(self.system, self.state.x, self.key)
             self.state.x[index] = value
             self._jumps += ledger.stored(self.system, self.state.x, self.key) - before
         else:
             self.state.x[index] = value
+        if self._springs:
+            self._springs.go_on()
 
     def replace(self, system: System, outputs: list[dict[str, float]] | None = None) -> None:
         """Go on as another system from here: equal states keep their values, or what the systems say is kept.
@@ -256,6 +263,8 @@ class Motion:
         x = dict(zip(self.system.names, self.state.x.tolist()))
         before = ledger.stored(self.system, self.state.x, self.key)
         self.terms()  # the sums of the slots that are given up
+        if self._springs:
+            self._springs.pause()
         modes = self.system.modes(self.key)
         old, tally = self.system, self.state.tally.copy()
         visited = [s.key for s in self.slots.sets]
@@ -273,6 +282,8 @@ class Motion:
         self.state.ic[KEY] = system.key(*modes[:3], [sector.at(kept) for sector in system.sectors], modes[4])
         self.state.ic[PENDING] = SETTLE
         self._jumps += ledger.stored(system, kept, self.key) - before
+        if self._springs:
+            self._springs.go_on()
         self._lend()
         self._run(0, 0)
 
@@ -312,14 +323,26 @@ class Motion:
         if self._carry is None:
             self._carry = entry(self._kernel, shape, self.slots.handle, self._lent, True, first, last, *how)
         status = self._carry(shape, self.slots.handle, self._lent, True, first, last, *how)
-        while status == NEED:
-            self.slots.add(self.key)
+        while status == NEED or (status == OVERFULL and 2 * len(self.segments.start) <= MOST_SEGMENTS):
+            if status == NEED:
+                self.slots.add(self.key)
+            else:
+                self._more_segments()
             status = self._carry(shape, self.slots.handle, self._lent, False, first, last, *how)
         self.kept = last if status == DONE else int(self.state.ic[REACHED])
         self.tick += self.kept - first
         if status not in (DONE, LOOK):
             self._stop(status)
         return status == LOOK  # type: ignore[no-any-return]
+
+    def _more_segments(self) -> None:
+        """Double the room for the segments of a frame; those that are there stay."""
+        old, count = self.segments, int(self.segments.count[0])
+        self.segments = empty_segments(self._read, 2 * len(old.start))
+        self.segments.count[0] = count
+        for new, kept in zip(self.segments[1:], old[1:]):
+            new[:count] = kept[:count]
+        self._lend()
 
     def _where(self) -> tuple[float, str, dict[str, float]]:
         ic, fc = self.state.ic, self.state.fc
@@ -335,8 +358,9 @@ class Motion:
             what = f"more than {len(self.log.event)} events in one block; the last: {self.system.happens(kind, owner)}"
             raise Chatter(f"{what}. Raise clock.events_per_frame if this is meant", *where)
         if status == OVERFULL:
-            needed = int(self.segments.count[0])
-            raise NumericsError(f"{needed} smooth segments in one frame, room for {SEGMENTS}", *where)
+            finer = {"rk4": "clock.rk4_step", "kick": "clock.rk4_step", "dopri5": "clock.tolerance"}.get(self.method)
+            what = f"more than {len(self.segments.start)} smooth segments in one frame, for the sensors to read"
+            raise NumericsError(f"{what}. Shorten clock.frame{f' or raise {finer}' if finer else ''}", *where)
         assert status == LOST
         if np.all(np.abs(self.state.x) <= self.limit):
             raise Diverged(f"no step is short enough for the tolerance {self.tolerance:g}", *where)
@@ -380,12 +404,16 @@ class Motion:
         energy += self.slots.take()
         return energy.copy()
 
+    def residual(self) -> dict[str, float] | None:
+        """What kick leaves over in the energy of its contacts (rig.solve.springs); None for other methods."""
+        return self._springs.residual() if self._springs else None
+
     def energy(self) -> dict[str, float]:
         """The ledger so far [J], and `error`: what does not close, relative to the largest term or store."""
         terms = self.terms()
-        stored = ledger.stored(self.system, self.state.x, self.key) - self._stored
+        stored = ledger.stored(self.system, self.state.x, self.key) - self.stored_first
         jumps = self._jumps + float(self.state.edges[0])
-        largest = max(float(np.abs(terms).max()), abs(stored), abs(self._stored), 1e-30)
+        largest = max(float(np.abs(terms).max()), abs(stored), abs(self.stored_first), 1e-30)
         out = ledger.by_name(self.system, terms)
         if self._varies:
             out["edges"] = float(self.state.edges[0])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from rig.kernel import inlined, inner, local
 from rig.solve.books import book, lend_books, read
-from rig.solve.emit import emit_quartic
+from rig.solve.emit import crowded, emit_quartic
 from rig.solve.forces import forces, guard, lend, rate, rounding
 from rig.solve.settle import land, passed
 
@@ -104,7 +104,7 @@ def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, substeps, out, modes, e
     k, y, z = local(shape, w.k), local(shape, w.y), local(shape, w.y2)
     tick, place = ic[0], fc[0]
     fallen = -1
-    while tick < ticks and fallen < 0:
+    while tick < ticks and fallen < 0 and not (emitting and crowded(t, slot, seg, ticks - tick)):
         position = place * substeps
         whole = int(position + 1e-12) + 1
         h = full if position - (whole - 1) <= 1e-12 else (whole - position) * full

@@ -26,7 +26,8 @@ from rig.solve.system import (
     STICK,
 )
 
-DONE, NEED, CHATTER, JAM, LOST, OVERFULL, LOOK = range(7)  # what a kernel returns; LOOK: done, maybe early
+# What a kernel returns. NEED: a mode set; OVERFULL: more room for segments; LOOK: done, maybe early.
+DONE, NEED, CHATTER, JAM, LOST, OVERFULL, LOOK = range(7)
 READY, SETTLE, LAND, START, THROWN = range(5)  # what a run has to do first
 BEGUN = 10  # of ic (see carry.State): the mode set of which settling has begun, -1 when it is done
 

@@ -219,8 +219,6 @@ def put(z, share, start, length, seg):
     """One segment from the coefficients z of the signals over a cell, of which the first `share` is meant."""
     at = seg.count[0]
     seg.count[0] = at + 1
-    if at >= seg.start.shape[0]:  # counted, not kept: the run stops with the number needed
-        return
     first = 0
     for s in range(seg.coef.shape[1]):
         f = 1.0

@@ -174,10 +174,10 @@ class Designer:
 
         sensor = self.sensors[section.sensor]
         period = section.period * 1e-9
-        if section.period % sensor.period_ns:
+        if not sensor.instants.fit(section.period):
             raise ValueError(
                 f"period: is {period:g} s; an observer needs a fresh sample each time, and {section.sensor} gives one "
-                f"every {sensor.period_ns * 1e-9:g} s"
+                f"every {1e-9 * sensor.instants.period_ns:g} s"
             )
         nq, patches = self.nq, len(self.system.patches)
         turn = 2.0 * math.pi * self.frequency

@@ -107,7 +107,7 @@ def topics(scene: Scene) -> Iterator[Told]:
             readers.setdefault(sensor, []).append(name)
     yield Told("step", frames, f"controllers {', '.join(scene.controllers)}" if scene.controllers else "whoever joins")
     for name, section in scene.sensors.items():
-        rate = 1e9 / section.period_ns
+        rate = section.rate
         used = f", and heard by {', '.join(readers[name])} in the step" if name in readers else ""
         yield Told(f"meas/{name}", min(rate, BLOCKS), f"the recorder{used}")
     yield Told("state", min(frames, STATES), "recorder and viewer")

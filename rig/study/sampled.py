@@ -62,13 +62,26 @@ def sampled(plant: Plant, feedback: Feedback, reads: str, end: FrontEnd, delay_n
         raise ValueError(
             "sensor: hears echoes, which the model of a loop does not have; paths = [] in its table leaves them out"
         )
-    period, own = max(feedback.period_ns, end.period_ns), feedback.period_ns
-    if period % own or period % end.period_ns:
+    own, between = feedback.period_ns, end.period_ns
+    if own < between:
+        period = round(between)
+        fits = end.instants.even and period % own == 0
+    else:
+        period, fits = own, end.instants.fit(own)
+    if not fits:
+        near = " or ".join(f"{1e9 / p:g} Hz" for p in _near(own, between))
         raise ValueError(
-            f"period: {own / 1e6:g} ms and the {end.period_ns / 1e6:g} ms between samples are no multiples of each "
-            "other; such a loop has no single period"
+            f"period: {own / 1e6:g} ms and the {between / 1e6:g} ms between samples are no multiples of each other; "
+            f"such a loop has no single period. It has one where the sensor samples at {near}"
         )
     return _Walk(plant, feedback, plant.outputs.index(reads), end, delay_ns, period).sampled()
+
+
+def _near(own: int, between: float) -> list[float]:
+    """The sample periods [ns] next to `between` that a controller of period `own` [ns] has a single period with."""
+    many = between > own
+    ratio = between / own if many else own / between
+    return [own * n if many else own / n for n in (math.ceil(ratio), math.floor(ratio))]
 
 
 class _Walk:
@@ -101,7 +114,7 @@ class _Walk:
         happens += [(at, 2, partial(self._update, k)) for k, at in enumerate(updates)]
         happens += [(at, 3, partial(self._command, k, wait)) for k, (wait, at) in enumerate(late)]
         if end.averages:
-            happens += [((self.at_sample - end.period_ns) % period, 4, self._reset)]
+            happens += [((self.at_sample - round(end.period_ns)) % period, 4, self._reset)]
         self.happens = sorted(happens, key=lambda one: one[:2])
 
     def sampled(self) -> Sampled:

@@ -30,15 +30,15 @@ LEAST = 1e-6  # of what the disturbance does to all modes: what each is shaken a
 
 def heard(designer: Designer, section: Any) -> dict[str, Any]:
     """The sample period of the sensor that a controller hears sample by sample."""
-    period = designer.sensors[section.sensor].period_ns
-    if section.period % period:
+    period = 1e-9 * designer.sensors[section.sensor].instants.period_ns
+    if period > section.period * 1e-9:
         raise ValueError(
-            f"sensor: {section.sensor} gives a sample every {period * 1e-9:g} s; expected a whole number of samples in "
-            f"each period of {section.period * 1e-9:g} s"
+            f"sensor: {section.sensor} gives a sample every {period:g} s; expected one at least in each period of "
+            f"{section.period * 1e-9:g} s"
         )
-    if 2.0 * section.frequency * period * 1e-9 >= 1.0:
+    if 2.0 * section.frequency * period >= 1.0:
         raise ValueError(f"frequency: {section.frequency:g} Hz is beyond half the sample rate of {section.sensor}")
-    return {"sample_period": period * 1e-9}
+    return {"sample_period": period}
 
 
 def tuner(designer: Designer, section: Any) -> dict[str, Any]:

@@ -122,7 +122,7 @@ class Feed:
     def _take_blocks(self, sensor: str, blocks: deque[Any]) -> list[Columns]:
         if not blocks:
             return []
-        t_ns = np.concatenate([b.t0_ns + b.dt_ns * np.arange(len(b.v), dtype=np.int64) for b in blocks])
+        t_ns = np.concatenate([messages.times(b) for b in blocks])
         v = np.concatenate([np.array(b.v, np.float64) for b in blocks])
         fine = max(SHOWN_NS // max(blocks[0].dt_ns, 1), 1) if blocks[0].dt_ns else 1
         every = max(int(fine), -(-v.size // _ROWS))

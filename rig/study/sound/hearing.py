@@ -146,12 +146,11 @@ def hear(run: Run, channel: str = "") -> Sound:
     channel = channel or _microphone(run)
     unit = _unit(run, channel)
     t_ns, raw = run.measurements[channel]
-    step = int(np.diff(t_ns).min()) if t_ns.size > 1 else 0
-    rate = 1e9 / step if step else 0.0
+    places = _places(t_ns)
+    rate = 1e9 * int(places[-1]) / int(t_ns[-1] - t_ns[0]) if t_ns.size > 1 else 0.0
     length = round(WINDOW * rate)
     if rate < 4.0 * LOWEST:
         raise UsageError(f"{channel} samples at {rate:g} Hz: to hear a squeal it takes {4.0 * LOWEST:g} Hz or more")
-    places = (t_ns - t_ns[0]) // step
     v = np.zeros(int(places[-1]) + 1)
     v[places] = np.nan_to_num(raw)
     if v.size < length:
@@ -179,6 +178,15 @@ def hear(run: Run, channel: str = "") -> Sound:
         threshold=threshold,
         squeals=tuple(_squeals(times, tone, frequency, threshold)),
     )
+
+
+def _places(t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Numbers of samples by their times [ns], the first 0: some may be missing, and times are rounded."""
+    gaps = np.diff(t_ns)
+    if not gaps.size:
+        return gaps
+    period = gaps[gaps < 1.5 * gaps.min()].mean()
+    return np.concatenate([[0], np.cumsum(np.rint(gaps / period))]).astype(np.int64)
 
 
 def _microphone(run: Run) -> str:

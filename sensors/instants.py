@@ -1,0 +1,89 @@
+"""When an instrument samples: sample k at round(k / rate), in whole nanoseconds, exactly and for ever."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from fractions import Fraction
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+SECOND = 1_000_000_000  # ns
+FINEST_STEP = 1000  # ns
+_LARGEST = 1 << 31  # products of two such numbers are int64
+
+Integers = NDArray[np.int64]
+
+
+class Instants(NamedTuple):
+    """`samples` in `seconds`, whole numbers without a common divisor. Sample k is at k seconds / samples.
+
+    Rounded to the nearest whole nanosecond, to the even one of two; no error adds up, since every instant is computed
+    from k alone.
+    """
+
+    samples: int
+    seconds: int
+
+    @classmethod
+    def of(cls, rate: float) -> Instants:
+        """The instants of a rate [Hz]: as a ratio of whole numbers below 2^31, so to about 1e-15 of itself.
+
+        A rate whose period is within 1e-6 ns of a whole number of nanoseconds has this period.
+        """
+        period = SECOND / rate
+        if abs(period - round(period)) <= 1e-6:
+            found = Fraction(SECOND, round(period))
+        else:
+            found = Fraction(rate).limit_denominator(max(int(_LARGEST / rate), 1))
+        return cls(found.numerator, found.denominator)
+
+    @property
+    def period_ns(self) -> float:
+        """Time between two samples [ns]; a whole number where `even`."""
+        return SECOND * self.seconds / self.samples
+
+    @property
+    def even(self) -> bool:
+        """Whether the period is a whole number of nanoseconds."""
+        return self.whole[1] == 0
+
+    @property
+    def whole(self) -> tuple[int, int]:
+        """Whole nanoseconds of a period, and what is left, in parts of a nanosecond of which `samples` are one."""
+        return divmod(SECOND * self.seconds, self.samples)
+
+    def fit(self, period_ns: int) -> bool:
+        """Whether a whole number of samples fits into a period [ns]."""
+        return period_ns * self.samples % (SECOND * self.seconds) == 0
+
+    def at(self, numbers: int | Integers) -> Integers:
+        """The instants [ns] of samples `numbers`, as the kernels find them (sensors.sampling.instant)."""
+        period, rest = self.whole
+        cycles, k = np.divmod(np.asarray(numbers, dtype=np.int64), self.samples)
+        more, part = np.divmod(k * rest, self.samples)
+        down = k * period + more
+        up = (2 * part > self.samples) | ((2 * part == self.samples) & (down % 2 == 1))
+        return np.asarray(cycles * (SECOND * self.seconds) + down + up, dtype=np.int64)
+
+    def until(self, t_ns: Integers) -> Integers:
+        """How many samples there are from t = 0 up to instants [ns], these included; none before t = 0."""
+        t = np.asarray(t_ns, dtype=np.int64)
+        k = np.floor(t / self.period_ns).astype(np.int64)
+        k = np.where(self.at(k) > t, k - 1, k)
+        k = np.where(self.at(k + 1) <= t, k + 1, k)
+        return np.asarray(np.maximum(k + 1, 0), dtype=np.int64)
+
+
+def common_step(frame_ns: int, instants: Iterable[Instants]) -> int:
+    """The integrator's step [ns]: it meets the frame, and the samples of every sensor with a whole number in a frame.
+
+    Others are sampled inside of steps, and so is what would make the step shorter than `FINEST_STEP`.
+    """
+    step, finest = frame_ns, min(FINEST_STEP, frame_ns)
+    for period in sorted({one.whole[0] for one in instants if one.even}, reverse=True):
+        if frame_ns % period == 0 and math.gcd(step, period) >= finest:
+            step = math.gcd(step, period)
+    return step
