@@ -13,4 +13,4 @@ def findings(scene: Scene, system: System | None = None) -> list[Finding]:
     """Everything that can be said of the rig of `scene`, gravest first. `system`: its matrices, if they are at hand."""
     clock, system = scene.clock, scene.assemble().system() if system is None else system
     substeps = max(1, scene.step_ns // int(clock.rk4_step))
-    return verdict(system, chosen(clock.method, system), scene.step_ns * 1e-9, substeps)
+    return verdict(system, chosen(clock.method, system), scene.step_ns * 1e-9, substeps, clock.tolerance)

@@ -12,7 +12,7 @@ between `begin` and `take_over`, and written down with its tick, so that the run
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from rig.bench.exchange import Exchange, Playback
@@ -66,6 +66,9 @@ class Operation:
         """The limit that was passed; empty otherwise."""
         self._retune = retune if exchange is not Playback else _nobody
         self._end = None if duration_ns is None else -(-duration_ns // stand.frame_ns)
+        length = scene.duration_ns if duration_ns is None else duration_ns
+        for text in [] if length is None else late(scene, length):
+            self.journal.note("warning", text)
         self._outside = deque(event for event in events if event["data"].get("by") == OPERATOR)
 
     def begin(self) -> bool:
@@ -249,6 +252,24 @@ class Operation:
         phase = "safe state" if self.aborted else told.phase
         fraction = min(self.stand.tick / self._end, 1.0) if self._end else 1.0
         return told._replace(phase=phase, fraction=fraction, left_ns=left * self.stand.frame_ns)
+
+
+def late(scene: Scene, duration_ns: int) -> Iterator[str]:
+    """What is delayed so much that a run of `duration_ns` does not see it."""
+    length = f"the run of {duration_ns * 1e-9:g} s"
+    for name, sensor in scene.sensors.items():
+        delay = sensor.front_end().delay_ns
+        if delay >= duration_ns:
+            yield (
+                f"sensors.{name}: its delay of {delay * 1e-9:g} s is as long as {length}: all that it measures is the "
+                "state before the start; shorten the delay or run longer"
+            )
+    for name, section in scene.controllers.items():
+        if section.delay >= duration_ns:
+            yield (
+                f"controllers.{name}: its delay of {section.delay * 1e-9:g} s is as long as {length}: no command takes "
+                "effect; shorten the delay or run longer"
+            )
 
 
 def _nobody(controller: str, changes: dict[str, Any]) -> None:

@@ -37,7 +37,7 @@ WRITE_S = 20.0
 """which finishes its file."""
 TOLD = frozenset(
     "begin joined left mark timeout parameter knock limit diverged fault "
-    "missing safe back refused flood overruled evicted pause".split()
+    "missing safe back refused flood overruled evicted pause warning".split()
 )
 """Kinds of events that are shown while the run goes on."""
 

@@ -174,6 +174,8 @@ def simulate(
 
         for line in columns(_told(found, wall, out, figure), "<<"):
             tell.line(line)
+    for text in (event["text"] for event in found.events if event["kind"] == "warning"):
+        tell.note(f"warning: {text}")
     if found.fault:
         tell.note(found.fault)
         raise typer.Exit(NumericsError.exit_code)

@@ -17,15 +17,13 @@ from rig.kernel import inlined, inner, local
 from rig.solve.books import book, lend_books, read
 from rig.solve.dense import at, clear, dense, fall
 from rig.solve.emit import crowded, emit_quartic
-from rig.solve.forces import ROUND, forces, lend, rate
+from rig.solve.forces import forces, lend, rate
 from rig.solve.settle import land, passed
 from rig.solve.stage import begin, complete, rubbing, stage
 
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 _LEAST = 1e-6  # of the largest coordinate or speed
 _MOST = 200_000  # trials for one tick
-_SIGN = 0.1  # of a slip speed that leaves zero: the largest local error, so that its sign is right
-_SURE = 10.0  # times the error that the tolerance allows: a slip speed that has left zero
 _SHARE = 0.7  # of the tolerance for the local error, so that event times keep within ten times the tolerance
 
 
@@ -65,22 +63,6 @@ def trial(shape, f, rub, k, x, h, y, z):
 
 
 @inlined
-def local_error(k, i, h):
-    """The local error of state i."""
-    return (
-        h
-        * (
-            k[0, i] * (71.0 / 57600.0)
-            - k[2, i] * (71.0 / 16695.0)
-            + k[3, i] * (71.0 / 1920.0)
-            - k[4, i] * (17253.0 / 339200.0)
-            + k[5, i] * (22.0 / 525.0)
-        )
-        - (h * (1.0 / 40.0)) * k[6, i]
-    )
-
-
-@inlined
 def error(shape, k, y, size, h, tolerance):
     """Largest local error of the step, each state against `tolerance` times its largest size so far.
 
@@ -90,38 +72,23 @@ def error(shape, k, y, size, h, tolerance):
     n = len(shape)
     worst = 0.0
     for i in range(n):
-        e = local_error(k, i, h)
+        e = (
+            h
+            * (
+                k[0, i] * (71.0 / 57600.0)
+                - k[2, i] * (71.0 / 16695.0)
+                + k[3, i] * (71.0 / 1920.0)
+                - k[4, i] * (17253.0 / 339200.0)
+                + k[5, i] * (22.0 / 525.0)
+            )
+            - (h * (1.0 / 40.0)) * k[6, i]
+        )
         if not (abs(e) + abs(y[i]) < np.inf):
             return np.inf
         largest = max(size[i], abs(y[i]))
         if largest > 0.0:
             worst = max(worst, abs(e) * (1.0 / (_SHARE * tolerance * largest)))
     return worst
-
-
-@inlined
-def leaving(shape, f, k, x, y, size, h, tolerance):
-    """Largest local error of the slip speeds that leave zero, against a share of themselves; 0 once all have left.
-
-    A contact that was just let go moves off from a slip speed of zero, and a law that falls within a speed much below
-    the tolerance drives it exponentially: with an error beyond its size it would turn back and stick again.
-    """
-    worst, near = 0.0, False
-    for p in range(f.sigma.shape[0]):
-        if f.sigma[p] != 0.0 and f.code[p] != 0:
-            before, after, off, reach = 0.0, 0.0, 0.0, 0.0
-            for i in range(len(shape)):
-                before += f.pace[p, i] * x[i]
-                after += f.pace[p, i] * y[i]
-                off += f.pace[p, i] * local_error(k, i, h)
-                reach += abs(f.pace[p, i]) * size[i]
-            if not after > _SURE * tolerance * reach:
-                near = True
-            excess = abs(off) - ROUND * reach
-            speed = max(before, after)  # one that has turned back is the error itself
-            if excess > 0.0:
-                worst = max(worst, excess / (_SIGN * speed) if speed > 0.0 else np.inf)
-    return worst, near
 
 
 @inlined
@@ -209,17 +176,12 @@ def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, out, modes, energy, boo
     alike(k[0], t.damping.shape[1], tick_length, size)
     most = ic[5] + _MOST * (ticks - tick)
     hoped = 0.0  # step that the error of the last one promised
-    near = True  # some slip speed may not have left zero yet
     while tick < ticks and fallen == -1 and not (emitting and crowded(t, slot, seg, ticks - tick)):
         left = ((ticks - tick) - place) * tick_length
         h = next_h if next_h < left - 1e-9 * tick_length else left
         trial(shape, f, rub, k, here, h, y, z)
         e = error(shape, k, y, size, h, tolerance)
         ic[5] += 1
-        if near and e <= 1.0:
-            sign, near = leaving(shape, f, k, here, y, size, h, tolerance)
-            e = max(e, sign)
-            near = near or e > 1.0
         if not (e <= 1.0):
             next_h = h * max(_SHRINK, _SAFETY * e ** (-0.2))
             if next_h < 1e-14 * tick_length or ic[5] > most:

@@ -46,6 +46,7 @@ from rig.solve.slots import Slots
 from rig.solve.springs import Springs
 from rig.solve.system import System
 from rig.solve.tables import UNROLLED
+from rig.solve.verdict import blame
 
 Array = NDArray[np.float64]
 SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
@@ -364,7 +365,10 @@ class Motion:
         assert status == LOST
         if np.all(np.abs(self.state.x) <= self.limit):
             raise Diverged(f"no step is short enough for the tolerance {self.tolerance:g}", *where)
-        raise Diverged(f"the state has left the limit of {self.limit:g} or is not finite", *where)
+        what = f"the state has left the limit of {self.limit:g} or is not finite"
+        if self.method in ("rk4", "kick"):
+            what += f"; {blame(self.system, self.method, self.step_ns * 1e-9 / self.substeps)}"
+        raise Diverged(what, *where)
 
     def events(self) -> list[Event]:
         """Events of the last call of `advance`."""

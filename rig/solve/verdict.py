@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from rig.solve.finding import Finding
 from rig.solve.formulation import assemble
 from rig.solve.growth import stopped
+from rig.solve.laws import Law
 from rig.solve.linear import Steady, moving_states, steady
 from rig.solve.system import (
     CLOSED,
@@ -38,6 +39,7 @@ RK4_LIMIT = 2.785
 """|lambda| h on the negative real axis up to which rk4 is stable; 2.828 on the imaginary one."""
 KICK_LIMIT = 2.0
 """|lambda| h up to which a contact that stays closed is stable under kicks."""
+_FINE = 1e-4  # of the width of a law: errors of slip speeds that leave its events right
 _COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4, kick's (1/2)^3/24 = 5e-3
 _STIFF = 50.0  # |lambda| step: dopri5 takes more than 15 steps for stability alone
 _ZERO = 1e-6  # of the largest eigenvalue: what a stuck contact carries along comes out as a rounded zero
@@ -47,10 +49,10 @@ _SPEEDS = 41
 _KINDS = (SLIP_PLUS, SLIP_MINUS, STICK)
 
 
-def verdict(system: System, method: str, step: float, substeps: int = 1) -> list[Finding]:
+def verdict(system: System, method: str, step: float, substeps: int = 1, tolerance: float = 0.0) -> list[Finding]:
     """Everything that can be said of `system` before it is run by `method` with sample step `step` [s]; gravest first.
 
-    `substeps`: steps of rk4 or kick in a sample step.
+    `substeps`: steps of rk4 or kick in a sample step. `tolerance`: of dopri5.
     """
     broken = list(_matrices(system))
     if broken:
@@ -75,7 +77,42 @@ def verdict(system: System, method: str, step: float, substeps: int = 1) -> list
     for _, name, at in sets:
         found += _growth(at, name, fastest)
     found += _steps(fastest, where, method, step, substeps)
+    if method == "rk4":
+        found += _bends(system, step / substeps)
+    if method == "dopri5":
+        found += _narrow(system, tolerance)
     return sorted(found, key=lambda one: ("error", "warning", "info").index(one.level))
+
+
+def blame(system: System, method: str, h: float) -> str:
+    """What a step of `h` s has to do with a run by rk4 or kick that has diverged, and what would help."""
+    fastest = max(float(np.abs(np.linalg.eigvals(assemble(system, key).A)).max()) for key in mode_sets(system))
+    fastest = max(fastest, steepest(system))
+    size, limit = fastest * h, RK4_LIMIT if method == "rk4" else KICK_LIMIT
+    told = f"{method} took steps of {h:g} s: |lambda| h = {size:.3g}"
+    if size <= _COARSE:
+        return f"{told}, which is short enough; what grows is the motion itself"
+    why = f"unstable beyond {limit}" if size > limit else f"coarse beyond {_COARSE}"
+    return f"{told}, {why}. Set clock.rk4_step to {0.1 / fastest:.2g} s or less" + (
+        ", or clock.method to dopri5" if method == "rk4" else ""
+    )
+
+
+def steepest(system: System) -> float:
+    """The fastest eigenvalue [1/s] where a law over speed is steepest, with the load at the start; 0 without one."""
+    found = 0.0
+    speeds = [0.0, *np.geomspace(1e-9, 1.0, _SPEEDS).tolist()]
+    for key in mode_sets(system):
+        modes, sectors = assemble(system, key), system.modes(key)[3]
+        for p in np.flatnonzero(modes.sigma).tolist():
+            law = system.law(p, sectors)
+            if law.constant:
+                continue
+            slope = max((law.slope(speed) for speed in speeds), key=abs)
+            load = sum(max(float(n.row @ system.start), 0.0) for n in system.normals if n.patch == p)
+            bent = modes.A + np.outer(modes.b[:, p], slope * load * system.slip_rows[p])
+            found = max(found, float(np.abs(np.linalg.eigvals(bent)).max()))
+    return found
 
 
 def mode_sets(system: System) -> Iterator[int]:
@@ -210,6 +247,46 @@ def _growth(at: Steady, name: str, fastest: float) -> Iterator[Finding]:
 def _at(value: complex) -> str:
     hertz = f" at {abs(value.imag) / (2.0 * math.pi):.4g} Hz" if value.imag else ""
     return f", growth {value.real:+.4g} 1/s{hertz}"
+
+
+def _narrow(system: System, tolerance: float) -> Iterator[Finding]:
+    """Whether the tolerance of dopri5 resolves the slip speeds over which friction laws change.
+
+    A contact that was let go moves off along the steep part of its law. With an error that is not far below the width
+    of that part it turns back, and sticks and slips again where the motion itself goes on.
+    """
+    for p, patch in enumerate(system.patches):
+        speed = abs(float(patch.surface @ system.start))
+        widths = [_width(law) for law in system.laws(p) if not law.constant and law.sticks]
+        error = tolerance * speed
+        if widths and error > _FINE * min(widths):
+            yield Finding(
+                "warning",
+                f"tolerance {tolerance:g} is too coarse for the friction law of {patch.name}, which changes within "
+                f"{min(widths):.3g} m/s: errors of {error:.2g} m/s may count as events of stick and slip",
+                error / min(widths),
+                f"clock.tolerance of {0.5 * _FINE * min(widths) / speed:.1g} or less",
+            )
+
+
+def _width(law: Law) -> float:
+    """The slip speed [m/s] over which a law changes from its value at rest, where it is steepest."""
+    speeds = np.array([0.0, *np.geomspace(1e-9, 1.0, 10 * _SPEEDS).tolist()])
+    change = float(np.ptp(law.over(speeds)))
+    slope = max(abs(law.slope(speed)) for speed in speeds.tolist())
+    return change / slope if slope > 0.0 else math.inf
+
+
+def _bends(system: System, h: float) -> Iterator[Finding]:
+    """Whether rk4 can follow a law over speed where it is steepest."""
+    fastest = steepest(system)
+    if fastest * h > _COARSE:
+        yield Finding(
+            "warning",
+            f"rk4 is coarse at a step of {h:g} s: |lambda| h = {fastest * h:.3g} where the friction law is steepest",
+            fastest * h,
+            f"rk4_step of {0.1 / fastest:.2g} s or less, or method dopri5",
+        )
 
 
 def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -> Iterator[Finding]:

@@ -103,7 +103,7 @@ def test_a_decoder_of_a_scene_knows_its_state():
 def test_schema_of_a_type_names_its_fields():
     found = descriptor_pb2.FileDescriptorSet.FromString(messages.file_descriptor_set(messages.TYPES["Block"]))
     block = next(kind for kind in found.file[0].message_type if kind.name == "Block")
-    assert [field.name for field in block.field] == ["tick", "t0_ns", "dt_ns", "v"]
+    assert [field.name for field in block.field] == ["tick", "t0_ns", "dt_ns", "v", "t_ns"]
 
 
 def test_nonsense_is_not_a_message():

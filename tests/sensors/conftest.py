@@ -67,7 +67,7 @@ def play(
     bank = bank or Bank(sensors, list(signals), frame_ns, seed)
     bank.start(np.array([float(f(np.zeros(1))[0]) for f in signals.values()]))
     frame = 1e-9 * frame_ns
-    t = [[bank.first_ns(i)] for i in range(len(sensors))]
+    t = [bank.times(i).tolist() for i in range(len(sensors))]
     y = [[x] for x in bank.latest]
     even = np.linspace(0.0, frame, parts + 1)
     for k in range(round(duration / frame)):
@@ -75,8 +75,7 @@ def play(
         bank.advance(segments(signals.values(), edges[:-1], np.diff(edges), frame * k))
         for i in range(len(sensors)):
             if bank.fresh[i]:
-                first = bank.first_ns(i)
-                t[i].extend(first + bank.periods_ns[i] * n for n in range(bank.fresh[i]))
+                t[i].extend(bank.times(i).tolist())
                 y[i].extend(bank.samples(i))
                 assert bank.latest[i] == y[i][-1]
     return Measured(

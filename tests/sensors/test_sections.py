@@ -32,10 +32,9 @@ def test_units_are_stated_and_every_default_has_an_origin(kind):
 
 def test_every_fault_of_a_section_is_reported():
     with pytest.raises(ValidationError) as error:
-        KINDS["laser_vibrometer"](rate="3 kHz", span="1 N", noise=-1.0, bandwith=3.0, delay=-1e-3, dropout="freeze")
+        KINDS["laser_vibrometer"](rate="300 kHz", span="1 N", noise=-1.0, bandwith=3.0, delay=-1e-3, dropout="freeze")
     where = {e["loc"][0] for e in error.value.errors()}
     assert where == {"rate", "span", "noise", "bandwith", "delay", "dropout"}
-    assert "near: 2560 Hz, 3125 Hz" in str(error.value)
 
 
 @pytest.mark.parametrize(
