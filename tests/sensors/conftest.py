@@ -21,14 +21,14 @@ for n in range(DEGREE + 1):
 
 # Every flaw off but filter and delay, for each kind.
 CLEAN = {
-    "laser_vibrometer": {"noise": 0.0, "resolution": 0.0, "dropout_rate": 0.0, "span": 1e9, "slew": 1e12},
-    "displacement_laser": {"noise": 0.0, "resolution": 0.0, "span": 1e9},
-    "strain_gauge": {"noise": 0.0, "resolution": 0.0, "span": 1e9, "zero_drift": 0.0},
-    "accelerometer": {"noise": 0.0, "resolution": 0.0, "span": 1e9, "temperature_sensitivity": 0.0},
-    "normal_force": {"noise": 0.0, "resolution": 0.0, "span": 1e9, "drift": 0.0},
-    "disc_speed": {"noise": 0.0, "resolution": 0.0, "span": 1e9},
-    "microphone": {"noise": 0.0, "resolution": 0.0, "span": 1e9, "background": 0.0, "highpass": 0.1},
-    "voltmeter": {"noise": 0.0, "resolution": 0.0, "span": 1e9},
+    "laser_vibrometer": {"noise": 0.0, "resolution": 0.0, "dropout_rate": 0.0, "span": 1e4, "slew": 1e6},
+    "displacement_laser": {"noise": 0.0, "resolution": 0.0, "span": 1e4},
+    "strain_gauge": {"noise": 0.0, "resolution": 0.0, "span": 1e4, "zero_drift": 0.0},
+    "accelerometer": {"noise": 0.0, "resolution": 0.0, "span": 1e4, "temperature_sensitivity": 0.0},
+    "normal_force": {"noise": 0.0, "resolution": 0.0, "span": 1e4, "drift": 0.0},
+    "disc_speed": {"noise": 0.0, "resolution": 0.0, "span": 1e4},
+    "microphone": {"noise": 0.0, "resolution": 0.0, "span": 1e4, "background": 0.0, "highpass": 0.1},
+    "voltmeter": {"noise": 0.0, "resolution": 0.0, "span": 1e4},
 }
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 import rig
 from rig.plants.points import HALF_WAVES
@@ -132,3 +133,35 @@ def test_what_it_refuses(rigs):
     a.patch("contact", {}, {"one": 1.0}, laws.coulomb(0.1, 0.1), {})
     a.normal("load", "contact", {"z": -1e4, "z'": -1.0}, {"z": 1.0})
     assert "none of positions alone" in kick.refusal(a.system())
+
+
+def test_the_residual_is_what_the_springs_hold_beyond_the_work_of_the_kicks(p5):
+    """The same splitting written out with the plate's matrices: force times mean velocity of each kick, by points."""
+    step, nq = 4e-6, 10
+    points = [k for k in p5.normals if k.opens]
+    rows, push = np.array([k.row for k in points]), np.array([k.direction for k in points])
+    give = -np.sum(rows[:, :nq] * push, axis=1) / np.sum(rows[:, :nq] ** 2, axis=1)
+    A = np.block([[np.zeros((nq, nq)), np.eye(nq)], [-p5.stiffness, -p5.damping]])  # modes of mass one
+    flow, x, load = expm(A * step), p5.start[: 2 * nq].copy(), rows[:, 2 * nq :] @ p5.start[2 * nq :]
+
+    def press(x):
+        return np.maximum(rows[:, :nq] @ x[:nq] + load, 0.0)
+
+    first, work = 0.5 * give @ press(x) ** 2, 0.0
+    for _ in range(round(TIME / step)):
+        for last in (False, True):
+            force = press(x)
+            pull = push.T @ force
+            work += 0.5 * step * (give * force) @ rows[:, :nq] @ (x[nq:] + 0.25 * step * pull)
+            x[nq:] += 0.5 * step * pull
+            x = x if last else flow @ x
+    off = 0.5 * give @ press(x) ** 2 - first - work
+    found = end(p5, 4000).residual()
+    assert found["energy"] == pytest.approx(off, rel=1e-4)
+    assert 1e-5 < found["share"] < 1e-2
+
+
+def test_the_residual_falls_with_the_square_of_the_step_and_other_methods_have_none(p5):
+    sizes = [end(p5, step).residual()["share"] for step in (4000, 1000)]
+    assert sizes[1] < 0.25 * sizes[0]
+    assert end(p5, 4000, method="dopri5", tolerance=1e-4).residual() is None

@@ -16,7 +16,7 @@ from rig import scenes
 from rig.solve import laws
 from rig.solve.assembly import Assembly
 from rig.solve.linear import sliding_key, steady
-from rig.solve.verdict import RK4_LIMIT, verdict
+from rig.solve.verdict import RK4_LIMIT, blame, verdict
 
 STEP = 1e-3
 COULOMB = laws.coulomb(0.4, 0.25)
@@ -232,3 +232,42 @@ def test_two_bodies_with_two_contacts_slide_apart():
     at = steady(system, sliding_key(system))
     assert at.exists
     assert at.x[:2] == pytest.approx([0.025, -0.025])
+
+
+@pytest.mark.parametrize(
+    ("scale", "tolerance", "warned"),
+    [(1e-6, 1e-2, True), (1e-6, 1e-7, True), (1e-6, 1e-9, False), (0.05, 1e-7, False), (1e-4, 1e-2, True)],
+)
+def test_a_tolerance_too_coarse_for_the_friction_law_is_told(scale, tolerance, warned):
+    system = belt(laws.stribeck(0.5, 0.18, scale)).system()
+    found = [one for one in verdict(system, "dopri5", STEP, tolerance=tolerance) if "too coarse" in one.what]
+    assert bool(found) == warned
+    for one in found:
+        better = float(one.remedy.split()[2])
+        again = verdict(system, "dopri5", STEP, tolerance=better)
+        assert not [other for other in again if "too coarse" in other.what]
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_the_tolerance_of_shipped_scenes_is_fine_enough(name):
+    scene = rig.load(name)
+    found = verdict(scene.assemble().system(), "dopri5", scene.step_ns * 1e-9, tolerance=scene.clock.tolerance)
+    assert not [one for one in found if "too coarse" in one.what]
+
+
+def test_rk4_that_has_diverged_names_its_step_and_one_that_does():
+    """A law that falls within 1e-4 m/s: |lambda| = N (mu_s - mu_d) / (m v_s) = 12800 1/s where it is steepest."""
+    system = belt(laws.stribeck(0.5, 0.18, 1e-4)).system()
+    told = blame(system, "rk4", 1e-3)
+    assert "rk4 took steps of 0.001 s: |lambda| h = 12.8, unstable beyond 2.785" in told
+    assert "clock.rk4_step to 7.8e-06 s or less" in told
+    assert "short enough" in blame(belt().system(), "rk4", 1e-3)
+    [warned] = [one for one in verdict(system, "rk4", STEP, 10) if "steepest" in one.what]
+    assert warned.number == pytest.approx(1.28, rel=1e-3)
+
+
+def test_a_run_that_diverges_under_rk4_says_so():
+    changes = {"friction.speed_scale": 1e-5, "clock.method": "rk4", "clock.rk4_step": "1 ms"}
+    run = rig.simulate(rig.load("belt", changes), 1.0)
+    assert "rk4 took steps of 0.001 s" in run.fault
+    assert "Set clock.rk4_step to" in run.fault

@@ -98,7 +98,7 @@ def ladder(method: str, scene: Scene, rate: float) -> list[Setting]:
     if method == "dopri5":
         return [Setting(method, 10.0**-p) for p in range(2, 12)]
     if method in ("rk4", "kick"):
-        shortest = scene.frame_ns / (SEGMENTS // 2)  # there is no room for more steps in a frame
+        shortest = scene.frame_ns / (SEGMENTS // 2)  # finer ones make frames that need more room than most
         return [Setting(method, step_ns=h) for h in _steps(scene.step_ns, rate, _FINE) if h >= shortest]
     return [Setting(method)]
 
