@@ -29,6 +29,8 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.experimental import structref
 from numba.extending import infer_getattr, intrinsic, register_model
 
+from rig.kept import CheckedFile
+
 if os.environ.get("RIG_OWN_PROCESS") and "scipy.linalg" not in sys.modules:
     # In a process of our own: numba would import scipy.linalg (0.2 s) only to learn whether there is BLAS, which no
     # kernel of ours calls. Elsewhere other people's kernels may want it.
@@ -119,9 +121,16 @@ _njit: Any = numba.njit  # noqa: TID251
 _OPTIONS: dict[str, Any] = {"cache": _KEEPS, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
+def _compiled(function: F, **options: Any) -> F:
+    dispatcher = _njit(**_OPTIONS, **options)(function)
+    if _KEEPS:
+        dispatcher._cache._cache_file.__class__ = CheckedFile  # noqa: SLF001
+    return dispatcher  # type: ignore[no-any-return]
+
+
 def kernel(function: F) -> F:
     """Compile `function`: cached on disk, without the GIL, divisions unchecked, fused multiply-add allowed."""
-    return _njit(**_OPTIONS)(function)  # type: ignore[no-any-return]
+    return _compiled(function)
 
 
 def inner(function: F) -> F:
@@ -129,12 +138,12 @@ def inner(function: F) -> F:
 
     It may slice, but neither allocate an array nor return one, and only other kernels call it.
     """
-    return _njit(_nrt=False, **_OPTIONS)(function)  # type: ignore[no-any-return]
+    return _compiled(function, _nrt=False)
 
 
 def inlined(function: F) -> F:
     """An `inner` kernel that is written into its callers, for what runs many times in a step."""
-    return _njit(_nrt=False, inline="always", **_OPTIONS)(function)  # type: ignore[no-any-return]
+    return _compiled(function, _nrt=False, inline="always")
 
 
 class _BundleType(types.StructRef):  # type: ignore[misc]

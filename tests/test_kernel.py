@@ -4,6 +4,11 @@ import os
 import subprocess
 import sys
 
+import pytest
+
+from rig import kernel
+from rig.study import warmup
+
 CODE = """
 from rig.kernel import kernel
 
@@ -44,3 +49,49 @@ def test_a_place_that_cannot_be_written_costs_time_only(tmp_path):
         assert f"at every start, for {kept} cannot be written" in found.stderr
         assert "RIG_KERNELS=/some/folder" in found.stderr
     assert not list(tmp_path.rglob("*.nbi"))  # nothing that an edit elsewhere would not renew
+
+
+def damaged(path, how):
+    """A file of compiled code as a crash, a full disk or a careless hand leaves it."""
+    content = bytearray(path.read_bytes())
+    if how == "cut":
+        path.write_bytes(content[: len(content) // 2])
+    elif how == "empty":
+        path.write_bytes(b"")
+    elif how == "garbage":
+        path.write_bytes(b"\x80\x05garbage" * 20)
+    elif how == "one bit":
+        content[len(content) // 2] ^= 4
+        path.write_bytes(content)
+    else:
+        path.unlink()
+        path.mkdir()
+
+
+@pytest.mark.parametrize("how", ["cut", "empty", "garbage", "one bit", "a folder"])
+@pytest.mark.parametrize("suffix", ["nbi", "nbc"])
+def test_a_damaged_kernel_is_compiled_again(tmp_path, how, suffix):
+    kept = tmp_path / "kept"
+    assert run(tmp_path, RIG_KERNELS=str(kept)).stderr == TOLD
+    for path in list(kept.rglob(f"*.{suffix}")):
+        damaged(path, how)
+    again, after = run(tmp_path, RIG_KERNELS=str(kept)), run(tmp_path, RIG_KERNELS=str(kept))
+    assert again.returncode == 0
+    assert again.stdout == after.stdout == "2.0\n"
+    assert again.stderr.startswith(TOLD)
+    if how == "a folder":  # which nobody removes: it may be the user's
+        assert "compiled kernels cannot be kept in" in again.stderr
+        assert "RIG_KERNELS" in again.stderr
+    else:
+        assert (again.stderr, after.stderr) == (TOLD, "")
+
+
+@pytest.mark.parametrize("text", ["", "[[3, fal", "5", "[1]", "{}", "\x00"])
+def test_damaged_notes_of_a_warm_up_count_as_none(tmp_path, monkeypatch, text):
+    monkeypatch.setattr(kernel, "CACHE", tmp_path)
+    warmup._notes().write_text(text)
+    assert warmup.ready() == set()
+    shape = warmup.Shape(3, False, False, False)
+    warmup.note(shape)
+    assert warmup.ready() == {shape}
+    assert list(tmp_path.iterdir()) == [warmup._notes()]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import compileall
 import json
+import os
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
@@ -118,10 +119,9 @@ def _run(scene: Scene) -> None:
 def ready() -> set[Shape]:
     """Shapes that have been compiled for these sources and this processor."""
     try:
-        noted = json.loads(_notes().read_text())
-    except (OSError, ValueError):
+        return {Shape(*one) for one in json.loads(_notes().read_text())}
+    except (OSError, ValueError, TypeError):  # not there, or damaged: what is compiled is found all the same
         return set()
-    return {Shape(*one) for one in noted}
 
 
 def _notes() -> Path:
@@ -130,8 +130,10 @@ def _notes() -> Path:
 
 def note(one: Shape) -> None:
     """Remember that the kernels of a shape have been compiled."""
-    noted = sorted(ready() | {one})
+    noted, place = sorted(ready() | {one}), _notes()
+    draft = place.with_suffix(f".{os.getpid()}")
     try:
-        _notes().write_text(json.dumps(noted))
+        draft.write_text(json.dumps(noted))
+        draft.replace(place)
     except OSError:  # a read-only cache: the next start compiles again
         return
