@@ -52,8 +52,8 @@ docs: install
 
 golden: install
 	@rm -f recordings/golden/pendulum.mcap
-	@$(BIN)/rig run pendulum -p sensors.strain_gauge.rate="100 Hz" -p sensors.normal_force.rate="100 Hz" \
-	  -p sensors.disc_speed.rate="100 Hz" --duration 9 --pace max --out recordings/golden/pendulum.mcap
+	@$(BIN)/rig run pendulum -p sensors.strain_gauge.rate="50 Hz" -p sensors.normal_force.rate="50 Hz" \
+	  -p sensors.disc_speed.rate="50 Hz" --duration 9 --pace max --out recordings/golden/pendulum.mcap
 	@$(BIN)/rig verify recordings/golden/pendulum.mcap
 
 lock:

@@ -11,7 +11,7 @@ in one process, a process of its own on the bus, a replay and a property test:
 A controller with `every_sample = True` gets, in place of the latest sample of each sensor, all that were published in
 the last frame, as a tuple; its period is one frame. A sensor at 50 kHz is heard so by a loop at 1 kHz.
 
-A controller whose class takes `(section, numbers)` and keeps both can be retuned while it works.
+A controller whose class takes `(section, numbers)` and keeps the section can be retuned while it works.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import ValidationError
 
 from rig.errors import UsageError
-from rig.quantities import Nanoseconds, Section, duration, optional, quantity
+from rig.quantities import Nanoseconds, Section, duration, optional, quantity, unit_of
 
 Numbers = Mapping[str, Any]
 Values = tuple[float, ...]
@@ -96,7 +96,7 @@ def retune(controller: C, changes: Mapping[str, object]) -> C:
         faults += [line for line in explain(error) if line.partition(":")[0] not in changes.keys() - known.keys()]
     if faults:
         raise UsageError("\n".join(faults))
-    return type(controller)(changed, controller.numbers)  # type: ignore[call-arg,attr-defined]
+    return type(controller)(changed, getattr(controller, "numbers", {}))  # type: ignore[call-arg]
 
 
 def hears(controller: Controller | type) -> bool:
@@ -108,6 +108,15 @@ def parameters(controller: Controller) -> dict[str, Any]:
     """The parameters of a controller, as plain values; none where it keeps no section."""
     section = getattr(controller, "section", None)
     return section.model_dump() if isinstance(section, Section) else {}
+
+
+def tunable(controller: Controller) -> dict[str, str]:
+    """The parameters that `retune` can change -> their units."""
+    section = getattr(controller, "section", None)
+    if not isinstance(section, Section):
+        return {}
+    fixed: frozenset[str] = getattr(section, "fixed", frozenset())
+    return {key: unit_of(type(section), key) for key in type(section).model_fields if key not in fixed}
 
 
 def explain(error: ValidationError) -> list[str]:

@@ -4,11 +4,11 @@
     class Controller:
         reads, drives, period_ns                          sensors, actuators, time between updates [ns]
         every_sample = True                               optional: all samples of a frame, not the latest one
-        def __init__(self, section, numbers): ...         only with Parameters; keep both as attributes
+        def __init__(self, section, numbers): ...         only with Parameters; keep the section as an attribute
         def start(self): ...
         def update(self, state, t_ns, values): ...
 
-The file is checked by one update on zeros before it is let near a rig.
+The file is checked before it is let near a rig: by one update on zeros, and with Parameters by a retune and another.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ from types import ModuleType
 from typing import Any
 
 from controllers.base import Controller, hears
+from controllers.loop import Loop
 from rig.errors import UsageError
+from rig.quantities import Section
 
 
 def load_file(path: str | Path) -> Controller:
@@ -35,7 +37,7 @@ def load_file(path: str | Path) -> Controller:
     parameters = getattr(module, "Parameters", None)
     try:
         controller = make() if parameters is None else make(parameters(), {})
-        faults = _faults(controller)
+        faults = _faults(controller) or ([] if parameters is None else _untunable(controller))
     except Exception as error:
         raise UsageError(f"{path}: {_told(error, path)}") from error
     if faults:
@@ -78,8 +80,7 @@ def _faults(controller: Any) -> list[str]:
         faults.append(f"Controller.period_ns is {period!r}; expected whole nanoseconds, e.g. 1_000_000")
     if faults:
         return faults
-    zero = (0.0,) if hears(controller) else 0.0
-    answer = controller.update(controller.start(), 0, tuple(zero for _ in controller.reads))
+    answer = controller.update(controller.start(), 0, _zeros(controller))
     if not isinstance(answer, tuple) or len(answer) != 2:
         return [f"Controller.update returns {answer!r}; expected (state, commands)"]
     commands = answer[1]
@@ -88,4 +89,24 @@ def _faults(controller: Any) -> list[str]:
         return [f"Controller.update commands {commands!r}; expected a tuple with one number for each of {drives}"]
     if not all(isinstance(c, int | float) and not isinstance(c, bool) for c in commands):
         return [f"Controller.update commands {commands!r}; expected numbers"]
+    return []
+
+
+def _zeros(controller: Controller) -> Any:
+    zero = (0.0,) if hears(controller) else 0.0
+    return tuple(zero for _ in controller.reads)
+
+
+def _untunable(controller: Controller) -> list[str]:
+    """What keeps a controller with Parameters from being retuned."""
+    if not isinstance(getattr(controller, "section", None), Section):
+        return ["Controller keeps no section, so its Parameters could not be tuned: self.section = section in __init__"]
+    loop = Loop(controller)
+    loop.answer(0, _zeros(controller))
+    try:
+        loop.retune({})
+    except UsageError as fault:
+        if fault.__cause__ is not None:
+            raise fault.__cause__ from None
+        return [f"Controller cannot be retuned: {fault}"]
     return []

@@ -17,13 +17,14 @@ from rig.errors import UsageError
 class Loop:
     """One controller with its state. `command` is the last good answer, () before the first."""
 
-    __slots__ = ("command", "controller", "hears", "held", "refused", "state", "updates")
+    __slots__ = ("command", "controller", "heard", "hears", "held", "refused", "state", "updates")
 
     def __init__(self, controller: Controller) -> None:
         self.controller = controller
         self.hears = hears(controller)
         self.state: State = controller.start()
         self.command: Values = ()
+        self.heard: tuple[int, Any] | None = None  # time [ns] and values of the last update
         self.updates = 0
         self.held = 0  # ticks without an update, because a value was not finite
         self.refused = 0  # answers of the controller that were not finite: not sent, state started afresh
@@ -37,22 +38,44 @@ class Loop:
         if not isfinite(sum(map(sum, values)) if self.hears else sum(values)):
             self.held += 1
             return self.command
-        state, command = self.controller.update(self.state, t_ns, values)
-        if len(command) != len(self.controller.drives):
-            drives = ", ".join(self.controller.drives)
-            raise UsageError(f"{type(self.controller).__name__} answers {command!r}, but drives {drives}")
+        state, command = self._updated(self.controller, t_ns, values)
         if not isfinite(sum(command)):
             self.refused += 1
             self.state = self.controller.start()
             return self.command
         self.updates += 1
+        self.heard = t_ns, values
         self.state = state
         self.command = command
         return command
 
+    def _updated(self, controller: Controller, t_ns: int, values: Any) -> tuple[State, Values]:
+        state, command = controller.update(self.state, t_ns, values)
+        if len(command) != len(controller.drives):
+            drives = ", ".join(controller.drives)
+            raise UsageError(f"{type(controller).__name__} answers {command!r}, but drives {drives}")
+        return state, command
+
     def retune(self, changes: Mapping[str, object]) -> None:
-        """Change parameters between two ticks; all or, with a UsageError, none. The state stays."""
-        self.controller = retune(self.controller, changes)
+        """Change parameters between two ticks; all or, with a UsageError, none. The state stays.
+
+        The changed controller is first tried on the last values. Whatever it breaks is a refusal: it goes on unchanged.
+        """
+        old = self.controller
+        try:
+            tried = retune(old, changes)
+            if (tried.reads, tried.drives, tried.period_ns) != (old.reads, old.drives, old.period_ns):
+                raise UsageError("what it reads and drives, and its period, are fixed while the rig runs")
+            if self.heard is not None:
+                self._updated(tried, *self.heard)
+            self.controller = retune(old, changes)  # another one: what was tried may have kept something
+        except UsageError:
+            raise
+        except Exception as fault:
+            told = ", ".join(f"{key} = {value}" for key, value in changes.items())
+            raise UsageError(
+                f"{type(old).__name__} cannot be retuned to {told or 'what it is'}: {type(fault).__name__}: {fault}"
+            ) from fault
 
     def counters(self) -> dict[str, int]:
         """Updates made, ticks held, answers refused."""

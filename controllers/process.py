@@ -1,7 +1,8 @@
 """A controller as a process of its own: it answers the plant's steps, and ends when the plant ends.
 
     step      due for its period: update, answer; the same step again: the same answer again
-    param     {"get": [keys]} or {"set": {key: value}}: checked, applied as a whole between two steps, told as an event
+    param     {"get": [keys]} or {"set": {key: value}}: checked, applied as a whole between two steps, told as an event;
+            {"list": true}: what can be set, with its units
     alive     declared when everything above stands; without a plant this process ends within a second
 
 A controller that the scene does not know (a user's own file) first asks the plant to be let in, naming what it reads
@@ -22,7 +23,7 @@ from pathlib import Path
 from typing import Any
 
 import controllers
-from controllers.base import Controller, Samples, parameters
+from controllers.base import Controller, Samples, parameters, tunable
 from controllers.file import load_file
 from controllers.loop import Loop
 from rig import bus
@@ -34,6 +35,8 @@ from rig.process import as_process, stopping
 from rig.scheduling import CONTROLLER, ahead, come_first
 
 UNHEARD = (math.nan,)
+ADMITTED = 60.0
+"""Longest wait [s] to be let in: the plant may have to build, or to compile, what the controller drives."""
 PATIENCE = 0.1  # s without a step, after which this process looks whether the plant still lives
 
 
@@ -58,7 +61,7 @@ class Worker:
         if session.name not in described.controllers:
             wanted = {"reads": controller.reads, "drives": controller.drives, "hears": self.loop.hears}
             body = {"do": "admit", "controller": session.name, "period_ns": controller.period_ns, **wanted}
-            session.ask("cmd/plant", body, timeout=5.0)
+            session.ask("cmd/plant", body, timeout=ADMITTED)
 
     def follow(self, stopped: Callable[[], bool]) -> None:
         """Answer steps until the plant leaves or `stopped`."""
@@ -107,8 +110,17 @@ class Worker:
 
     def asked(self, body: dict[str, Any]) -> dict[str, Any]:
         """Get or set parameters; a set is whole or not at all, and in force from the next step on."""
+        if body.get("list"):
+            units, now = tunable(self.loop.controller), parameters(self.loop.controller)
+            return {"values": {key: now[key] for key in units}, "units": units}
         if (changes := body.get("set")) is not None:
-            self.loop.retune(changes)
+            if not isinstance(changes, dict):
+                raise UsageError(f"set is {changes!r}; expected the parameters to change, each with its value")
+            try:
+                self.loop.retune(changes)
+            except UsageError as fault:
+                self.tell("refused", f"{self.session.name} keeps its parameters: {fault}", {})
+                raise
             text = ", ".join(f"{key} = {value}" for key, value in changes.items())
             self.tell("parameter", text, {"set": changes, "after_tick": self.tick})
         values = parameters(self.loop.controller)

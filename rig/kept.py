@@ -30,7 +30,7 @@ class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
     def save(self, key: Any, data: Any) -> None:
         """Keep a compiled kernel; without room for it the process goes on with what it has in memory."""
         try:
-            super().save(key, data)
+            super().save(key, data)  # type: ignore[no-untyped-call]
         except OSError as fault:
             if not CheckedFile.told:
                 CheckedFile.told = True
@@ -52,7 +52,7 @@ class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
         return overloads if stamp == self._source_stamp else {}
 
     def _load_data(self, name: str) -> Any:
-        return pickle.loads(_whole(self._data_path(name)))
+        return pickle.loads(_whole(self._data_path(name)))  # type: ignore[no-untyped-call]
 
     @contextmanager
     def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:

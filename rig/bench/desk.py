@@ -6,7 +6,8 @@
                   {"do": "connect" | "disconnect", "controller": name}
                   {"do": "admit", "controller": name, "drives": [actuators], "period_ns": ns,
                    "reads": [sensors], "hears": whether it wants every sample of them}
-    param/plant   {"get": [keys]} or {"set": {key: value}}: actuators, and parameters of the rig, by their scene keys
+    param/plant   {"get": [keys]} or {"set": {key: value}}: actuators, and parameters of the rig, by their scene keys;
+                  {"list": true}: what can be set, with its units
 
 Every answer carries the tick at which it holds.
 """
@@ -15,11 +16,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rig.bench.hub import Hub
+from rig.bench.variant import Build, Variant, Wanted
+from rig.bus.port import Later
 from rig.errors import RigError, UsageError
 
 
@@ -39,7 +43,8 @@ class Admission(BaseModel):
 class Desk:
     """Serves operators; `poll` between the protocol and the commands of a tick."""
 
-    def __init__(self, hub: Hub) -> None:
+    def __init__(self, hub: Hub, apart: bool = False) -> None:
+        """`apart`: what takes long is built in another thread while frames go on."""
         self.stopped = ""
         """Who asked for the end; empty while nobody did."""
         self.begun = False
@@ -47,6 +52,7 @@ class Desk:
         self.excused: set[str] = set()
         """Who need not be waited for."""
         self.paused = False
+        self._apart = apart
         self._hub, self._operation, self._stand = hub, hub.operation, hub.stand
         self._does = {
             "begin": self._begin,
@@ -56,7 +62,6 @@ class Desk:
             "knock": self._knock,
             "connect": self._switch,
             "disconnect": self._switch,
-            "admit": self._admit,
         }
         self._param = hub.session.serve("param/plant", self._parameters)
         self._cmd = hub.session.serve("cmd/plant", self._command)
@@ -66,38 +71,81 @@ class Desk:
         self._param.poll()
         self._cmd.poll()
 
-    def _parameters(self, body: dict[str, Any]) -> dict[str, Any]:
-        return self._done(body, self._tuned)
+    def _parameters(self, body: dict[str, Any]) -> dict[str, Any] | Later:
+        return self._answered(body, self._tuned(body))
 
-    def _command(self, body: dict[str, Any]) -> dict[str, Any]:
-        return self._done(body, self._carried_out)
+    def _command(self, body: dict[str, Any]) -> dict[str, Any] | Later:
+        return self._answered(body, self._carried_out(body))
 
-    def _done(self, body: dict[str, Any], how: Callable[[dict[str, Any]], dict[str, Any]]) -> dict[str, Any]:
-        """The answer to a request; one that makes no sense is refused, whatever it breaks: the run goes on."""
+    def _answered(self, body: dict[str, Any], how: Later) -> dict[str, Any] | Later:
+        """The answer to a request, or where it takes a while what will give it."""
+
+        def later() -> dict[str, Any] | None:
+            found = self._done(body, how)
+            return None if found is None else {"tick": self._stand.tick, "t_ns": self._stand.t_ns, **found}
+
+        return later() or later
+
+    def _done(self, body: dict[str, Any], how: Later) -> dict[str, Any] | None:
+        """What `how` gives; what makes no sense is refused, whatever it breaks: the run goes on."""
         try:
-            found = how(body)
+            return how()
         except RigError:
             raise
         except KeyError as fault:
             raise UsageError(f"{body.get('do', 'the request')} needs {fault}") from None
         except Exception as fault:
             raise UsageError(f"{body!r} cannot be done: {type(fault).__name__}: {fault}") from None
-        return {"tick": self._stand.tick, "t_ns": self._stand.t_ns, **found}
 
-    def _tuned(self, body: dict[str, Any]) -> dict[str, Any]:
-        values: dict[str, Any] = {}
-        if (changes := body.get("set")) is not None:
-            values |= self._operation.change(changes)
-        for key in body.get("get", ()):
-            values[key] = self._operation.value(key)
-        return {"values": json.loads(json.dumps(values, default=_plain))}
+    def _rebuilt(self, wanted: Callable[[], Wanted], then: Callable[[Variant | None], dict[str, Any]]) -> Later:
+        """Does `then` with the rig as it is `wanted`, at the tick at which that has been built.
 
-    def _carried_out(self, body: dict[str, Any]) -> dict[str, Any]:
+        In lockstep that is the tick of the request: nobody minds that it takes longer.
+        """
+        build: Build | None = None
+
+        def later() -> dict[str, Any] | None:
+            nonlocal build
+            if build is None:
+                if not (needed := wanted()):
+                    return then(None)
+                build = Build(partial(self._stand.variant, needed), apart=self._apart)
+            if not build.done:
+                return None
+            variant, build = build.result(), None
+            return then(variant) if variant.before is self._stand.scene else later()  # else another request was faster
+
+        return later
+
+    def _tuned(self, body: dict[str, Any]) -> Later:
+        operation, changes = self._operation, body.get("set")
+        if body.get("list"):
+            units = operation.tunable()
+            values = {key: operation.value(key) for key in units}
+            return lambda: {"values": json.loads(json.dumps(values, default=_plain)), "units": units}
+
+        def told(values: dict[str, Any]) -> dict[str, Any]:
+            found = values | {key: operation.value(key) for key in body.get("get", ())}
+            return {"values": json.loads(json.dumps(found, default=_plain))}
+
+        if changes is None:
+            return lambda: told({})
+        return self._rebuilt(
+            lambda: operation.wanted(changes), lambda variant: told(operation.change(changes, variant=variant))
+        )
+
+    def _carried_out(self, body: dict[str, Any]) -> Later:
         what = str(body.get("do"))
-        if what not in self._does:
-            raise UsageError(f"the plant cannot {what!r}; it can: {', '.join(self._does)}")
-        self._does[what](body)
-        return {}
+        if what == "admit":
+            return self._admitted(body)
+
+        def done() -> dict[str, Any]:
+            if what not in self._does:
+                raise UsageError(f"the plant cannot {what!r}; it can: {', '.join([*self._does, 'admit'])}")
+            self._does[what](body)
+            return {}
+
+        return done
 
     def _begin(self, body: dict[str, Any]) -> None:
         if (who := body.get("without")) is not None:
@@ -120,26 +168,35 @@ class Desk:
     def _switch(self, body: dict[str, Any]) -> None:
         self._operation.switch(str(body["controller"]), body["do"] == "connect")
 
-    def _admit(self, body: dict[str, Any]) -> None:
+    def _admitted(self, body: dict[str, Any]) -> Later:
         """Let a controller of the user's own in; one that was admitted before and has gone holds nothing any more."""
         try:
-            wanted = Admission.model_validate(body)
+            asked = Admission.model_validate(body)
         except ValidationError as error:
             faults = [f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors(include_url=False)]
             raise UsageError("\n".join(f"admit: {fault}" for fault in faults)) from None
-        name, drives = wanted.controller, wanted.drives
-        here, lines = self._hub.watch.present, self._operation.exchange.lines
-        if ("controller", name) in here or name in self._hub.session.door.reserved:
-            raise UsageError(
-                f"the name {name!r:.80} is taken in this run; give the controller another one, or end that one"
-            )
-        for other in [o for o in lines if o not in self._operation.scene.controllers and o != name]:
-            if ("controller", other) not in here and set(lines[other].drives) & set(drives):
-                self._operation.dismiss(other)
-        if wanted.hears:
-            self._hub.hear(wanted.reads)
-        self._hub.admit(name)
-        self._operation.admit(name, drives, wanted.period_ns, wanted.hears)
+        hub, operation, name = self._hub, self._operation, asked.controller
+        told = (name, asked.drives, asked.period_ns, asked.hears)
+
+        def wanted() -> Wanted:
+            here, lines = hub.watch.present, operation.exchange.lines
+            if ("controller", name) in here or name in hub.session.door.reserved:
+                raise UsageError(
+                    f"the name {name!r:.80} is taken in this run; give the controller another one, or end that one"
+                )
+            for other in [o for o in lines if o not in operation.scene.controllers and o != name]:
+                if ("controller", other) not in here and set(lines[other].drives) & set(asked.drives):
+                    operation.dismiss(other)
+            if asked.hears:
+                hub.hear(asked.reads)
+            return operation.admission(*told)
+
+        def then(variant: Variant | None) -> dict[str, Any]:
+            hub.admit(name)
+            operation.admit(*told, variant=variant)
+            return {}
+
+        return self._rebuilt(wanted, then)
 
 
 def _plain(value: Any) -> Any:

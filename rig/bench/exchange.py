@@ -66,8 +66,8 @@ class Exchange:
         self._order: list[Line] = []
         self._changed: list[Line] = []
 
-    def admit(self, name: str, drives: Sequence[str], period_ns: int, delay_ns: int = 0) -> Line:
-        """A line for a controller. Raises UsageError if an actuator is not there or belongs to somebody else."""
+    def check(self, name: str, drives: Sequence[str], period_ns: int) -> None:
+        """Raise UsageError if a controller cannot have a line: an actuator is not there or belongs to somebody else."""
         inputs = self._stand.inputs
         faults = [] if topics.is_name(name) else ["is no name; a name is 1 to 64 letters, digits, '_', '.', '-'"]
         faults += [
@@ -76,15 +76,18 @@ class Exchange:
         faults += [f"{d:.80}: is named twice" for d in dict.fromkeys(drives) if drives.count(d) > 1]
         taken = [(d, self._owner[d]) for d in drives if self._owner.get(d, name) != name]
         faults += [f"{drive}: is driven by {owner} already" for drive, owner in taken]
-        period, rest = divmod(period_ns, self._frame_ns)
-        if rest or not 0 < period_ns <= LONGEST_NS:
+        if period_ns % self._frame_ns or not 0 < period_ns <= LONGEST_NS:
             frame, longest = f"{self._frame_ns / 1e6:g} ms", f"{LONGEST_NS / 1e9:g} s"
             faults.append(
                 f"its period of {period_ns} ns is no whole number of {frame} frames between {frame} and {longest}"
             )
         if faults:
             raise UsageError("\n".join(f"{name[:80]!r}: {fault}" for fault in faults))
-        line = Line(name, inputs, drives, period, delay_ns // self._frame_ns)
+
+    def admit(self, name: str, drives: Sequence[str], period_ns: int, delay_ns: int = 0) -> Line:
+        """A line for a controller. Raises UsageError if it cannot have one."""
+        self.check(name, drives, period_ns)
+        line = Line(name, self._stand.inputs, drives, period_ns // self._frame_ns, delay_ns // self._frame_ns)
         self.lines[name] = line
         self._order = [self.lines[key] for key in sorted(self.lines)]
         self._owner.update(dict.fromkeys(drives, name))

@@ -1,5 +1,6 @@
 """One experiment on a stand: what happens at a tick between measurement and integration, in every mode alike.
 
+    operation.open()                       once, before anything is measured: the protocol at tick 0
     operation.begin()                      protocol, limits: what is due at this tick
     exchange.receive(...)                  answers of the controllers to the measurements of this tick, or older ones
     operation.take_over()                  commands in force
@@ -15,11 +16,14 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from rig.bench.exchange import Exchange, Playback
 from rig.bench.journal import Journal
 from rig.bench.line import Line
 from rig.bench.protocol import Apply, Change, Finish, Move, Note, Progress, Protocol, Strike, Switch
 from rig.bench.stand import Stand
+from rig.bench.variant import Variant, Wanted
 from rig.errors import RigError, UsageError
 from rig.quantities import finite, si
 from rig.scenes.faults import near
@@ -28,7 +32,7 @@ from rig.scenes.scene import Scene, controller_drives, leaves
 
 RUN_DOWN_NS = 500_000_000
 """Time that the drive gets to stop when a limit has ended the experiment. # chosen"""
-OPERATOR = "operator"
+BEGIN, OPERATOR = "begin", "operator"
 
 Retune = Callable[[str, dict[str, Any]], None]
 
@@ -69,7 +73,20 @@ class Operation:
         length = scene.duration_ns if duration_ns is None else duration_ns
         for text in [] if length is None else late(scene, length):
             self.journal.note("warning", text)
-        self._outside = deque(event for event in events if event["data"].get("by") == OPERATOR)
+        told = list(events)
+        first = next((i for i, event in enumerate(told) if event["kind"] == BEGIN), 0)
+        self._before, self._outside = (
+            deque(event for event in part if event["data"].get("by") == OPERATOR)
+            for part in (told[:first], told[first:])
+        )
+
+    def open(self) -> None:
+        """Carry out what is due at the first tick and needs no measurement: it is in force in the first samples."""
+        while self._before:
+            self._repeat(self._before.popleft())
+        for action in self.protocol.due(0, np.full(len(self.stand.bank.names), np.nan)):
+            self._carry_out(action)
+        self.stand.start()
 
     def begin(self) -> bool:
         """Carry out what is due at this tick; whether the experiment goes on."""
@@ -120,8 +137,26 @@ class Operation:
             self.over = why
             self.journal.note("stop", why)
 
-    def change(self, changes: Mapping[str, Any], by: str = OPERATOR) -> dict[str, Any]:
-        """Change actuators and parameters of the rig at this tick: all, or with a RigError none. The new values."""
+    def wanted(self, changes: Mapping[str, Any]) -> Wanted:
+        """What the rig must have before `change` can make these changes. Raises UsageError with every fault."""
+        actuators, parameters = self._sorted(changes)
+        return Wanted(parameters, self.stand.lacking(actuators))
+
+    def change(self, changes: Mapping[str, Any], by: str = OPERATOR, variant: Variant | None = None) -> dict[str, Any]:
+        """Change actuators and parameters of the rig at this tick: all, or with a RigError none. The new values.
+
+        `variant`: the rig as `wanted` for these changes, if it has been built already.
+        """
+        actuators, parameters = self._sorted(changes)
+        self._go_on(Wanted(parameters, self.stand.lacking(actuators)), variant)
+        for key, number in actuators.items():
+            self.exchange.ask(key, number)
+        new = {key: self.value(key) for key in parameters} | actuators
+        self.journal.note("parameter", ", ".join(f"{k} = {v}" for k, v in new.items()), by=by, set=new)
+        return new
+
+    def _sorted(self, changes: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
+        """Changes of actuators, in SI, and of parameters; UsageError with every fault."""
         inputs, known = self.stand.inputs, dict(leaves(self.scene.parameters))
         actuators: dict[str, float] = {}
         parameters: dict[str, Any] = {}
@@ -142,28 +177,26 @@ class Operation:
                 faults.append(f"{key} = {value}: must be {one.low:g} to {one.high:g} {one.unit}")
         if faults:
             raise UsageError("\n".join(faults))
-        self._set(parameters)
-        for key, number in actuators.items():
-            self.exchange.ask(key, number)
-        new = {key: self.value(key) for key in parameters} | actuators
-        self.journal.note("parameter", ", ".join(f"{k} = {v}" for k, v in new.items()), by=by, set=new)
-        return new
+        return actuators, parameters
+
+    def tunable(self) -> dict[str, str]:
+        """Actuators, then parameters of the rig, that `change` can change -> their units."""
+        stand = self.stand
+        known = {
+            key: unit for key, (_, unit) in leaves(stand.scene.parameters) if unit and not key.startswith("start.")
+        }
+        return {name: one.unit for name, one in stand.inputs.items()} | {
+            key: unit for key, unit in known.items() if key not in stand.inputs
+        }
 
     def value(self, key: str) -> Any:
         """An actuator or a parameter of the rig as it is now."""
         return self.stand.values[key] if key in self.stand.inputs else self.stand.parameter(key)
 
-    def _set(self, parameters: Mapping[str, Any]) -> None:
-        before: dict[str, Any] = {}
-        try:
-            for key, value in parameters.items():
-                old = self.stand.parameter(key)
-                self.stand.set_parameter(key, value)
-                before[key] = old
-        except RigError:
-            for key, old in before.items():
-                self.stand.set_parameter(key, old)
-            raise
+    def _go_on(self, wanted: Wanted, variant: Variant | None) -> None:
+        """Go on with the rig as it is wanted."""
+        if wanted:
+            self.stand.take(variant or self.stand.variant(wanted))
 
     def knock(self, impulse: float, by: str = OPERATOR) -> None:
         """Strike the body at this tick [N s]."""
@@ -183,13 +216,29 @@ class Operation:
         word = "connected" if on else "disconnected"
         self.journal.note(word, f"{controller} is {word}", by=by, controller=controller)
 
-    def admit(self, controller: str, drives: Sequence[str], period_ns: int, hears: bool = False) -> None:
-        """Let a controller that the scene does not know drive actuators that nobody drives."""
+    def admission(self, controller: str, drives: Sequence[str], period_ns: int, hears: bool = False) -> Wanted:
+        """What the rig must have before `admit` can let this controller in. Raises UsageError if it never can."""
         if hears and period_ns != self.stand.frame_ns:
             frame = f"{self.stand.frame_ns / 1e6:g} ms"
             raise UsageError(f"{controller} wants every sample, so its period must be one frame, {frame}")
         if controller in self.scene.controllers:
             raise UsageError(f"{controller} is a controller of the scene already; give yours another name")
+        self.exchange.check(controller, drives, period_ns)
+        return Wanted({}, self.stand.lacking(drives))
+
+    def admit(
+        self,
+        controller: str,
+        drives: Sequence[str],
+        period_ns: int,
+        hears: bool = False,
+        variant: Variant | None = None,
+    ) -> None:
+        """Let a controller that the scene does not know drive actuators that nobody drives.
+
+        `variant`: the rig as wanted for this `admission`, if it has been built already.
+        """
+        self._go_on(self.admission(controller, drives, period_ns, hears), variant)
         if controller in self.exchange.lines:
             self.exchange.dismiss(controller)
         self.exchange.admit(controller, drives, period_ns)

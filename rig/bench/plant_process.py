@@ -35,7 +35,7 @@ from rig.bench.desk import Desk
 from rig.bench.hub import Hub
 from rig.bench.job import Job, keeps_up
 from rig.bench.lockstep import Lockstep
-from rig.bench.operation import Operation
+from rig.bench.operation import BEGIN, Operation
 from rig.bench.rehearse import visited
 from rig.bench.stand import Stand
 from rig.bench.timing import Timing
@@ -65,7 +65,7 @@ class Plant:
         self.operation = Operation(scene, stand, duration_ns, self._retune, keeps=False)
         self.setup = self._setup()
         self.hub = hub = Hub(session, self.operation, self.setup)
-        self.desk = Desk(hub)
+        self.desk = Desk(hub, apart=not job.in_lockstep)
         self.timing = Timing(stand.frame_ns / (job.pace or 1.0))
         self.attendant = Attendant(hub, self.desk, job, self.timing)
         self.fault = ""
@@ -148,7 +148,8 @@ class Plant:
             self.begun_ns = time.perf_counter_ns()
             self.attendant.begin(self.begun_ns, pacer)
             others = [name for role, name in sorted(self.from_start) if role != "plant"]
-            self.operation.journal.note("begin", f"begins with {', '.join(others) or 'nobody else'}", here=others)
+            self.operation.journal.note(BEGIN, f"begins with {', '.join(others) or 'nobody else'}", here=others)
+            self.operation.open()
             if pacer is not None:
                 pacer.anchor()
             if job.in_lockstep:

@@ -2,7 +2,8 @@
 
 A mode set takes milliseconds to build when it is first visited, and a frame has one. So the protocol is first carried
 out in this process, controllers and all, as fast as it goes. A paced run visits the same mode sets, or nearly so, since
-its commands arrive a frame later. What a frame calls is loaded or compiled on the way.
+its commands arrive a frame later. What a frame calls is loaded or compiled on the way, and so is what it calls once a
+controller has joined that the scene does not know: compiling takes a minute, for which no frame has time.
 """
 
 from __future__ import annotations
@@ -13,6 +14,8 @@ from contextlib import suppress
 import controllers
 from rig.bench.job import Job
 from rig.bench.simulate import carry_out
+from rig.bench.stand import Stand
+from rig.bench.variant import Wanted
 from rig.errors import RigError
 from rig.scenes.scene import Scene
 
@@ -38,4 +41,14 @@ def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, 
         begun.append(now)
         return "rehearsed" if now - begun[0] >= longest_s else ""
 
-    return carry_out(scene, working, duration_ns, stop=stop).stand.motion.slots.keys
+    stand = carry_out(scene, working, duration_ns, stop=stop).stand
+    _joined(stand)
+    return stand.motion.slots.keys
+
+
+def _joined(stand: Stand) -> None:
+    """Load or compile what is needed when a controller joins that drives an actuator which nobody drives so far."""
+    for actuator in stand.lacking(stand.inputs):
+        with suppress(RigError):
+            if stand.variant(Wanted(driven=(actuator,))).ready.system.n > stand.motion.system.n:
+                return  # kernels are made for a number of states, whatever these are

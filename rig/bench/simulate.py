@@ -103,6 +103,7 @@ def begun(
     if isinstance(operation.exchange, Playback):
         assert commands is not None
         operation.exchange.play(commands)
+    operation.open()
     return operation, [Working(name, loop, operation) for name, loop in sorted(loops.items()) if commands is None]
 
 
@@ -170,9 +171,9 @@ def _run(
     loops: Mapping[str, Loop],
     fault: str,
 ) -> Run:
-    truth = stand.truth
+    truth, measurements = stand.truth, stand.measurements
     assert truth is not None
-    assert stand.measurements is not None
+    assert measurements is not None
     outputs, modes = truth.outputs(stand.motion)
     units = dict(stand.units)
     units |= {f"meas/{name}": unit for name, unit in zip(stand.bank.names, stand.bank.units)}
@@ -185,7 +186,7 @@ def _run(
         time=np.arange(len(outputs), dtype=np.float64) * (stand.step_ns * 1e-9),
         signals={name: np.ascontiguousarray(outputs[:, i]) for i, name in enumerate(stand.outputs)},
         units=units,
-        measurements=stand.measurements.samples(),
+        measurements=measurements.samples(),
         commands={name: line.commands() for name, line in operation.exchange.lines.items()},
         events=sorted(events, key=lambda event: event["t_ns"]),
         energy=statistics.pop("energy"),

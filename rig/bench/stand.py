@@ -6,17 +6,19 @@ one process, over the bus in lockstep, or played back from a recording gives the
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
 from rig.bench.audit import Witness, audit
 from rig.bench.findings import findings
 from rig.bench.measurements import Measurements
 from rig.bench.truth import ROWS, Truth
+from rig.bench.variant import Variant, Wanted, with_values
 from rig.errors import SceneError
 from rig.scenes.scene import Scene
 from rig.solve.assembly import Input
@@ -39,7 +41,6 @@ class Stand:
         self.frame_ns, self.step_ns = scene.frame_ns, scene.step_ns
         self.steps = self.frame_ns // self.step_ns
         self.tick = 0
-        self._parameters = scene.parameters
         assembly = scene.assemble()
         self.inputs: dict[str, Input] = assembly.inputs
         self.values = {name: one.value for name, one in assembly.inputs.items()}
@@ -76,9 +77,23 @@ class Stand:
         self._index = {name: i for i, name in enumerate(system.names)}
         self._look = True
         self._witness = Witness(self.values)
-        self.bank.start(self.motion.outputs_now()[: len(needs)].copy())
-        self.truth = Truth(self.motion, self.steps, self.step_ns) if truthful else None
-        self.measurements = Measurements(self.bank) if truthful else None
+        self._needs, self._truthful = len(needs), truthful
+        self.start()
+
+    def start(self) -> None:
+        """Begin to measure, at tick 0: what was written before is in force in the first samples.
+
+        An actuator that lags behind its command has reached it, and the instruments have settled on what they see.
+        """
+        motion = self.motion
+        for one in self.inputs.values():
+            if one.lagging:
+                command = float(motion.x[self._index[one.state]]) if one.state else one.value
+                motion.write(self._index[one.lagging], min(max(command, one.low), one.high))
+        motion.begin()
+        self.bank.start(motion.outputs_now()[: self._needs].copy())
+        self.truth = Truth(motion, self.steps, self.step_ns) if self._truthful else None
+        self.measurements = Measurements(self.bank) if self._truthful else None
 
     @property
     def t_ns(self) -> int:
@@ -112,7 +127,7 @@ class Stand:
 
     def apply(self, name: str, value: float) -> None:
         """Put an actuator to `value` at this tick; a ramp that was under way ends."""
-        one = self.inputs[name]
+        one, before = self.inputs[name], self.values[name]
         self.values[name] = value
         self._witness.hears(name, value)
         if one.write is not None:
@@ -121,7 +136,7 @@ class Stand:
             if one.slope:
                 self.motion.write(self._index[one.slope], 0.0)
             self.motion.write(self._index[one.state], value)
-        else:
+        elif value != before:
             self.set_parameter(name, value)
 
     def ramp(self, name: str, to: float, ticks: int) -> None:
@@ -134,28 +149,49 @@ class Stand:
         self.values[name] = to
         self.motion.write(self._index[one.slope], (to - start) / (ticks * self.frame_ns * 1e-9))
 
-    def set_parameter(self, key: str, value: Any) -> None:
-        """Change a parameter of the rig (`friction.mu_static`) at this tick. Raises SceneError when it cannot be."""
-        changed = with_value(self._parameters, key, value)
-        assembly = self.scene.assemble(changed)
-        system = assembly.system()
-        if [p.name for p in system.patches] != [p.name for p in self.motion.system.patches]:
-            raise SceneError(key, ["changes the contacts of the rig; start a new run with it"])
+    def lacking(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Those of these actuators that get a command state when somebody drives them, and have none yet."""
+        without = [name for name in names if not (self.inputs[name].state or self.inputs[name].write)]
+        return tuple(name for name in without if name not in self.scene.moved)
+
+    def variant(self, wanted: Wanted) -> Variant:
+        """The rig as it is `wanted`; another thread may build it while the run goes on.
+
+        Raises SceneError with every faulty value by its key, or for a rig that this run cannot go on with.
+        """
+        before = self.scene
+        scene = replace(
+            before,
+            parameters=with_values(before.parameters, wanted.parameters) if wanted.parameters else before.parameters,
+            driven=before.driven.union(wanted.driven),
+        )
+        assembly = scene.assemble()
+        rows = {name: output.row for name, output in assembly.outputs.items()}
+        try:
+            ready = self.motion.ready(assembly.system(), [rows.get(name, {}) for name in self.outputs])
+        except ValueError as error:
+            raise SceneError(", ".join([*wanted.parameters, *wanted.driven]), [str(error)]) from None
+        return Variant(before, wanted, scene, assembly, ready)
+
+    def take(self, variant: Variant) -> None:
+        """Go on as this variant of the rig from this tick on; it must have been made from the rig as it is now."""
+        assert variant.before is self.scene
         if self.truth is not None:
             self.truth.work_out(self.motion)
-        try:
-            rows = {name: output.row for name, output in assembly.outputs.items()}
-            self.motion.replace(system, [rows.get(name, {}) for name in self.outputs])
-        except ValueError as error:
-            raise SceneError(key, [str(error)]) from None
-        self._witness.hears(key, value)
-        self._parameters = changed
-        self.inputs.update(assembly.inputs)
-        self._index = {name: i for i, name in enumerate(system.names)}
+        self.motion.replace(variant.ready)
+        self.scene = variant.scene
+        for key, value in variant.wanted.parameters.items():
+            self._witness.hears(key, value)
+        self.inputs.update(variant.assembly.inputs)
+        self._index = {name: i for i, name in enumerate(self.motion.system.names)}
+
+    def set_parameter(self, key: str, value: Any) -> None:
+        """Change a parameter of the rig (`friction.mu_static`) at this tick. Raises SceneError when it cannot be."""
+        self.take(self.variant(Wanted({key: value})))
 
     def parameter(self, key: str) -> Any:
         """The value of a parameter of the rig now. Raises SceneError for an unknown key."""
-        found: Any = self._parameters
+        found: Any = self.scene.parameters
         for part in key.split("."):
             inside = found if isinstance(found, dict) else dict(found) if isinstance(found, BaseModel) else {}
             if part not in inside:
@@ -212,23 +248,4 @@ class Stand:
 
     def audit(self) -> list[dict[str, Any]]:
         """What its effects changed in this run, those that are missing among them (rig.bench.audit)."""
-        return audit(replace(self.scene, parameters=self._parameters), self._witness, self.motion)
-
-
-def with_value(section: Any, key: str, value: Any) -> Any:
-    """A section with one dotted key changed, checked as a whole. Raises SceneError with every fault."""
-    raw = section.model_dump()
-    at = raw
-    *path, last = key.split(".")
-    for part in path:
-        if not isinstance(at.get(part), dict):
-            raise SceneError(key, ["is no parameter of this rig"])
-        at = at[part]
-    if last not in at:
-        raise SceneError(key, ["is no parameter of this rig"])
-    at[last] = value
-    try:
-        return type(section).model_validate(raw)
-    except ValidationError as error:
-        lines = [f"{'.'.join(map(str, f['loc']))}: {f['msg'].removeprefix('Value error, ')}" for f in error.errors()]
-        raise SceneError(key, lines) from None
+        return audit(self.scene, self._witness, self.motion)

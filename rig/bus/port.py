@@ -14,6 +14,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from typing import Any, Generic, TypeVar
 
 from rig.bus import messages, topics
@@ -186,7 +187,9 @@ class Request(ABC):
         """Answer that it cannot be done."""
 
 
-Answer = Callable[[dict[str, Any]], "dict[str, Any] | bytes"]
+Later = Callable[[], "dict[str, Any] | None"]
+"""An answer that takes a while: asked again at every poll until it is there."""
+Answer = Callable[[dict[str, Any]], "dict[str, Any] | bytes | Later"]
 
 
 class Server(ABC):
@@ -194,6 +197,7 @@ class Server(ABC):
 
     def __init__(self, door: Door, answer: Answer) -> None:
         self.door, self._answer = door, answer
+        self._later: list[tuple[Request, dict[str, Any], Later]] = []
 
     @abstractmethod
     def _next(self, timeout: float) -> Request | None: ...
@@ -203,25 +207,35 @@ class Server(ABC):
 
         A question that cannot be read or carried out is refused, whatever it breaks; the asker is told why.
         """
-        answered = 0
+        answered, waiting = 0, self._later
+        self._later = []
+        for asked, body, later in waiting:
+            self._serve(asked, body, later)
         while answered < _QUESTIONS and (request := self._next(0.0 if answered else timeout)) is not None:
             answered += 1
-            body = self.door.let_in(self.door.question, request.asked)
-            if body is None:
+            found = self.door.let_in(self.door.question, request.asked)
+            if found is None:
                 request.refuse(f"{self.door.last.kind}: {self.door.last}")
-                continue
-            try:
-                found = self._answer(body)
-                text = found if isinstance(found, bytes) else json.dumps(found).encode()
-            except (RigError, ValueError) as fault:
-                request.refuse(str(fault))
-            except KeyError as fault:
-                request.refuse(f"{body.get('do', 'the request')} needs {fault}")
-            except Exception as fault:  # what was asked makes no sense: that must not end the one who is asked
-                request.refuse(f"{body!r:.200} cannot be done: {type(fault).__name__}: {fault}")
             else:
-                request.reply(text)
+                self._serve(request, found, partial(self._answer, found))
         return answered
+
+    def _serve(self, request: Request, body: dict[str, Any], answer: Callable[[], Any]) -> None:
+        """Answer or refuse a request, or put it off."""
+        try:
+            found = answer()
+            if found is None or callable(found):
+                self._later.append((request, body, found or answer))
+                return
+            text = found if isinstance(found, bytes) else json.dumps(found).encode()
+        except (RigError, ValueError) as fault:
+            request.refuse(str(fault))
+        except KeyError as fault:
+            request.refuse(f"{body.get('do', 'the request')} needs {fault}")
+        except Exception as fault:  # what was asked makes no sense: that must not end the one who is asked
+            request.refuse(f"{body!r:.200} cannot be done: {type(fault).__name__}: {fault}")
+        else:
+            request.reply(text)
 
 
 class Session(ABC):

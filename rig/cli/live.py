@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import time
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from rig.cli import tell
 from rig.cli.options import LONGEST, Json, RunName, number
-from rig.errors import UsageError
+from rig.errors import BusError, UsageError
+
+if TYPE_CHECKING:
+    from rig.bus.port import Session
 
 topic = typer.Typer(no_args_is_help=True, help="See what is said on the bus of a run.")
 Pattern = Annotated[str, typer.Argument(help='Topics: "*" stands for one part, "**" for all that follow.')]
@@ -17,30 +20,79 @@ For = Annotated[str, typer.Option("--for", metavar="TIME", help="How long to lis
 
 
 def tune(
-    key: Annotated[str, typer.Argument(metavar="KEY", help="An actuator or a parameter: friction.mu_static")],
-    value: Annotated[str, typer.Argument(metavar="VALUE", help='A number, or a text with a unit: "15 N"')],
+    key: Annotated[
+        str | None, typer.Argument(metavar="KEY", help="An actuator or a parameter: friction.mu_static; none: list all")
+    ] = None,
+    value: Annotated[
+        str | None, typer.Argument(metavar="VALUE", help='A number, or a text with a unit: "15 N"; none: show it')
+    ] = None,
     run: RunName = None,
     as_json: Json = False,
 ) -> None:
     """Change a value of a live run: checked as a whole, in force from the next step on, and recorded.
 
-    A parameter of a controller is named controllers.NAME.KEY.
+    A parameter of a controller is named NAME.KEY or controllers.NAME.KEY. Without VALUE the value of now is shown,
+    without KEY everything that can be tuned.
     """
     from rig import bus
 
-    process, inner = "plant", key
-    if key.startswith("controllers."):
-        _, process, inner = [*key.split(".", 2), ""][:3]
-        if not inner:
-            raise UsageError(f"{key}: name the parameter too, e.g. {key}.gain")
     with bus.join(run, role="operator", name="tune") as session:
-        found = session.ask(f"param/{process}", {"set": {inner: _plain(value)}}, timeout=3.0)
+        if key is None:
+            _list_tunable(session, as_json)
+            return
+        process, inner = _owner(session, key)
+        body = {"get": [inner]} if value is None else {"set": {inner: _plain(value)}}
+        try:
+            found = session.ask(f"param/{process}", body, timeout=10.0)
+        except BusError as fault:
+            raise UsageError(f"{fault}\n`rig tune` without a key lists what can be tuned") from None
     if as_json:
         tell.report(found["values"])
         return
     for name, new in found["values"].items():
         if name == inner:
             tell.line(f"{key} = {tell.number(new)}")
+
+
+def _controllers(session: Session) -> list[str]:
+    watch = session.watch("*/*")
+    watch.wait_for("plant", "plant", 1.0)
+    watch.poll(0.05)
+    return sorted(name for role, name in watch.present if role == "controller")
+
+
+def _owner(session: Session, key: str) -> tuple[str, str]:
+    """Who has the parameter, and what it is called there: a key of the plant comes first."""
+    first, _, rest = key.partition(".")
+    here = _controllers(session)
+    if first == "controllers":
+        name, _, inner = rest.partition(".")
+        if not inner:
+            raise UsageError(f"{key}: name the parameter too, e.g. {key}.gain; `rig tune` lists what can be tuned")
+        if name not in here:
+            raise UsageError(f"{key}: no controller {name} is in the run; there are: {', '.join(here) or 'none'}")
+        return name, inner
+    if first in here and not (rest and key in session.ask("param/plant", {"list": True}, timeout=10.0)["values"]):
+        if not rest:
+            raise UsageError(f"{key}: name the parameter too, e.g. {key}.gain; `rig tune` lists what can be tuned")
+        return first, rest
+    return "plant", key
+
+
+def _list_tunable(session: Session, as_json: bool) -> None:
+    rows = []
+    for name in ("plant", *_controllers(session)):
+        told = session.ask(f"param/{name}", {"list": True}, timeout=10.0)
+        before = "" if name == "plant" else f"{name}."
+        rows += [
+            {"key": before + key, "value": value, "unit": told["units"][key], "of": name}
+            for key, value in told["values"].items()
+        ]
+    if as_json:
+        tell.report(rows)
+    else:
+        columns = ("key", "value", "unit", "of")
+        tell.table("", columns, [[tell.number(row[c]) for c in columns] for row in rows])
 
 
 def _plain(value: str) -> Any:

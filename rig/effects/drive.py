@@ -108,5 +108,6 @@ def actuator(
             for entry, coefficient in row.items():
                 a.signals[real][entry] = coefficient / lag
         row = {real: 1.0}
-    a.inputs[name] = Input(unit, *reach(value, low, high, most), value, safe, state, slope)
+    lagging = f"{owner}.actual" if lag is not None else ""
+    a.inputs[name] = Input(unit, *reach(value, low, high, most), value, safe, state, slope, lagging=lagging)
     return row

@@ -130,12 +130,19 @@ def add(a: Assembly, stack: Stack, shunt: Open | Short | Series | Parallel, move
 def _open(a: Assembly, stack: Stack, leak: float | None) -> None:
     """The extension charges the open stack, which has no voltage at the start."""
     if leak is None:
-        stack.couple(a, total(scaled(stack.held, -1.0), {"one": _at_start(a, stack)}))
+        voltage = total(scaled(stack.held, -1.0), {"one": _at_start(a, stack)})
+        stack.couple(a, voltage)
+        a.keep[VOLTAGE] = _charge(stack, voltage)
         return
     a.network[VOLTAGE] = total(scaled(stack.pumped, -1.0), {VOLTAGE: -1.0 / (leak * stack.capacitance)})
     a.owners[VOLTAGE] = "shunt"
     a.losses.append((1.0 / leak, {VOLTAGE: 1.0}))
     stack.couple(a, {VOLTAGE: 1.0})
+
+
+def _charge(stack: Stack, voltage: Row) -> Row:
+    """The charge on the electrodes, which stays where the network becomes another."""
+    return total(scaled(voltage, stack.capacitance), scaled(stack.path, stack.e))
 
 
 def _at_start(a: Assembly, stack: Stack) -> float:
@@ -194,8 +201,7 @@ def _series(a: Assembly, stack: Stack, given: Series, moved: Mapping[str, str]) 
         at, gain = (CURRENT, -1.0 / L) if L else (VOLTAGE, -(1.0 + delta) / (R * Cps))
         a.limit(OP_AMP, capacitor, -limit, limit, at, gain, excess=-Cps / delta)
         a.outputs["capacitor_voltage"] = Output({f"c:{OP_AMP}": 1.0}, "V")
-    if loop:
-        a.keep[VOLTAGE] = total(scaled(voltage, Cps), scaled(stack.path, stack.e))
+    a.keep[VOLTAGE] = _charge(stack, voltage)
     a.outputs["shunt_current"] = Output(current, "A")
     dropped = [key for key in ("inductance", "resistance") if getattr(given, key) != getattr(shunt, key)]
     a.judges.append(shunt_limits.judge(stack, delta, list(rates), dropped))

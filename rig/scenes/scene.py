@@ -96,6 +96,9 @@ class Scene:
     origins: dict[str, Origin] = field(default_factory=dict)
     dropped: tuple[str, ...] = field(default=(), compare=False)
     """What of the file was left aside because a change made another kind of something, a line each."""
+    driven: frozenset[str] = frozenset()
+    """Actuators that somebody else drives: an operator, or a controller that the scene does not know. Not recorded with
+    the scene: the events of the run tell it."""
 
     @property
     def frame_ns(self) -> int:
@@ -114,8 +117,9 @@ class Scene:
 
     @cached_property
     def moved(self) -> dict[str, str]:
-        """Actuators that the scene moves: "held" commands (steps from tick to tick), or "ramped" as well."""
-        held = {actuator for section in self.controllers.values() for actuator in controller_drives(section)}
+        """Actuators that are moved: "held" commands (steps from tick to tick), or "ramped" as well."""
+        held = set(self.driven)
+        held |= {actuator for section in self.controllers.values() for actuator in controller_drives(section)}
         steps = tuple(flat(self.protocol))
         held |= {s.target for s in steps if isinstance(s, Load | Ramp | Set)}
         ramped = {s.target for s in steps if isinstance(s, Load | Ramp) and s.over}

@@ -35,6 +35,7 @@ from rig.solve.carry import (
     TRY,
     Log,
     State,
+    Work,
     advance,
     evaluate,
     workspace,
@@ -62,6 +63,20 @@ class Frames(NamedTuple):
     kernel: Any
     steps: int
     more: Any
+
+
+class Ready(NamedTuple):
+    """A system as a motion needs it to go on with, mode sets and compiled code included (`Motion.ready`)."""
+
+    system: System
+    outputs: list[dict[str, float]]
+    slots: Slots
+    work: Work
+    shape: Any
+    how: tuple[Any, ...]
+    told: Callable[[int, int], str]
+    now: tuple[Array, NDArray[np.int64], Array]
+    carry: Callable[..., int] | None
 
 
 @dataclass(frozen=True)
@@ -118,8 +133,9 @@ class Motion:
         self._block = None if frames is None else frames.steps
         self._first = self.kept = 0
         self._jumps = 0.0
-        system = self._set(system)
-        self.work = workspace(system, read, self.slots.tables.G.shape[1])
+        self._foresees = 0
+        self._take(self._made(system, self._outputs))
+        system = self.system
         self.state = State(
             ic=np.zeros(COUNTERS, dtype=np.int64),
             fc=np.zeros(2),
@@ -148,6 +164,7 @@ class Motion:
         self.stored_first = ledger.stored(system, state.x, at_start)
         self._springs = Springs(self) if self.method == "kick" else None
         self._run(0, 0)
+        self._begun = state.x.copy()
 
     @property
     def _varies(self) -> bool:
@@ -157,31 +174,25 @@ class Motion:
     def _prepare(self) -> None:
         """Build what a turn over such sectors or a switch will meet: a paced run could not afford it on the way."""
         for key in self.system.turn(self.key) if self._varies else self.system.thrown(self.key):
-            if self.slots.tables.slot_of[key] < 0:
-                self.slots.add(key)
+            _add(self.slots, key)
 
     def foresee(self, keys: Iterable[int] = (), most: int = 32) -> None:
         """Build the mode sets `keys`, and those that events of the contacts lead to, if there are at most so many.
 
-        Each takes some milliseconds when it is first met, which a paced run cannot afford on the way.
+        Each takes some milliseconds when it is first met, which a paced run cannot afford on the way. From here on
+        `ready` does so as well.
         """
-        near = list(islice(self.system.contacts(self.key), most + 1))
-        for key in (*keys, *(near if len(near) <= most else ())):
-            if self.slots.tables.slot_of[key] < 0:
-                with suppress(ArithmeticError, np.linalg.LinAlgError):  # no such motion: it will not be met
-                    self.slots.add(key)
+        self._foresees = most
+        _foreseen(self.slots, self.key, keys, most)
 
-    def _set(self, system: System) -> System:
-        """Take over a system, as the method sees it."""
+    def _made(self, system: System, outputs: list[dict[str, float]]) -> Ready:
+        """A system as the method sees it, without a mode set yet."""
         system = seen(system, self.method, self.smoothing)
-        self.system = system
-        self._told = cache(system.happens)
         kicks = self.substeps if self.method == "kick" else 0
-        self.slots = Slots(system, self.step_ns * 1e-9, self._outputs, self._read, kicks)
-        self._shape = (0.0,) * system.n if system.n <= UNROLLED else np.zeros(system.n)
-        self._carry: Callable[..., int] | None = None
-        self._how = (
-            None if system.n <= UNROLLED else True,
+        slots = Slots(system, self.step_ns * 1e-9, outputs, self._read, kicks)
+        few = system.n <= UNROLLED
+        how = (
+            None if few else True,
             None if system.linear else self.tolerance,
             self.substeps if self.method in ("rk4", "kick") else None,
             self.booking,
@@ -189,8 +200,45 @@ class Motion:
             self.limit,
             *self._more,
         )
-        self._now = (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((1, len(self._outputs))))
-        return system
+        return Ready(
+            system,
+            outputs,
+            slots,
+            workspace(system, self._read, slots.tables.G.shape[1]),
+            (0.0,) * system.n if few else np.zeros(system.n),
+            how,
+            cache(system.happens),
+            (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((1, len(outputs)))),
+            None,
+        )
+
+    def _take(self, made: Ready) -> None:
+        self.system, self._outputs, self.slots, self.work = made.system, made.outputs, made.slots, made.work
+        self._shape, self._how, self._told, self._now, self._carry = (
+            made.shape,
+            made.how,
+            made.told,
+            made.now,
+            made.carry,
+        )
+
+    def ready(self, system: System, outputs: list[dict[str, float]] | None = None) -> Ready:
+        """Another system, made ready for `replace` with the mode sets that this motion has met.
+
+        It leaves the motion as it is, so that another thread may call it while the motion is carried on. Raises
+        ValueError where the systems differ in their patches, normal forces or sectors, or where the method cannot
+        serve the new one.
+        """
+        made = self._made(system, self._outputs if outputs is None else outputs)
+        old, key = self.system, self.key
+        if _parts(old) != _parts(made.system):
+            raise ValueError("it changes the contacts of the rig; start a new run with it")
+        for known in self.slots.keys:
+            _add(made.slots, made.system.taken_over(old, known))
+        if self._foresees:
+            _foreseen(made.slots, made.system.taken_over(old, key), (), self._foresees)
+        carry = entry(self._kernel, made.shape, made.slots.handle, self._lent, True, 0, 0, *made.how)
+        return made._replace(carry=carry)
 
     def _room(self, rows: int, ticks: int) -> None:
         """Rows for states, and as many events as a block of `ticks` may have."""
@@ -254,33 +302,39 @@ class Motion:
         if self._springs:
             self._springs.go_on()
 
-    def replace(self, system: System, outputs: list[dict[str, float]] | None = None) -> None:
+    def begin(self) -> None:
+        """Settle the modes as at the start, where states were written since: before the first step."""
+        if self.tick == 0 and (self.state.x.shape != self._begun.shape or (self.state.x != self._begun).any()):
+            self.state.ic[PENDING], self.state.ic[BEGUN] = START, -1
+            self._run(0, 0)
+            self._begun = self.state.x.copy()
+
+    def replace(self, ready: Ready) -> None:
         """Go on as another system from here: equal states keep their values, or what the systems say is kept.
 
-        Both must have the same patches, normals, limiters, sectors and switches; modes are settled anew. What the
-        change does to the stored energy is booked as an impulse. `outputs`: their rows now, where they are others.
+        Modes are settled anew. What the change does to the stored energy is booked as an impulse.
         """
-        self._outputs = self._outputs if outputs is None else outputs
-        x = dict(zip(self.system.names, self.state.x.tolist()))
-        before = ledger.stored(self.system, self.state.x, self.key)
+        old, before = self.system, ledger.stored(self.system, self.state.x, self.key)
         self.terms()  # the sums of the slots that are given up
         if self._springs:
             self._springs.pause()
-        modes = self.system.modes(self.key)
-        old, tally = self.system, self.state.tally.copy()
-        visited = [s.key for s in self.slots.sets]
-        system = self._set(system)
-        kept = np.array([x.get(name, start) for name, start in zip(system.names, system.start.tolist())])
-        for name in system.kept.keys() & old.kept.keys():
+        spent = dict(zip(self.slots.keys, self.state.tally.tolist()))
+        x, key, system = self.state.x, self.key, ready.system
+        sizes = dict(zip(old.names, self.work.size.tolist()))
+        self._take(ready)
+        self.work.size[:] = [sizes.get(name, 0.0) for name in system.names]
+        values = dict(zip(old.names, x.tolist()))
+        kept = np.array([values.get(name, start) for name, start in zip(system.names, system.start.tolist())])
+        for name in (name for name in system.kept.keys() & old.kept.keys() if name in system.names):
             row, at = system.kept[name], system.names.index(name)
-            kept[at] += (old.kept[name] @ self.state.x - row @ kept) / row[at]
-        for visited_key in visited:  # the tally goes by slot: keep the slots in order
-            self.slots.add(visited_key)
+            kept[at] += (old.kept[name] @ x - row @ kept) / row[at]
+        self.state = self.state._replace(x=kept, tally=np.zeros_like(self.state.tally))
+        for visited, ticks in spent.items():
+            slot = _add(self.slots, system.taken_over(old, visited))
+            self.state.tally[min(slot, TALLIED - 1)] += ticks
         if system.n != old.n:
-            self.work = workspace(system, self._read, self.slots.tables.G.shape[1])
             self.log = self.log._replace(out=np.zeros((len(self.log.out), system.n)))
-        self.state = self.state._replace(x=kept, tally=tally)
-        self.state.ic[KEY] = system.key(*modes[:3], [sector.at(kept) for sector in system.sectors], modes[4])
+        self.state.ic[KEY] = system.taken_over(old, key, kept)
         self.state.ic[PENDING] = SETTLE
         self._jumps += ledger.stored(system, kept, self.key) - before
         if self._springs:
@@ -424,3 +478,23 @@ class Motion:
         out |= {"impulses": self._jumps, "stored": stored}
         out["error"] = (float(terms @ ledger.SIGNS) + jumps - stored) / largest
         return out
+
+
+def _add(slots: Slots, key: int) -> int:
+    """The slot of a mode set, which is built if it is not there yet."""
+    if slots.tables.slot_of[key] < 0:
+        slots.add(key)
+    return int(slots.tables.slot_of[key])
+
+
+def _foreseen(slots: Slots, now: int, keys: Iterable[int], most: int) -> None:
+    """Build the mode sets `keys`, and what events of the contacts lead to from `now`, if that is at most so many."""
+    near = list(islice(slots.system.contacts(now), most + 1))
+    for key in (*keys, *(near if len(near) <= most else ())):
+        with suppress(ArithmeticError, np.linalg.LinAlgError):  # no such motion: it will not be met
+            _add(slots, key)
+
+
+def _parts(system: System) -> tuple[list[str], ...]:
+    """What two systems must share for one to go on as the other."""
+    return [p.name for p in system.patches], [k.name for k in system.normals], [s.name for s in system.sectors]

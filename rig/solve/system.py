@@ -277,6 +277,20 @@ class System:
             modes = modes[len(parts) :]
         return out[0], out[1], out[2], out[3], out[4]
 
+    def taken_over(self, old: System, key: int, x: Array | None = None) -> int:
+        """The mode set of this system that corresponds to mode set `key` of `old`, a system with the same contacts.
+
+        A limiter that `old` does not have is within its range, a switch is where it starts. `x`: the state now, where
+        sectors may have other edges.
+        """
+        patches, normals, limiters, sectors, switches = old.modes(key)
+        limited = {one.name: mode for one, mode in zip(old.limiters, limiters)}
+        thrown = {one.name: mode for one, mode in zip(old.switches, switches)}
+        last = [len(sector.edges) - 1 for sector in self.sectors]
+        where = list(map(min, sectors, last)) if x is None else [sector.at(x) for sector in self.sectors]
+        positions = [min(thrown.get(s.name, s.at(self.start)), len(s.positions) - 1) for s in self.switches]
+        return self.key(patches, normals, [limited.get(one.name, 0) for one in self.limiters], where, positions)
+
     def law(self, p: int, sectors: Sequence[int]) -> Law:
         """The law of patch p where the sectors are these."""
         for sector, where in zip(self.sectors, sectors):

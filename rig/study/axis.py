@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from rig.bench.stand import with_value
+from rig.bench.variant import with_values
 from rig.errors import SceneError
 from rig.quantities import finite, si
 from rig.scenes.faults import near, shortened, unit_of
@@ -109,9 +109,9 @@ class Axis:
         """`scene` with this parameter at `value` (SI). Raises SceneError where the scene cannot have it."""
         room, _, rest = self.key.partition(".")
         if room != "controllers":
-            return replace(scene, parameters=with_value(scene.parameters, self.key, value))
+            return replace(scene, parameters=with_values(scene.parameters, {self.key: value}))
         name, _, field = rest.partition(".")
-        changed = with_value(scene.controllers[name], field, value)
+        changed = with_values(scene.controllers[name], {field: value})
         return replace(scene, controllers={**scene.controllers, name: changed})
 
     def tell(self, value: float, digits: int = 6) -> str:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.bench.stand import with_value
+from rig.bench.variant import with_values
 from rig.scenes.scene import Scene
 from rig.solve.linear import Steady, sliding_key, steady
 from rig.study.averaged import averaged
@@ -185,7 +185,7 @@ def sliding(scene: Scene, values: dict[str, float]) -> Steady:
     """Steady sliding of `scene` with these values (SI), under averaged friction where dither is on."""
     parameters = scene.parameters
     for key, value in values.items():
-        parameters = with_value(parameters, key, value)
+        parameters = with_values(parameters, {key: value})
     assembly = scene.assemble(parameters)
     system = assembly.system()
     if GENERATOR[0] not in system.names:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import controllers
+from controllers.file import load_file
 from controllers.process import Worker
 from rig import scenes
 from rig.bench.exchange import Playback
@@ -23,6 +24,7 @@ from rig.errors import BusError
 from rig.quantities import si
 from rig.record.run import Commands
 from rig.scenes.scene import Scene
+from rig.solve.motion import Motion
 from rig.study import design
 
 SCENE = "belt_normal_force"
@@ -153,6 +155,7 @@ def played(scene, ticks, commands, events):
     stand = Stand(scene)
     operation = Operation(scene, stand, ticks * scene.frame_ns, None, exchange=Playback, events=events)
     operation.exchange.play(commands)
+    operation.open()
     found = {name: [] for name in stand.bank.names}
     while True:
         for i, name in enumerate(stand.bank.names):
@@ -161,6 +164,37 @@ def played(scene, ticks, commands, events):
             return found
         operation.take_over()
         stand.frame()
+
+
+@pytest.mark.parametrize("pace", [2.0, None], ids=["paced", "lockstep"])
+def test_a_controller_that_joins_builds_the_rig_once(monkeypatch, pace):
+    """It drives a load that has no command state, and the run can be simulated again to the bit."""
+    scene, built = scenes.load("belt"), []
+    replaced = Motion.replace
+    monkeypatch.setattr(Motion, "replace", lambda motion, ready: built.append(motion) or replaced(motion, ready))
+    here = () if pace else (("controller", "example_controller"),)  # in lockstep it joins before the first frame
+    with Bench(scene, {}, duration=1.5, pace=pace, expect=here) as bench:
+        session, gone = bench.twin.open("controller", "example_controller"), threading.Event()
+
+        def work():
+            worker = Worker(session, fetch(session), load_file("docs/example_controller.py"))
+            worker.follow(gone.is_set)
+            session.close()
+
+        bench.begin()
+        bench.thread(work)
+        heard = bench.finish()
+    applied = [messages.decode("applied/example_controller", p) for p in heard["applied/example_controller"]]
+    values = np.array([list(a.values) for a in applied])
+    assert len(np.unique(values)) > 1
+    assert built == [bench.plant.stand.motion]
+    commands = Commands(
+        *(np.array([getattr(a, f) for a in applied], np.int64) for f in ("tick", "answered", "status")), values
+    )
+    events = [{"tick": e.tick, "kind": e.kind, "data": json.loads(e.data)} for e in bench.events(heard)]
+    again = played(scene, bench.summary["ticks"], {"example_controller": commands}, events)
+    for name, known in again.items():
+        assert samples(heard, name).tobytes() == np.concatenate(known).tobytes()
 
 
 def test_a_controller_is_retuned_on_the_same_tick_in_every_mode(scene, numbers):

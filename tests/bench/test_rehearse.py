@@ -15,6 +15,7 @@ from rig.bench.rehearse import visited
 from rig.bench.simulate import simulate
 from rig.bus.twin import Twin
 from rig.errors import UsageError
+from rig.solve import motion as moving
 from rig.study import design
 
 LEFT = """
@@ -106,3 +107,14 @@ def test_a_pace_that_a_scene_cannot_keep_is_refused_with_what_works():
         keeps_up(scene, pace)
     with pytest.raises(UsageError, match=r"pace of 1: its pace is at most 0.5.*rig run --lockstep.*--pace 0.5"):
         carry_out(Job(scene.to_json()))
+
+
+def test_what_is_called_once_a_controller_has_joined_is_loaded_too(monkeypatch):
+    """Nobody drives the load of the belt: a controller that does adds a state, and kernels depend on their number."""
+    scene, shapes, entry = scenes.load("belt"), set(), moving.entry
+    monkeypatch.setattr(
+        moving, "entry", lambda kernel, shape, *more: shapes.add(len(shape)) or entry(kernel, shape, *more)
+    )
+    visited(scene, Job(scene.to_json(), duration=0.2))
+    states = scene.assemble().system().n
+    assert shapes == {states, states + 1}

@@ -246,7 +246,9 @@ def plant(runs_of_its_own):
 
     def serve(body):
         tuned.update(body.get("set", {}))
-        return {"values": {"load.force": 15.0, "drive.speed": 0.06}}
+        if unknown := [key for key in [*body.get("set", {}), *body.get("get", ())] if key not in TUNABLE]:
+            raise UsageError(f"{unknown[0]}: unknown key")
+        return {"values": {"load.force": 15.0, "drive.speed": 0.06}, "units": TUNABLE}
 
     with bus.host("tried", scene="belt") as session:
         described = Setup("tried", "{}", 1_000_000, 1_000_000, {"velocity": "m/s"}, {"laser": ("m/s", 1_000_000)})
@@ -268,6 +270,62 @@ def plant(runs_of_its_own):
         yield tuned
         stop.set()
         thread.join(5.0)
+
+
+TUNABLE = {"load.force": "N", "drive.speed": "m/s"}
+
+
+@pytest.fixture
+def mine(plant):
+    """A controller in that run, with one parameter."""
+    from rig import bus
+
+    tuned = {}
+
+    def serve(body):
+        tuned.update(body.get("set", {}))
+        return {"values": {"swing": tuned.get("swing", 10.0)}, "units": {"swing": "N"}}
+
+    with bus.join("tried", role="controller", name="mine") as session:
+        server, stop = session.serve("param/mine", serve), threading.Event()
+        session.announce()
+
+        def live():
+            while not stop.wait(0.005):
+                server.poll()
+
+        thread = threading.Thread(target=live)
+        thread.start()
+        yield tuned
+        stop.set()
+        thread.join(5.0)
+
+
+def test_a_parameter_of_a_controller_is_tuned_by_its_short_name_too(rig, mine):
+    for key, value in (("mine.swing", "5"), ("controllers.mine.swing", "7")):
+        code, out, err = rig("tune", key, value)
+        assert (code, out) == (0, f"{key} = {value}\n"), err
+    assert mine == {"swing": 7.0}
+    assert rig("tune", "mine.swing")[1] == "mine.swing = 7\n"
+    assert rig("tune", "drive.speed")[1] == "drive.speed = 0.06\n"
+    for key, told in (("mine", "name the parameter too"), ("controllers.nf.gain", "there are: mine")):
+        code, _, err = rig("tune", key, "1")
+        assert code == 2
+        assert told in err
+
+
+def test_tune_lists_what_can_be_tuned(rig, mine):
+    code, out, err = rig("tune")
+    assert code == 0, err
+    rows = [line.split() for line in out.splitlines()]
+    assert ["load.force", "15", "N", "plant"] in rows
+    assert ["mine.swing", "10", "N", "mine"] in rows
+    code, out, _ = rig("tune", "--json")
+    assert {row["key"] for row in json.loads(out)} == {"load.force", "drive.speed", "mine.swing"}
+    code, _, err = rig("tune", "load.forse", "1")
+    assert code == 2
+    assert "unknown key" in err
+    assert "lists what can be tuned" in err
 
 
 def test_tune_asks_the_process_that_owns_the_parameter(rig, plant):

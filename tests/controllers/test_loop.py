@@ -76,3 +76,36 @@ def test_tuning_keeps_the_state():
     loop.retune({"gain": 0.0})
     assert loop.state is state
     assert loop.answer(1_000_000, (0.05,)) == (20.0,)
+
+
+class Touchy:
+    """Takes any parameters it is given; what it makes of some is a fault."""
+
+    reads, drives, period_ns = ("v",), ("load.force",), 1_000_000
+
+    def __init__(self, section, numbers):
+        if section.gain == 13.0:
+            raise KeyError("superstition")
+        self.section, self.numbers = section, numbers
+
+    def start(self):
+        return 0
+
+    def update(self, state, t_ns, values):
+        if self.section.gain == 2.0:
+            return state, ()
+        return state + 1, (1.0 / (self.section.gain - 1.0),)
+
+
+@pytest.mark.parametrize(
+    ("gain", "fault"), [(13.0, "KeyError"), (1.0, "ZeroDivisionError"), (2.0, "drives load.force"), ("x", "gain")]
+)
+def test_a_retune_that_breaks_something_is_a_refusal(gain, fault):
+    loop = Loop(Touchy(feedback(highest=100.0).section, {}))
+    assert loop.answer(0, (0.0,)) == (1.0 / 199.0,)
+    with pytest.raises(UsageError, match=fault):
+        loop.retune({"gain": gain})
+    assert loop.controller.section.gain == 200.0
+    assert (loop.answer(1_000_000, (0.0,)), loop.state) == ((1.0 / 199.0,), 2)
+    loop.retune({"gain": 3.0})
+    assert loop.answer(2_000_000, (0.0,)) == (0.5,)

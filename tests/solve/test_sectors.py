@@ -113,7 +113,7 @@ def test_changed_sectors_are_entered_where_the_pin_is():
     assert motion.system.describe(motion.key).endswith("disc 1")
     a = rig()
     a.sectors[0] = (*a.sectors[0][:5], (0.0, 1.0), a.sectors[0][6])
-    motion.replace(a.system())
+    motion.replace(motion.ready(a.system()))
     assert motion.system.describe(motion.key).endswith("disc 2")
 
 

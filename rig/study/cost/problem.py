@@ -25,7 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig import kernel
-from rig.bench.stand import Stand, with_value
+from rig.bench.stand import Stand
+from rig.bench.variant import with_values
 from rig.scenes.protocol import Hold, Load, Ramp, Set, flat
 from rig.scenes.scene import Scene
 from rig.solve.assembly import Assembly
@@ -147,7 +148,7 @@ def problem(scene: Scene, values: Mapping[str, float] | None = None) -> Problem:
     for name, value in values.items():
         one = assembly.inputs[name]
         if one.write is None and not one.state:  # nothing commands it: it is a parameter
-            scene = replace(scene, parameters=with_value(scene.parameters, name, value))
+            scene = replace(scene, parameters=with_values(scene.parameters, {name: value}))
     assembly = scene.assemble()
     values = {name: value for name, value in values.items() if value != assembly.inputs[name].value}
     stand = Stand(_tolerant(scene))

@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.bench.stand import with_value
+from rig.bench.variant import with_values
 from rig.errors import NumericsError
 from rig.scenes.scene import Scene, plant_module
 from rig.solve.method import chosen
@@ -145,7 +145,7 @@ class _Shaken:
 
     def __init__(self, scene: Scene, longest: float | None) -> None:
         self.scene, self.longest = scene, longest
-        parameters = with_value(scene.parameters, "dither.enable", True)
+        parameters = with_values(scene.parameters, {"dither.enable": True})
         self.system: System = plant_module(scene.plant).assemble(parameters, {}).system()
         self.sine, self.cosine = (self.system.names.index(name) for name in GENERATOR)
         self.omega = float(self.system.signals[self.sine - self.system.one, self.cosine])

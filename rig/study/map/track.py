@@ -155,7 +155,7 @@ class Track:
 
     def _go(self, value: float) -> None:
         if not self._slope and value != self.value:
-            self._motion.replace(self.system(value))
+            self._motion.replace(self._motion.ready(self.system(value)))
         self.value = value
 
     def here(self) -> Place:

@@ -1,0 +1,118 @@
+"""Actuators that nobody drove at the start: they get a command state once, and the motion does not notice."""
+
+import json
+
+import numpy as np
+import pytest
+
+import rig
+from rig.bench.exchange import Exchange
+from rig.bench.journal import Journal
+from rig.bench.simulate import simulate
+from rig.bench.stand import Stand
+from rig.bench.variant import Build, Wanted
+from rig.errors import SceneError
+from rig.record.run import Commands
+from rig.scenes.scene import Scene
+from rig.solve.motion import Motion
+
+MS = 1_000_000
+MAGNET = {"load.lag": "5 ms", "load.force_min": "0 N", "load.force_max": "40 N"}
+
+
+def shorn(name, changes=None):
+    """A shipped scene without its protocol: nobody moves an actuator."""
+    raw = json.loads(rig.load(name, changes or {}).to_json())
+    return Scene.from_json(json.dumps(raw | {"protocol": [{"step": "hold", "time": 1.0}], "controllers": {}}))
+
+
+def carried(stand, frames):
+    found = []
+    for _ in range(frames):
+        stand.frame()
+        found.append(stand.output_values().copy())
+    return np.array(found)
+
+
+@pytest.mark.parametrize(
+    ("scene", "actuator"),
+    [
+        (shorn("belt"), "load.force"),
+        (shorn("belt", MAGNET), "load.force"),
+        (shorn("belt_c"), "drive.speed"),
+        (shorn("belt_shunt"), "shunt.connected"),
+        (shorn("belt_shunt", {"shunt.connected": False, "shunt.delta": 0.0}), "shunt.connected"),
+    ],
+    ids=["load", "magnet", "belt", "closed shunt", "open shunt"],
+)
+def test_a_command_state_does_not_disturb_the_motion(scene, actuator):
+    driven, other = Stand(scene), Stand(scene)
+    carried(driven, 400), carried(other, 400)
+    assert driven.lacking([actuator]) == (actuator,)
+    driven.take(driven.variant(Wanted(driven=(actuator,))))
+    assert driven.lacking([actuator]) == ()
+    driven.apply(actuator, driven.values[actuator])
+    found, known = carried(driven, 200), carried(other, 200)
+    for i, name in enumerate(driven.outputs):
+        scale = np.abs(known[:, i]).max()
+        assert np.abs(found[:, i] - known[:, i]).max() <= 1e-9 * scale, name
+    assert abs(driven.motion.energy()["error"]) < 1e-9
+
+
+def test_a_driven_actuator_is_a_state_and_no_new_matrix(monkeypatch):
+    stand = Stand(shorn("belt"))
+    exchange = Exchange(stand, MS, 50, Journal(MS, lambda: stand.tick))
+    stand.take(stand.variant(Wanted(driven=("load.force",))))
+    exchange.admit("mine", ["load.force"], MS)
+    monkeypatch.setattr(Motion, "replace", None)  # whoever builds the rig again fails
+    force = stand.outputs.index("normal_force")
+    for tick in range(50):
+        exchange.receive("mine", tick, (20.0 + tick % 3,))
+        exchange.take_over()
+        stand.frame()
+        assert stand.output_values()[force] == 20.0 + tick % 3
+
+
+def test_a_variant_that_was_built_apart_gives_the_bits_of_one_built_at_its_tick():
+    found = []
+    for apart in (True, False):
+        stand = Stand(shorn("belt"))
+        carried(stand, 100)
+        wanted = Wanted({"friction.mu_static": 0.45}, ("load.force",))
+        build = Build(lambda s=stand, w=wanted: s.variant(w), apart) if apart else None
+        carried(stand, 60)  # meets mode sets that a variant begun before does not have
+        while build is not None and not build.done:
+            pass
+        stand.take(build.result() if build else stand.variant(wanted))
+        stand.apply("load.force", 15.0)
+        found.append(carried(stand, 500))
+    assert found[0].tobytes() == found[1].tobytes()
+
+
+def test_what_cannot_be_built_is_told_and_changes_nothing():
+    stand = Stand(shorn("belt"))
+    before = stand.motion.system
+    for wanted, told in [
+        (Wanted({"friction.mu_static": -1.0, "body.mass": -2.0}), "(?s)mu_static.*mass|mass.*mu_static"),
+        (Wanted({"friction.nothing": 1.0}), "is no parameter"),
+    ]:
+        build = Build(lambda w=wanted: stand.variant(w), apart=True)
+        while not build.done:
+            pass
+        with pytest.raises(SceneError, match=told):
+            build.result()
+    assert stand.motion.system is before
+
+
+def test_an_admission_is_simulated_again_to_the_bit():
+    """The recording tells who was admitted and when; the command state is made again at that tick."""
+    scene = shorn("belt")
+    told = {"by": "operator", "controller": "mine", "drives": ["load.force"], "period_ns": MS}
+    admitted = {"tick": 40, "kind": "admitted", "data": told}
+    ticks = np.arange(50, 900, dtype=np.int64)
+    commands = Commands(ticks, ticks, np.zeros_like(ticks), 20.0 + 5.0 * np.sin(0.02 * ticks)[:, None])
+    one, other = (simulate(scene, {}, 10**9, {"mine": commands}, events=[admitted]) for _ in range(2))
+    assert one.signals["normal_force"][60] == commands.values[9]
+    for name, known in one.signals.items():
+        assert known.tobytes() == other.signals[name].tobytes()
+    assert not any("load" in judged["effect"] and not judged["on"] for judged in one.summary["audit"])
