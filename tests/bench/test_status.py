@@ -52,6 +52,7 @@ def summary():
         "round_trip": {"p50": 120.0, "p99": 300.0, "max": 900.0},
         "loop": {"nf": COUNTS, "refused": {"stranger": 4}},
         "lost": {"meas/laser to recorder": 2},
+        "unknown": ["recorder second"],
         "energy": {"error": 4e-10},
         "plant": {"method": "dopri5", "events": 20, "stick_share": 0.4},
     }
@@ -69,6 +70,7 @@ def test_the_summary_says_verdict_worst_lateness_cause_losses_and_what_next(summ
     for said in (
         "DEGRADED: 0.10% of 1001 frames late by more than one frame; worst 3 ms at frame 1000, wake",
         "lost 2 of meas/laser to recorder",
+        "unknown what did not reach recorder second",
         "overruns by cause: 1 wake",
         "nf: 10 commands, 1 late, 3 clamped, oldest 2 frames",
         "stranger: 4 commands refused",
