@@ -36,7 +36,7 @@ from rig.bench.hub import Hub
 from rig.bench.job import Job, keeps_up
 from rig.bench.lockstep import Lockstep
 from rig.bench.operation import BEGIN, Operation
-from rig.bench.rehearse import visited
+from rig.bench.rehearse import prepare, visited
 from rig.bench.stand import Stand
 from rig.bench.timing import Timing
 from rig.bus.port import Session
@@ -132,7 +132,7 @@ class Plant:
         job, pacer = self.job, None
         with ExitStack() as stack:
             if job.pace is not None:
-                self.stand.motion.foresee(self._sets)
+                prepare(self.operation, self._sets)
             stack.enter_context(self.timing.interruptions.watched())
             stack.enter_context(
                 pace.no_garbage()

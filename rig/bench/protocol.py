@@ -99,7 +99,7 @@ class Protocol:
         self._columns = {name: column for column, name in enumerate(sensors)}
         self._inputs = {name: one.unit for name, one in inputs.items()}
         self._sensors = dict(sensors)
-        self._steps = _walk(steps)
+        self._steps = walk(steps)
         self._count = _counted(steps)
         self._length = _length(steps, frame_ns)
         self._begun, self._passed = 0, 0
@@ -280,12 +280,12 @@ class Range:
         return self._low[0][1]
 
 
-def _walk(steps: Iterable[Any]) -> Iterator[Any]:
+def walk(steps: Iterable[Any]) -> Iterator[Any]:
     """The steps one after another, repeats unrolled."""
     for step in steps:
         if isinstance(step, Repeat):
             for _ in count() if step.times == "forever" else range(step.times):
-                yield from _walk(step.steps)
+                yield from walk(step.steps)
         else:
             yield step
 

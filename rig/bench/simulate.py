@@ -89,8 +89,12 @@ def begun(
     duration_ns: int | None = None,
     commands: Mapping[str, Commands] | None = None,
     events: Iterable[Mapping[str, Any]] = (),
+    before: Callable[[Operation], object] = lambda _: None,
 ) -> tuple[Operation, list[Working]]:
-    """A run in this process at its first tick, and its controllers at work: none where `commands` are played back."""
+    """A run in this process at its first tick, and its controllers at work: none where `commands` are played back.
+
+    `before`: what is done before it is opened.
+    """
     loops = {name: Loop(controller) for name, controller in controllers.items()}
     operation = Operation(
         scene,
@@ -103,6 +107,7 @@ def begun(
     if isinstance(operation.exchange, Playback):
         assert commands is not None
         operation.exchange.play(commands)
+    before(operation)
     operation.open()
     return operation, [Working(name, loop, operation) for name, loop in sorted(loops.items()) if commands is None]
 

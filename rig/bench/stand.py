@@ -78,6 +78,7 @@ class Stand:
         self._look = True
         self._witness = Witness(self.values)
         self._needs, self._truthful = len(needs), truthful
+        self._prepared: list[Variant] = []
         self.start()
 
     def start(self) -> None:
@@ -127,7 +128,7 @@ class Stand:
 
     def apply(self, name: str, value: float) -> None:
         """Put an actuator to `value` at this tick; a ramp that was under way ends."""
-        one, before = self.inputs[name], self.values[name]
+        one, rebuilds = self.inputs[name], self.rebuilds(name, value)
         self.values[name] = value
         self._witness.hears(name, value)
         if one.write is not None:
@@ -136,7 +137,7 @@ class Stand:
             if one.slope:
                 self.motion.write(self._index[one.slope], 0.0)
             self.motion.write(self._index[one.state], value)
-        elif value != before:
+        elif rebuilds:
             self.set_parameter(name, value)
 
     def ramp(self, name: str, to: float, ticks: int) -> None:
@@ -154,12 +155,16 @@ class Stand:
         without = [name for name in names if not (self.inputs[name].state or self.inputs[name].write)]
         return tuple(name for name in without if name not in self.scene.moved)
 
-    def variant(self, wanted: Wanted) -> Variant:
-        """The rig as it is `wanted`; another thread may build it while the run goes on.
+    def variant(self, wanted: Wanted, after: Variant | None = None) -> Variant:
+        """The rig as it is `wanted`, from the rig as it is now or `after` a variant that is not taken yet.
 
-        Raises SceneError with every faulty value by its key, or for a rig that this run cannot go on with.
+        Another thread may build it while the run goes on. Raises SceneError with every faulty value by its key, or for
+        a rig that this run cannot go on with.
         """
-        before = self.scene
+        before = self.scene if after is None else after.scene
+        for known in self._prepared:
+            if known.before is before and known.wanted == wanted:
+                return known
         scene = replace(
             before,
             parameters=with_values(before.parameters, wanted.parameters) if wanted.parameters else before.parameters,
@@ -173,6 +178,12 @@ class Stand:
             raise SceneError(", ".join([*wanted.parameters, *wanted.driven]), [str(error)]) from None
         return Variant(before, wanted, scene, assembly, ready)
 
+    def prepare(self, wanted: Wanted, after: Variant | None = None) -> Variant:
+        """Build a `variant` that will be wanted: it is there when it is asked for."""
+        found = self.variant(wanted, after)
+        self._prepared.append(found)
+        return found
+
     def take(self, variant: Variant) -> None:
         """Go on as this variant of the rig from this tick on; it must have been made from the rig as it is now."""
         assert variant.before is self.scene
@@ -184,6 +195,11 @@ class Stand:
             self._witness.hears(key, value)
         self.inputs.update(variant.assembly.inputs)
         self._index = {name: i for i, name in enumerate(self.motion.system.names)}
+
+    def rebuilds(self, name: str, value: float) -> bool:
+        """Whether `apply` makes a new matrix of this value: the actuator has no command state and another value."""
+        one = self.inputs[name]
+        return not (one.state or one.write) and value != self.values[name]
 
     def set_parameter(self, key: str, value: Any) -> None:
         """Change a parameter of the rig (`friction.mu_static`) at this tick. Raises SceneError when it cannot be."""

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from controllers import described, restored
 from rig.bench.job import Job
-from rig.bench.rehearse import visited
+from rig.bench.rehearse import prepare, visited
 from rig.bench.simulate import begun, carry_on
 from rig.errors import NumericsError
 from rig.scenes.scene import Scene
@@ -41,10 +41,9 @@ def _carried_through(scene: Scene, job: Job, sets: tuple[int, ...], least: int) 
     """Frames of one run, in order."""
     duration_ns = _ENDLESS_NS if scene.duration_ns is None else scene.duration_ns
     working = {n: restored(described(section, job.numbers[n])) for n, section in scene.controllers.items()}
-    operation, answering = begun(scene, working, duration_ns)
+    operation, answering = begun(scene, working, duration_ns, before=lambda made: prepare(made, sets))
     stand, truth, clock = operation.stand, operation.stand.truth, time.perf_counter_ns
     assert truth is not None
-    stand.motion.foresee(sets)
     apart = _ROW * max(duration_ns // scene.frame_ns // least, 1)
     found: list[int] = []
     try:

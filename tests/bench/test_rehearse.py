@@ -1,5 +1,6 @@
 """The run before a paced run: what it finds out, and that it leaves nothing for the frames that count."""
 
+import json
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,11 +12,13 @@ import controllers
 from rig import scenes
 from rig.bench.job import Job, keeps_up
 from rig.bench.plant_process import Plant, carry_out
-from rig.bench.rehearse import visited
-from rig.bench.simulate import simulate
+from rig.bench.rehearse import MOST, prepare, visited
+from rig.bench.simulate import begun, simulate
 from rig.bus.twin import Twin
 from rig.errors import UsageError
+from rig.scenes.scene import Scene
 from rig.solve import motion as moving
+from rig.solve.motion import Motion
 from rig.study import design
 
 LEFT = """
@@ -93,6 +96,53 @@ def test_a_paced_run_builds_no_mode_set_after_its_first_frame(scene):
 
     assert added(()) > 0
     assert added(visited(scene, job)) == 0
+
+
+def rebuilt(operation, frames):
+    """The outputs at each frame, and how many systems were made ready while they went on."""
+    found, made, ready = [], [], Motion.ready
+
+    def noted(*given):
+        made.append(given)
+        return ready(*given)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Motion, "ready", noted)
+        while operation.stand.tick < frames and operation.begin():
+            operation.take_over()
+            operation.stand.frame()
+            found.append(operation.stand.output_values().copy())
+    return np.array(found), len(made)
+
+
+@pytest.mark.parametrize(
+    ("name", "over", "speed"),
+    [
+        ("north_divergence", {}, 0.0),
+        ("belt_remedy_damping", {}, 0.06),
+        ("belt_remedy_damping", {"limits.displacement": 0.006}, 0.0),
+    ],
+)
+def test_what_the_protocol_and_a_limit_change_is_built_before_the_first_frame(name, over, speed):
+    scene = scenes.load(name, over)
+    sets = visited(scene, job_of(scene))
+    prepared, _ = begun(scene, {}, before=lambda operation: prepare(operation, sets))
+    plain, _ = begun(scene, {})
+    (found, made), (known, rebuilds) = (rebuilt(one, 10_000) for one in (prepared, plain))
+    assert (made, rebuilds > 0) == (0, True)
+    assert prepared.stand.values["drive.speed"] == plain.stand.values["drive.speed"] == speed
+    assert found.tobytes() == known.tobytes()
+
+
+def test_a_protocol_that_repeats_itself_forever_is_prepared_as_far_as_is_chosen():
+    step = {"step": "set", "target": "body.damping", "to": 3.0}
+    raw = json.loads(scenes.load("belt").to_json())
+    again = {"step": "repeat", "times": "forever", "steps": [{"step": "hold", "time": 0.1}]}
+    for steps, count in ([], 1), ([step], 1 + 2 * MOST):
+        forever = again | {"steps": again["steps"] + steps}
+        operation, _ = begun(Scene.from_json(json.dumps(raw | {"protocol": [forever]})), {}, 10**9)
+        prepare(operation, ())
+        assert len(operation.stand._prepared) == count  # one for the safe state of each
 
 
 def test_nothing_is_left_to_import_or_compile():
