@@ -43,7 +43,7 @@ class Instrument:
     def __init__(self, sensor, offset=0.0):
         end = SENSORS[sensor].front_end()
         self.truth, self.noise, self.lsb, self.offset = TRUTH[sensor], end.noise, end.resolution, offset
-        self.queue = [0.0] * (end.delay_ns // end.period_ns)
+        self.queue = [0.0] * round(end.delay_ns / end.period_ns)
         self.random = np.random.default_rng(7)
 
     def __call__(self, belt):
