@@ -185,6 +185,8 @@ class Scan:
         self.sealed = proved and right and self._indexed and not self.skipped
         if self._end is not None and not self.skipped and ((told and not proved) or (digest and not right)):
             self.skipped.append(Skipped(0, self._end.begin, "its header or an index", 0))
+        if self._end is None and self._footer and not self.skipped:
+            self.skipped.append(Skipped(0, len(data), "the record that ends its messages", self.last_ns))
         cut = self._end is None and not self._footer
         self.missing = None if cut else self._gaps
         if self._statistics is not None:
