@@ -30,6 +30,7 @@ def conclude(plant: Plant) -> dict[str, Any]:
     """End the run of `plant`; its summary."""
     hub, operation, stand = plant.hub, plant.operation, plant.stand
     wall = time.perf_counter_ns() - plant.begun_ns if plant.begun_ns else 0
+    plant.desk.close()
     hub.put_gathered()
     hub.put_rest()
     ended = "diverged" if plant.fault else operation.over or "failed"

@@ -71,6 +71,11 @@ class Desk:
         self._param.poll()
         self._cmd.poll()
 
+    def close(self) -> None:
+        """The run has ended: refuse what was still being built."""
+        for server in (self._param, self._cmd):
+            server.give_up("the run ended before it was done")
+
     def _parameters(self, body: dict[str, Any]) -> dict[str, Any] | Later:
         return self._answered(body, self._tuned(body))
 
@@ -178,22 +183,27 @@ class Desk:
         hub, operation, name = self._hub, self._operation, asked.controller
         told = (name, asked.drives, asked.period_ns, asked.hears)
 
-        def wanted() -> Wanted:
+        def gone() -> list[str]:
+            """Who was admitted for one of these actuators, and is not here any more."""
             here, lines = hub.watch.present, operation.exchange.lines
-            if ("controller", name) in here or name in hub.session.door.reserved:
+            others = [other for other in lines if other not in operation.scene.controllers and other != name]
+            return [o for o in others if ("controller", o) not in here and {*lines[o].drives} & {*asked.drives}]
+
+        def wanted() -> Wanted:
+            if ("controller", name) in hub.watch.present or name in hub.session.door.reserved:
                 raise UsageError(
                     f"the name {name!r:.80} is taken in this run; give the controller another one, or end that one"
                 )
-            for other in [o for o in lines if o not in operation.scene.controllers and o != name]:
-                if ("controller", other) not in here and set(lines[other].drives) & set(asked.drives):
-                    operation.dismiss(other)
             if asked.hears:
-                hub.hear(asked.reads)
-            return operation.admission(*told)
+                hub.places(asked.reads)
+            return operation.admission(*told, gone())
 
         def then(variant: Variant | None) -> dict[str, Any]:
+            wanted()  # while it was built somebody else may have come
+            operation.admit(*told, gone(), variant)
             hub.admit(name)
-            operation.admit(*told, variant=variant)
+            if asked.hears:
+                hub.hear(asked.reads)
             return {}
 
         return self._rebuilt(wanted, then)

@@ -14,7 +14,7 @@ comes back when the controller is disconnected.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from math import isfinite, nan
 from typing import Any, Protocol
@@ -66,15 +66,19 @@ class Exchange:
         self._order: list[Line] = []
         self._changed: list[Line] = []
 
-    def check(self, name: str, drives: Sequence[str], period_ns: int) -> None:
-        """Raise UsageError if a controller cannot have a line: an actuator is not there or belongs to somebody else."""
+    def check(self, name: str, drives: Sequence[str], period_ns: int, gone: Collection[str] = ()) -> None:
+        """Raise UsageError if a controller cannot have a line: an actuator is not there or belongs to somebody else.
+
+        Those who are `gone` hold nothing any more.
+        """
         inputs = self._stand.inputs
         faults = [] if topics.is_name(name) else ["is no name; a name is 1 to 64 letters, digits, '_', '.', '-'"]
         faults += [
             f"{d:.80}: there is no such actuator; there are {', '.join(inputs)}" for d in drives if d not in inputs
         ]
         faults += [f"{d:.80}: is named twice" for d in dict.fromkeys(drives) if drives.count(d) > 1]
-        taken = [(d, self._owner[d]) for d in drives if self._owner.get(d, name) != name]
+        free = {name, *gone}
+        taken = [(d, self._owner[d]) for d in drives if self._owner.get(d, name) not in free]
         faults += [f"{drive}: is driven by {owner} already" for drive, owner in taken]
         if period_ns % self._frame_ns or not 0 < period_ns <= LONGEST_NS:
             frame, longest = f"{self._frame_ns / 1e6:g} ms", f"{LONGEST_NS / 1e9:g} s"

@@ -149,10 +149,14 @@ class Hub:
 
     def hear(self, sensors: Collection[str]) -> None:
         """From here on every step brings all samples of these sensors; raises UsageError for one that is not there."""
+        self._heard = sorted({*self._heard, *self.places(sensors)})
+
+    def places(self, sensors: Collection[str]) -> list[int]:
+        """Places of these sensors in a step; raises UsageError for one that is not there."""
         names = self.stand.bank.names
         if missing := [name for name in sensors if name not in names]:
             raise UsageError(f"there is no sensor {', '.join(missing)}; there are {', '.join(names)}")
-        self._heard = sorted({*self._heard, *(names.index(name) for name in sensors)})
+        return [names.index(name) for name in sensors]
 
     def gather(self) -> None:
         """Encode what there is to publish of this tick, before anything is changed at it."""

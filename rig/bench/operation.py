@@ -13,7 +13,7 @@ between `begin` and `take_over`, and written down with its tick, so that the run
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -216,14 +216,19 @@ class Operation:
         word = "connected" if on else "disconnected"
         self.journal.note(word, f"{controller} is {word}", by=by, controller=controller)
 
-    def admission(self, controller: str, drives: Sequence[str], period_ns: int, hears: bool = False) -> Wanted:
-        """What the rig must have before `admit` can let this controller in. Raises UsageError if it never can."""
+    def admission(
+        self, controller: str, drives: Sequence[str], period_ns: int, hears: bool = False, gone: Collection[str] = ()
+    ) -> Wanted:
+        """What the rig must have before `admit` can let this controller in. Raises UsageError if it never can.
+
+        Controllers that are `gone` give up their actuators to it.
+        """
         if hears and period_ns != self.stand.frame_ns:
             frame = f"{self.stand.frame_ns / 1e6:g} ms"
             raise UsageError(f"{controller} wants every sample, so its period must be one frame, {frame}")
         if controller in self.scene.controllers:
             raise UsageError(f"{controller} is a controller of the scene already; give yours another name")
-        self.exchange.check(controller, drives, period_ns)
+        self.exchange.check(controller, drives, period_ns, gone)
         return Wanted({}, self.stand.lacking(drives))
 
     def admit(
@@ -232,13 +237,20 @@ class Operation:
         drives: Sequence[str],
         period_ns: int,
         hears: bool = False,
+        gone: Collection[str] = (),
         variant: Variant | None = None,
     ) -> None:
-        """Let a controller that the scene does not know drive actuators that nobody drives.
+        """Let a controller that the scene does not know drive actuators that nobody drives, or nothing changes.
 
-        `variant`: the rig as wanted for this `admission`, if it has been built already.
+        `gone`: controllers that give up their actuators to it. `variant`: the rig as wanted for this `admission`, if
+        it has been built already.
         """
-        self._go_on(self.admission(controller, drives, period_ns, hears), variant)
+        wanted = self.admission(controller, drives, period_ns, hears, gone)
+        if wanted and variant is None:
+            variant = self.stand.variant(wanted)
+        for other in gone:  # nothing is refused from here on
+            self.dismiss(other)
+        self._go_on(wanted, variant)
         if controller in self.exchange.lines:
             self.exchange.dismiss(controller)
         self.exchange.admit(controller, drives, period_ns)

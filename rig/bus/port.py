@@ -220,6 +220,12 @@ class Server(ABC):
                 self._serve(request, found, partial(self._answer, found))
         return answered
 
+    def give_up(self, why: str) -> None:
+        """Refuse what was put off: nobody polls any more."""
+        for request, _, _ in self._later:
+            request.refuse(why)
+        self._later = []
+
     def _serve(self, request: Request, body: dict[str, Any], answer: Callable[[], Any]) -> None:
         """Answer or refuse a request, or put it off."""
         try:

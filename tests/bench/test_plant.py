@@ -20,7 +20,7 @@ from rig.bench.stand import Stand
 from rig.bus import encode, messages
 from rig.bus.setup import fetch
 from rig.bus.twin import Twin
-from rig.errors import BusError
+from rig.errors import BusError, UsageError
 from rig.quantities import si
 from rig.record.run import Commands
 from rig.scenes.scene import Scene
@@ -336,8 +336,34 @@ def test_a_lost_answer_is_asked_for_again(scene, numbers):
     assert [a.tick for a in applied] == list(range(300))
 
 
+def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, numbers):
+    with Bench(scene, numbers, pace=None) as bench:
+        desk, operation = bench.plant.desk, bench.plant.operation
+        lines = operation.exchange.lines
+        wanted = {"do": "admit", "controller": "first", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
+        desk._command(wanted)
+        line = lines["first"]
+        for wrong in ({"period_ns": 1}, {"drives": ["drive.speed", "load.force"]}, {"reads": ["y"], "hears": True}):
+            with pytest.raises(UsageError):
+                desk._command(wanted | {"controller": "other"} | wrong)
+            assert lines["first"] is line
+        assert desk._command(wanted | {"controller": "other"})["tick"] == 0
+        assert set(lines) == {"nf", "other"}
+        kinds = [event.kind for event in operation.journal.events]
+        assert kinds[-3:] == ["admitted", "dismissed", "admitted"]
+
+
+def test_what_is_still_being_built_at_the_end_of_a_run_is_refused(scene, numbers):
+    with Bench(scene, numbers, duration=0.3) as bench:
+        bench.plant.desk._carried_out = lambda body: lambda: None  # takes longer than the run
+        bench.begin()
+        with pytest.raises(BusError, match="the run ended before it was done"):
+            bench.me.ask("cmd/plant", {"do": "admit"}, 20.0)
+        bench.finish()
+
+
 def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene, numbers):
-    with Bench(scene, numbers, duration=0.6) as bench:
+    with Bench(scene, numbers, duration=3.0) as bench:
         bench.begin()
         mine = bench.twin.open("controller", "mine")
         act = mine.publisher("act/mine")
@@ -345,7 +371,7 @@ def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene, num
         act.put(b"garbage", 0)
         time.sleep(0.1)
         wanted = {"controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
-        tick = mine.ask("cmd/plant", {"do": "admit", **wanted}, 2.0)["tick"]
+        tick = mine.ask("cmd/plant", {"do": "admit", **wanted}, 20.0)["tick"]
         mine.announce()
         act.put(encode.act(tick, 0, (0.5,)), 0)
         act.put(encode.act(10**9, 0, (0.7,)), 0)
