@@ -3,8 +3,9 @@
 A frame begins late when the wait before it ends late, or when the frames before it took too long together. So the share
 of late frames is estimated as P(wait > frame) + P(behind > frame). How far a frame is behind follows from what those
 before it cost, the bus and a reserve for the other processes of a run counted in. The scene's own thresholds turn the
-share into a verdict, at pace 1 or at the largest pace that the scene allows. Measured now, under the load of now: a
-busier hour will give another answer.
+share into a verdict, at pace 1 or at the largest pace that the scene allows. Where a plant may be scheduled in real
+time, others do not interrupt its frames: their costs are measured in processor time. Elsewhere they are measured by the
+wall clock, under the load of now: a busier hour will give another answer.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ LEAST_DISK = 5.0  # MB/s; a run of all sensors at 10 kHz writes less than 1 MB/s
 RESERVE = 1.5
 """What a frame costs in a run over what it costs here. # measured: 1.2 to 1.5, since recorder and bus work beside it"""
 _MEGABYTES = 16
+ALONE = "measured in processor time: no other program interrupts a plant that is scheduled in real time"
+AMONG = "measured by the wall clock: other programs interrupt a plant that is not scheduled in real time"
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,7 @@ class Fitness:
 class Report:
     """What `doctor` found. `waiting`: how frames would be paced here, of `sleep` and `hybrid`, and why.
 
+    `frames`: in what time the frames of the scenes are measured.
     `bus`: plant -> controller -> plant over a private socket between two processes; None with the reason in `fault`.
     """
 
@@ -83,6 +87,7 @@ class Report:
     hybrid: Spread
     waiting: str
     scheduling: str
+    frames: str
     bus: Spread | None
     put: Spread | None
     fault: str
@@ -112,6 +117,7 @@ class Report:
             f"            hybrid: {self.hybrid}; {100 * self.hybrid.beyond:.2g} % beyond 1 ms",
             f"            {self.waiting}",
             f"scheduling  {self.scheduling or 'in real time'}",
+            f"frames      {self.frames}",
             f"bus         {f'round trip {self.bus}' if self.bus else self.fault}",
             f"disk        {self.disk:.0f} MB/s where recordings go{'' if self.disk >= LEAST_DISK else ': too slow'}",
             "",
@@ -138,7 +144,7 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
     come_first()
     with ahead(PLANT) as scheduled:
         waiting, slept, spun = _waits(0.6 * seconds)
-        scheduling = scheduled.told
+        scheduling, alone = scheduled.told, not scheduled.why
     late = spun if waiting.spin_ns else slept
     say("a round trip over the bus, between two processes")
     trips, puts, fault = round_trips(0.3 * seconds)
@@ -146,12 +152,13 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
     say("writing where recordings go")
     disk = _disk()
     say("frames of every scene, over its whole protocol")
+    clock = time.thread_time_ns if alone else time.perf_counter_ns
     ready = warmup.ready()
     loaded = [scenes.load(name) for name in names or scenes.names()]
     fit = []
     with pace.no_garbage():
         for scene in loaded:
-            found = costs(scene) if warmup.shape(scene) in ready else None
+            found = costs(scene, clock=clock) if warmup.shape(scene) in ready else None
             fit.append(judge(scene, found, late, put))
     return Report(
         machine=_machine(),
@@ -160,6 +167,7 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
         hybrid=Spread.of(spun),
         waiting=f"{waiting.method}: {waiting.why}",
         scheduling=scheduling,
+        frames=ALONE if alone else AMONG,
         bus=trip,
         put=put,
         fault=fault,

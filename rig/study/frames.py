@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,33 +17,34 @@ from rig.scenes.scene import Scene
 from rig.study.design import numbers
 
 Costs = NDArray[np.int64]
+Clock = Callable[[], int]
 LEAST = 2000
 """Frames that are measured at least: the cost at p99 is then exceeded by twenty of them."""
 _ROW = 100  # frames that are measured one after the other: the lateness of one is carried into the next
 _ENDLESS_NS = 10_000_000_000  # measured of a protocol without an end
 
 
-def costs(scene: Scene, least: int = LEAST) -> Costs:
+def costs(scene: Scene, least: int = LEAST, clock: Clock = time.perf_counter_ns) -> Costs:
     """What frames of protocol, plant and sensors take [ns], at least `least` of them, spread over the whole protocol.
 
     As in a paced run, a rehearsal has built the mode sets before; a short protocol is carried out again and again. Of a
-    long one the frames between the measured rows are carried out in one piece.
+    long one the frames between the measured rows are carried out in one piece. `clock`: that of the measurement [ns].
     """
     designed = numbers(scene)
     job = Job(scene.to_json(), designed)
     sets, found, count = visited(scene, job), list[int](), -1
     while count < len(found) < least:
         count = len(found)
-        found += _carried_through(scene, job, sets, least)
+        found += _carried_through(scene, job, sets, least, clock)
     return np.array(found, dtype=np.int64)
 
 
-def _carried_through(scene: Scene, job: Job, sets: tuple[int, ...], least: int) -> list[int]:
+def _carried_through(scene: Scene, job: Job, sets: tuple[int, ...], least: int, clock: Clock) -> list[int]:
     """Frames of one run, in order."""
     duration_ns = _ENDLESS_NS if scene.duration_ns is None else scene.duration_ns
     working = {n: restored(described(section, job.numbers[n])) for n, section in scene.controllers.items()}
     operation, answering = begun(scene, working, duration_ns, before=lambda made: prepare(made, sets))
-    stand, truth, clock = operation.stand, operation.stand.truth, time.perf_counter_ns
+    stand, truth = operation.stand, operation.stand.truth
     assert truth is not None
     apart = _ROW * max(duration_ns // scene.frame_ns // least, 1)
     found: list[int] = []

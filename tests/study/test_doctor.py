@@ -3,6 +3,7 @@
 import json
 import os
 import time
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
@@ -11,10 +12,12 @@ import rig
 from rig import kernel
 from rig.bench.operation import Operation
 from rig.bench.stand import Stand
+from rig.scheduling import PLANT, Ahead
 from rig.solve.carry import advance
 from rig.solve.motion import Motion
+from rig.study import doctor as examination
 from rig.study import warmup
-from rig.study.doctor import Spread, doctor, judge
+from rig.study.doctor import ALONE, AMONG, Spread, doctor, judge
 from rig.study.frames import LEAST, behind, costs
 
 SCENES = ("belt", "brake_active", "north")
@@ -116,6 +119,30 @@ def test_what_the_protocol_does_is_part_of_a_frame(monkeypatch):
 
     monkeypatch.setattr(Operation, "begin", slow)
     assert np.median(costs(rig.load("north"), least=100)) > 1_000_000
+
+
+def test_what_others_do_costs_a_plant_in_real_time_nothing(monkeypatch):
+    """A wait stands for the time that others have the processor."""
+    begin = Operation.begin
+    monkeypatch.setattr(Operation, "begin", lambda operation: time.sleep(0.001) or begin(operation))
+    scene = rig.load("north")
+    among, alone = (np.median(costs(scene, least=100, clock=c)) for c in (time.perf_counter_ns, time.thread_time_ns))
+    assert among > 1_000_000 > 2 * alone > 0
+
+
+@pytest.mark.parametrize(
+    ("why", "clock", "told"), [("", time.thread_time_ns, ALONE), ("not allowed", time.perf_counter_ns, AMONG)]
+)
+def test_frames_are_measured_as_a_plant_would_be_scheduled(monkeypatch, why, clock, told):
+    used, scheduled = [], Ahead(PLANT, lambda: None)
+    scheduled.why = why
+    monkeypatch.setattr(examination, "ahead", lambda _: nullcontext(scheduled))
+    monkeypatch.setattr(examination, "costs", lambda scene, clock: used.append(clock) or PUNCTUAL)
+    monkeypatch.setattr(warmup, "ready", lambda: {warmup.shape(rig.load("north"))})
+    found = doctor(0.2, names=("north",))
+    assert used == [clock]
+    assert found.frames == told
+    assert told in found.text()
 
 
 def test_what_is_published_counts():
