@@ -87,7 +87,7 @@ def verify(log: Path) -> Verification:
             deviation = max(deviation, size if np.isfinite(size) else np.inf)
     identical = not first
     faults = list(_gaps(run, again))
-    if run.fault not in ("", run.damage, again.fault):
+    if run.fault not in ("", run.damage, again.fault, again.summary["ended"]):  # a limit ends a run without a fault
         faults.insert(0, run.fault)
     if run.damage:
         faults.insert(0, run.damage)

@@ -1,0 +1,32 @@
+"""A recording is checked: what ended the run the first time must end it again."""
+
+import dataclasses
+
+import pytest
+
+import rig
+from rig.bench.verify import verify
+from rig.record.save import save
+
+
+@pytest.fixture(scope="module")
+def limited():
+    """A run that a limit has ended."""
+    scene = rig.load("belt", {"friction.mu_static": "0.45", "limits.displacement": "1 mm"})
+    run = rig.simulate(scene, duration=2.0)
+    assert "is beyond its limit of 0.001 m" in run.summary["ended"]
+    return run
+
+
+def test_a_run_that_a_limit_ended_holds(limited, tmp_path):
+    # as a plant process tells it: the summary of a run over the bus names the limit as what stopped the run
+    save(dataclasses.replace(limited, fault=limited.summary["ended"]), tmp_path / "limited.mcap")
+    found = verify(tmp_path / "limited.mcap")
+    assert found.passed, found.text()
+    assert found.identical
+    assert found.compared > 1000
+
+
+def test_a_stop_that_does_not_come_again_is_told(limited, tmp_path):
+    save(dataclasses.replace(limited, fault="the state is not finite"), tmp_path / "stopped.mcap")
+    assert verify(tmp_path / "stopped.mcap").faults == ("the state is not finite",)
