@@ -8,11 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import NumericsError
 from rig.scenes.scene import Scene
 from rig.solve import ledger
 from rig.solve.assembly import Assembly
-from rig.solve.motion import SEGMENTS, Event, Frames, Motion
+from rig.solve.motion import Event, Frames, Motion
 from rig.solve.system import CLOSED, STICK
 from rig.study.dense import Dense
 from sensors.bank import Bank
@@ -35,9 +34,9 @@ class Round:
 class Orbit:
     """The plant of `scene` from state `start` on, without sensors and controllers, every actuator held.
 
-    `read`: the outputs that are wanted between samples; by default all, and all states. `longest`: ticks in one call;
-    fewer once so many have had more steps than there is room to write down. `framed`: integrator steps end where the
-    frames of the scene end, as in a run, so that states and events have the bits of a run.
+    `read`: the outputs that are wanted between samples; by default all, and all states. `longest`: ticks in one call.
+    `framed`: integrator steps end where the frames of the scene end, as in a run, so that states and events have the
+    bits of a run.
     """
 
     def __init__(
@@ -115,23 +114,8 @@ class Orbit:
 
     def block(self, ticks: int = BLOCK) -> list[Event]:
         """Carry the plant on by `ticks` at most; the events met. In frames it ends after one with events."""
-        ticks, motion = min(ticks, self.longest), self.motion
-        if self._frame:
-            motion.advance(ticks)
-            return motion.events()
-        kept = (*motion.state, motion.work.size)
-        tick, before = motion.tick, [part.copy() for part in kept]
-        while True:
-            try:
-                motion.advance(ticks)
-                return motion.events()
-            except NumericsError:
-                if ticks == 1 or motion.segments.count[0] <= SEGMENTS:
-                    raise
-            motion.tick = tick
-            for part, value in zip(kept, before):
-                part[:] = value
-            self.longest = ticks = ticks // 2
+        self.motion.advance(min(ticks, self.longest))
+        return self.motion.events()
 
     def beyond(self) -> str:
         """What has left the limit that the scene sets for it, in words; "" if nothing has."""

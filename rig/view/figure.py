@@ -71,7 +71,7 @@ def _compose(figure: Figure, run: Run) -> None:
     )  # fmt: skip
     right = grid[:, 1].subgridspec(3, 1, height_ratios=(2.3, 1.5, 0.85), hspace=0.42)
     times = figure.add_subplot(grid[1, 0])
-    system = contact.system_of(run.scene_text())
+    system = contact.system_of(run.scene)
     modes = contact.Modes(system).indices(run.mode)
     _phases(figure.add_subplot(grid[0, 0], sharex=times), run)
     _velocity(times, run)

@@ -238,7 +238,7 @@ def test_a_pipe_a_folder_and_a_file_without_end_are_no_scenes(tmp_path):
         ("body.mass", "1e-300 kg", 'body.mass = "1e-300 kg": must be 1e-09 to 1e+06 kg'),
         ("body.damping", "1e300 N*s/m", 'body.damping = "1e300 N*s/m": must be 0 to 1e+09 N*s/m'),
         ("drive.speed", "-1e300 m/s", 'drive.speed = "-1e300 m/s": must be -10000 to 10000 m/s'),
-        ("clock.frame", "1 ns", 'clock.frame = "1 ns": must be at least 1e-05 s'),
+        ("clock.frame", "1 ns", 'clock.frame = "1 ns": must be at least 1e-06 s'),
         ("clock.frame", "2 s", 'clock.frame = "2 s": must be at most 1 s'),
         ("clock.frame", "inf s", 'clock.frame = "inf s": must be a finite number, -1e+06 to 1e+06 s'),
         ("seed", "9" * 5000, "seed = "),
