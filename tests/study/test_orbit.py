@@ -6,7 +6,7 @@ import pytest
 import rig
 from rig.errors import Chatter
 from rig.solve.motion import SEGMENTS
-from rig.study.orbit import BLOCK, Orbit
+from rig.study.orbit import Orbit
 
 
 def dithered(read=(), **changes):
