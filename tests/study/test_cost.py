@@ -70,7 +70,9 @@ SETTINGS = (Setting("dopri5", 1e-3), Setting("dopri5", 1e-8), Setting("rk4", ste
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("name", RUNS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "belt_tuned_mass" else name for name in RUNS]
+)
 def test_a_row_errs_as_a_run_with_its_setting_does(name, seed):
     """Mode changes of the run, and its state at the end, are those that the row was judged by, bit by bit."""
     draw = np.random.default_rng(seed)
@@ -140,6 +142,7 @@ def test_a_state_with_missed_events_is_no_small_error(belt):
     assert math.isinf(errors(asked, fewer, seen)["event times"])
 
 
+@pytest.mark.slow  # compiles a kernel of its own for two minutes
 def test_a_method_that_locates_no_lift_off_is_judged_by_all_else():
     asked = problem(rig.load("north"))
     truth, kicked = observe(asked, Setting("exact")), observe(asked, Setting("kick", step_ns=asked.scene.step_ns // 4))

@@ -142,6 +142,7 @@ def test_a_disc_that_is_not_alike_all_round_has_no_cycle_and_says_so_at_once():
     assert found.after < 5.3
 
 
+@pytest.mark.slow
 def test_a_cycle_within_one_sector_is_none_of_the_whole_turn():
     """Stick-slip lives up to the sandblasted eighth, which ends it after 11.7 s; a turn at 4.5 rpm takes 13.3 s."""
     found = limit_cycle(rig.load("lever_sector"))
