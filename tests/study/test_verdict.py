@@ -266,6 +266,7 @@ def test_rk4_that_has_diverged_names_its_step_and_one_that_does():
     assert warned.number == pytest.approx(1.28, rel=1e-3)
 
 
+@pytest.mark.slow  # compiles a kernel of its own for two minutes
 def test_a_run_that_diverges_under_rk4_says_so():
     changes = {"friction.speed_scale": 1e-5, "clock.method": "rk4", "clock.rk4_step": "1 ms"}
     run = rig.simulate(rig.load("belt", changes), 1.0)
