@@ -39,11 +39,15 @@ __all__ = ["limit_cycle", "load", "loop", "map", "modes", "open", "simulate", "s
 def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
     """A shipped scene by name, or a scene file; `overrides` takes dotted keys, values with units.
 
+    What an override makes meaningless (the values of a kind that it changed) is left out, and told by `logging`.
     Raises rig.errors.SceneError with every fault of the scene.
     """
     from rig import scenes
 
-    return scenes.load(str(scene), overrides or {})
+    found = scenes.load(str(scene), overrides or {})
+    for told in found.dropped:
+        logging.getLogger(__name__).warning("%s", told)  # on standard error, unless the user says otherwise
+    return found
 
 
 def simulate(scene: Scene | str, duration: float | None = None, stop: Callable[[], str] | None = None) -> Run:

@@ -34,6 +34,7 @@ def conclude(plant: Plant) -> dict[str, Any]:
     hub.put_gathered()
     hub.put_rest()
     ended = "diverged" if plant.fault else operation.over or "failed"
+    operation.end()
     operation.journal.note("end", ended)
     hub.put_events()
     plant.attendant.tell_health(time.perf_counter_ns())

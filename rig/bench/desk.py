@@ -180,17 +180,19 @@ class Desk:
         except ValidationError as error:
             faults = [f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors(include_url=False)]
             raise UsageError("\n".join(f"admit: {fault}" for fault in faults)) from None
-        hub, operation, name = self._hub, self._operation, asked.controller
+        hub, operation, name, user = self._hub, self._operation, asked.controller, self._cmd.asker
         told = (name, asked.drives, asked.period_ns, asked.hears)
 
         def gone() -> list[str]:
             """Who was admitted for one of these actuators, and is not here any more."""
             here, lines = hub.watch.present, operation.exchange.lines
             others = [other for other in lines if other not in operation.scene.controllers and other != name]
+            others = [other for other in others if not hub.awaited(other, user)]
             return [o for o in others if ("controller", o) not in here and {*lines[o].drives} & {*asked.drives}]
 
         def wanted() -> Wanted:
-            if ("controller", name) in hub.watch.present or name in hub.session.door.reserved:
+            here = ("controller", name) in hub.watch.present or hub.awaited(name, user)
+            if here or name in hub.session.door.reserved:
                 raise UsageError(
                     f"the name {name!r:.80} is taken in this run; give the controller another one, or end that one"
                 )
@@ -201,7 +203,7 @@ class Desk:
         def then(variant: Variant | None) -> dict[str, Any]:
             wanted()  # while it was built somebody else may have come
             operation.admit(*told, gone(), variant)
-            hub.admit(name)
+            hub.admit(name, user)
             if asked.hears:
                 hub.hear(asked.reads)
             return {}

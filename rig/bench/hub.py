@@ -31,6 +31,8 @@ STATE_NS = 5_000_000
 _REMEMBERED = 1 << 10
 _ACTS = 1 << 10
 """Commands that wait at most; a frame takes no more."""
+_ANNOUNCED_S = 5.0
+"""How long after its admission nobody takes the place of a controller that is not to be seen yet. # chosen"""
 _TOO_MANY = 1000
 """Commands beyond four for each step between two looks (0.2 s) that are told as too many. # chosen"""
 
@@ -85,7 +87,9 @@ class Hub:
         self._told = 0
         self.acts = session.subscribe("act/*", _ACTS, stamped=True)
         self._voices: dict[str, str] = {}
-        """Controller -> user whose commands count; the first to command after its admission."""
+        """Controller that was admitted -> user whose commands count; one of the scene is a user of its own name."""
+        self._admitted: dict[str, float] = {}
+        """When they were admitted [s of the monotonic clock]."""
         self._counted: dict[str, int] = {}
         self._steps = 0
         self.totals = session.subscribe("total/*", polled=True)
@@ -113,18 +117,25 @@ class Hub:
         message = self.acts.get(timeout)
         while message is not None:
             act, name = message.said, message.topic[4:]
-            if self._voices.setdefault(name, message.user) == message.user:
+            if self._voices.get(name, name) == message.user:
                 tick, put_at = self._put_at[act.tick % _REMEMBERED]
                 if tick == act.tick:
                     self._trips.append(message.arrived_ns - put_at)
                 return name, act
-            self.session.door.count(f"{message.user} on {message.topic}", Refused("another one commands there"))
+            why = "another one commands there" if name in self._voices else "not admitted"
+            self.session.door.count(f"{message.user} on {message.topic}", Refused(why))
             message = self.acts.get()
         return None
 
-    def admit(self, name: str) -> None:
-        """From here on the commands of whoever speaks first as `name` count, and of nobody else."""
-        self._voices.pop(name, None)
+    def admit(self, name: str, user: str) -> None:
+        """From here on the commands of `user` as `name` count, and of nobody else."""
+        self._voices[name], self._admitted[name] = user, time.monotonic()
+
+    def awaited(self, name: str, user: str) -> bool:
+        """Whether `name` was admitted just now for another than `user`, who need not have announced itself yet."""
+        return (
+            self._voices.get(name) != user and time.monotonic() - self._admitted.get(name, -_ANNOUNCED_S) < _ANNOUNCED_S
+        )
 
     def floods(self) -> list[str]:
         """Who sent far more commands since the last call than steps were sent; a line each."""

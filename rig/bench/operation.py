@@ -71,8 +71,10 @@ class Operation:
         self._retune = retune if exchange is not Playback else _nobody
         self._end = None if duration_ns is None else -(-duration_ns // stand.frame_ns)
         length = scene.duration_ns if duration_ns is None else duration_ns
-        for text in [] if length is None else late(scene, length):
-            self.journal.note("warning", text)
+        self._unseen: set[str] = set()
+        """Keys of what is told to be delayed too much."""
+        if length is not None:
+            self._warn(length)
         told = list(events)
         first = next((i for i, event in enumerate(told) if event["kind"] == BEGIN), 0)
         self._before, self._outside = (
@@ -105,6 +107,18 @@ class Operation:
         elif self.protocol.done and self.scene.protocol and not self.over:
             self.over = "done"
         return not self.over
+
+    def end(self) -> None:
+        """Tell what only the length shows that the run came to."""
+        if self.stand.tick:
+            self._warn(self.stand.t_ns)
+
+    def _warn(self, length_ns: int) -> None:
+        """Tell what is delayed so much that a run of this length does not see it."""
+        for key, text in late(self.scene, length_ns):
+            if key not in self._unseen:
+                self._unseen.add(key)
+                self.journal.note("warning", f"{key}: {text}")
 
     def until(self) -> int:
         """The first tick after this one at which `begin` may have something to do, unless a limit is passed before."""
@@ -315,21 +329,23 @@ class Operation:
         return told._replace(phase=phase, fraction=fraction, left_ns=left * self.stand.frame_ns)
 
 
-def late(scene: Scene, duration_ns: int) -> Iterator[str]:
-    """What is delayed so much that a run of `duration_ns` does not see it."""
+def late(scene: Scene, duration_ns: int) -> Iterator[tuple[str, str]]:
+    """Key of what is delayed so much that a run of `duration_ns` does not see it, and what is to be said of it."""
     length = f"the run of {duration_ns * 1e-9:g} s"
     for name, sensor in scene.sensors.items():
         delay = sensor.front_end().delay_ns
         if delay >= duration_ns:
             yield (
-                f"sensors.{name}: its delay of {delay * 1e-9:g} s is as long as {length}: all that it measures is the "
-                "state before the start; shorten the delay or run longer"
+                f"sensors.{name}",
+                f"its delay of {delay * 1e-9:g} s is as long as {length}: all that it measures is the "
+                "state before the start; shorten the delay or run longer",
             )
     for name, section in scene.controllers.items():
         if section.delay >= duration_ns:
             yield (
-                f"controllers.{name}: its delay of {section.delay * 1e-9:g} s is as long as {length}: no command takes "
-                "effect; shorten the delay or run longer"
+                f"controllers.{name}",
+                f"its delay of {section.delay * 1e-9:g} s is as long as {length}: no command takes "
+                "effect; shorten the delay or run longer",
             )
 
 

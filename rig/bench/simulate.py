@@ -80,6 +80,7 @@ def carry_out(
         operation.journal.note("diverged", fault)
         for one in working:
             one.catch_up(stand.tick + 1)
+    operation.end()
     return Carried(stand, operation, {one.name: one.loop for one in working}, fault)
 
 

@@ -1,10 +1,11 @@
 """Who may speak on the bus of a run: one user of Zenoh for each process that is expected, and guests for the others.
 
-Every user speaks, serves and is present under keys of its own, `rig/<run>/<user>/...`; the hub drops everything else
-before it reaches Python. Rules cannot change while the hub is open, so the users are made before: one for each
-controller of the scene, recorder and viewer, one that all operators share, and `GUESTS` for processes that the run
-does not know beforehand. Their passwords are made anew for every run and lie in a folder that only this user of the
-machine can read, one file each. A process takes its seat by locking the file; the kernel gives the lock back.
+Every user speaks, serves and is present under keys of its own, `rig/<run>/<user>/...`, and asks on those that end in
+its name, `rig/<run>/<whom>/<topic>/<user>`; the hub drops everything else before it reaches Python. Rules cannot change
+while the hub is open, so the users are made before: one for each controller of the scene, recorder and viewer, one
+that all operators share, and `GUESTS` for processes that the run does not know beforehand. Their passwords are made
+anew for every run and lie in a folder that only this user of the machine can read, one file each. A process takes its
+seat by locking the file; the kernel gives the lock back.
 """
 
 from __future__ import annotations
@@ -132,21 +133,19 @@ def rules(run: str) -> dict[str, Any]:
     users = sorted(path.name for path in folder(run).iterdir() if path.name != _DICTIONARY)
     looking = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
     telling = ["put", "reply", "query", "declare_queryable", "liveliness_token"]
-    everyone = ["told", "look", "ask-scene"]
     made = [
         _allow("told", [*telling, *looking], "egress", [f"{prefix}**"]),
         _allow("look", looking, "ingress", [f"{prefix}**"]),
-        _allow("ask-scene", ["query"], "ingress", [f"{prefix}plant/scene"]),
-        _allow("ask-plant", ["query"], "ingress", [f"{prefix}plant/**"]),
-        _allow("ask-all", ["query"], "ingress", [f"{prefix}**"]),
     ]
-    policies = [{"rules": everyone, "subjects": users}, {"rules": ["ask-all"], "subjects": ["operator"]}]
+    policies: list[dict[str, Any]] = [{"rules": ["told", "look"], "subjects": users}]
     for user in users:
-        if user == "operator":
-            continue
-        own = ["put", "reply", "declare_queryable", "liveliness_token"]
-        made.append(_allow(f"own-{user}", own, "ingress", [f"{prefix}{user}/**"]))
-        policies.append({"rules": [f"own-{user}", *(["ask-plant"] if is_guest(user) else [])], "subjects": [user]})
+        whom = "**" if user == "operator" else "plant/**" if is_guest(user) else "plant/scene"
+        made.append(_allow(f"ask-{user}", ["query"], "ingress", [f"{prefix}{whom}/{user}"]))
+        policies.append({"rules": [f"ask-{user}"], "subjects": [user]})
+        if user != "operator":
+            own = ["put", "reply", "declare_queryable", "liveliness_token"]
+            made.append(_allow(f"own-{user}", own, "ingress", [f"{prefix}{user}/**"]))
+            policies[-1]["rules"].append(f"own-{user}")
     subjects = [{"id": user, "usernames": [user]} for user in users]
     return {"enabled": True, "default_permission": "deny", "rules": made, "subjects": subjects, "policies": policies}
 

@@ -197,6 +197,8 @@ class Server(ABC):
 
     def __init__(self, door: Door, answer: Answer) -> None:
         self.door, self._answer = door, answer
+        self.asker = ""
+        """The user whose question is being answered."""
         self._later: list[tuple[Request, dict[str, Any], Later]] = []
 
     @abstractmethod
@@ -228,6 +230,7 @@ class Server(ABC):
 
     def _serve(self, request: Request, body: dict[str, Any], answer: Callable[[], Any]) -> None:
         """Answer or refuse a request, or put it off."""
+        self.asker = request.asked.user
         try:
             found = answer()
             if found is None or callable(found):

@@ -140,8 +140,9 @@ class _Watch(Watch):
 
 
 class _Request(Request):
-    def __init__(self, query: zenoh.Query, key: str, user: str, topic: str) -> None:
-        self._query, self._key = query, key
+    def __init__(self, query: zenoh.Query, key: str, topic: str) -> None:
+        user = str(query.key_expr).rpartition("/")[2]
+        self._query, self._key = query, f"{key}/{user}"
         payload = query.payload
         self.asked = Arrived(user, topic, payload.to_bytes() if payload is not None else b"")
 
@@ -163,7 +164,7 @@ class _Server(Server):
 
     def _next(self, timeout: float) -> Request | None:
         query = self._inbox.take(timeout)
-        return None if query is None else _Request(query, self._key, "somebody", self._topic)
+        return None if query is None else _Request(query, self._key, self._topic)
 
 
 class ZenohSession(Session):
@@ -226,7 +227,7 @@ class ZenohSession(Session):
         key = self._mine + topic
         found = _Server(self.door, answer, key, topic)
         handler = zenoh.handlers.Callback(found.take, indirect=False)
-        self._declared.append(self._zenoh.declare_queryable(key, handler, complete=True))
+        self._declared.append(self._zenoh.declare_queryable(f"{key}/*", handler, complete=True))
         return found
 
     def _ask(self, topic: str, text: bytes, timeout: float) -> tuple[bool, bytes] | None:
@@ -234,7 +235,7 @@ class ZenohSession(Session):
         known = owner == "plant" or owner in self.door.reserved  # else a guest, whose user is not known
         try:
             replies = self._zenoh.get(
-                f"{self._prefix}{owner if known else '*'}/{topic}",
+                f"{self._prefix}{owner if known else '*'}/{topic}/{self.user}",
                 payload=text,
                 timeout=timeout,
                 congestion_control=zenoh.CongestionControl.DROP,  # the answer is sent as the question was

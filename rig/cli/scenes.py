@@ -82,7 +82,7 @@ def explain(
     if told.scene.slow:
         tell.line(f"Paced, {told.scene.slow}\n")
     rows = [(e.name, "on" if e.on else "absent", len(e.states), ", ".join(e.states), e.about) for e in told.effects]
-    tell.table(f"effects: {told.states} states", ("effect", "", "states", "", "about"), rows)
+    tell.table(f"effects: {told.states} state{'s' * (told.states != 1)}", ("effect", "", "states", "", "about"), rows)
     tell.line()
     actuators = [
         (a.name, f"{a.low:g} .. {a.high:g}", a.unit if a.unit != "1" else "", f"{a.start:g}", f"{a.safe:g}")
@@ -135,6 +135,10 @@ def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
         rows.append((one.name, "on" if one.on else "absent", one.paired.states, cost, one.paired.change(), one.why))
     columns = ("effect", "", "states", "cost of a sample step", "largest change if it is left out", "why")
     tell.table(f"{scene.name}: effects, by plants with and without each, in turns", columns, rows)
+    if any(one.paired.measurable and one.paired.tick.value < -one.paired.noise for one in parts):
+        tell.line(
+            "a cost below zero: the motion without the effect has more events, and they cost more than the effect"
+        )
     tell.line(
         "change: difference of the two values as a share of the larger one; < x ns: within the noise of the machine"
     )

@@ -10,6 +10,8 @@ from rig.study.columns import columns
 from rig.study.floquet import Floquet
 from rig.study.rounds import REPEAT
 
+_ROUNDING = 1e-13  # of the largest output of the same unit: what is less is told as nothing
+
 
 @dataclass(frozen=True)
 class Cycle:
@@ -87,9 +89,14 @@ class Cycle:
         for name, time in self.stick_time.items():
             lines += [f"  {name} sticks for {time:.10g} s, {100.0 * time / self.period:.4g} % of the period"]
         rows: list[tuple[str, ...]] = [("output", "lowest", "highest", "amplitude", "stick starts", "stick ends", "")]
+        largest: dict[str, float] = {}
+        for name, ends in self.extremes.items():
+            largest[self.units[name]] = max(largest.get(self.units[name], 0.0), *map(abs, ends))
         for name, ends in self.extremes.items():
             values = (*ends, self.amplitude[name], self.stick_start.get(name), self.stick_end.get(name))
-            rows.append((name, *("" if value is None else f"{value:.8g}" for value in values), self.units[name]))
+            none = _ROUNDING * largest[self.units[name]]
+            told = ("" if value is None else f"{value if abs(value) > none else 0.0:.8g}" for value in values)
+            rows.append((name, *told, self.units[name]))
         lines += ["", *columns(rows, "<>>>>><")]
         lines += ["", f"  Floquet multipliers: {self.floquet.text()}"]
         terms = ", ".join(f"{name} {v:.6g}" for name, v in self.energy.items() if name != "error" and v)

@@ -18,6 +18,7 @@ from rig.bench.plant_process import Plant
 from rig.bench.simulate import simulate
 from rig.bench.stand import Stand
 from rig.bus import encode, messages
+from rig.bus.inbound import HEADER, Arrived
 from rig.bus.setup import fetch
 from rig.bus.twin import Twin
 from rig.errors import BusError, UsageError
@@ -336,17 +337,22 @@ def test_a_lost_answer_is_asked_for_again(scene, numbers):
     assert [a.tick for a in applied] == list(range(300))
 
 
-def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, numbers):
+def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, numbers, monkeypatch):
     with Bench(scene, numbers, pace=None) as bench:
         desk, operation = bench.plant.desk, bench.plant.operation
         lines = operation.exchange.lines
         wanted = {"do": "admit", "controller": "first", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
+        desk._cmd.asker = "guest-1"
         desk._command(wanted)
         line = lines["first"]
+        desk._cmd.asker = "guest-2"
         for wrong in ({"period_ns": 1}, {"drives": ["drive.speed", "load.force"]}, {"reads": ["y"], "hears": True}):
             with pytest.raises(UsageError):
                 desk._command(wanted | {"controller": "other"} | wrong)
             assert lines["first"] is line
+        with pytest.raises(UsageError, match="first"):  # it may be about to tell that it is here
+            desk._command(wanted | {"controller": "other"})
+        monkeypatch.setattr("rig.bench.hub._ANNOUNCED_S", 0.0)
         assert desk._command(wanted | {"controller": "other"})["tick"] == 0
         assert set(lines) == {"nf", "other"}
         kinds = [event.kind for event in operation.journal.events]
@@ -384,6 +390,33 @@ def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene, num
     assert bench.summary["loop"]["mine"]["taken"] == 1
     assert bench.summary["loop"]["mine"]["refused"] == 1
     assert bench.summary["loop"]["mine"]["safe"] == 1
+
+
+def test_commands_of_an_admitted_controller_count_only_from_the_user_that_asked(scene, numbers):
+    with Bench(scene, numbers, pace=None) as bench:
+        desk, hub = bench.plant.desk, bench.plant.hub
+        wanted = {"do": "admit", "controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
+
+        def told(user, seq):
+            header = HEADER.pack(seq, 0)
+            act = Arrived(user, "act/mine", encode.act(0, 0, (0.5,)), header, True, messages.encoding("act/mine"))
+            hub.acts.queue.put(act)
+            found = hub.command()
+            return found and found[0]
+
+        assert told("guest-1", 0) is None  # not admitted
+        desk._cmd.asker = "guest-1"
+        desk._command(wanted)
+        assert [told("guest-2", 1), told("mine", 2), told("guest-1", 3)] == [None, None, "mine"]
+        desk._cmd.asker = "guest-2"
+        with pytest.raises(UsageError, match="taken"):
+            desk._command(wanted)
+        desk._cmd.asker = "guest-1"  # the same process asks again
+        desk._command(wanted)
+        assert [told("guest-2", 4), told("guest-1", 5)] == [None, "mine"]
+        refused = hub.session.door.told()
+        assert refused["guest-1 on act/mine: not admitted"] == 1
+        assert refused["guest-2 on act/mine: another one commands there"] == 2
 
 
 def test_numerics_that_stop_are_told_and_the_run_is_concluded(scene, numbers):

@@ -98,11 +98,36 @@ def test_a_guest_is_here_under_one_name(plant):
 def test_nobody_but_an_operator_asks_a_controller(plant):
     with bus.join("guarded", role="controller", name="nf") as nf, raw("guest-1") as guest, raw("recorder") as recorder:
         server, plants = nf.serve("param/nf", lambda _: {"ok": 1}), plant.serve("cmd/plant", lambda _: {})
-        deadline = time.monotonic() + 1.0
-        for who, topic in ((guest, "nf/param/nf"), (recorder, "nf/param/nf"), (recorder, "plant/cmd/plant")):
+        deadline = time.monotonic() + 2.0
+        refused = [
+            (guest, "nf/param/nf/guest-1"),
+            (recorder, "nf/param/nf/recorder"),
+            (recorder, "plant/cmd/plant/recorder"),
+            (guest, "plant/cmd/plant"),
+            (guest, "plant/cmd/plant/guest-2"),  # in the name of another
+            (guest, "plant/cmd/plant/*"),
+            (guest, "plant/cmd/**"),
+        ]
+        for who, topic in refused:
             assert not list(who.get(f"rig/guarded/{topic}", payload=b"{}", timeout=0.3))
         assert time.monotonic() < deadline  # told at once that nobody answers
         assert server.poll() == plants.poll() == 0
+
+
+def test_who_asks_is_known_by_the_connection_not_by_what_it_says(plant):
+    askers = []
+    server = plant.serve("cmd/plant", lambda _: askers.append(server.asker) or {})
+    with bus.join("guarded", role="controller", name="mine") as mine, raw("operator") as operator:
+        threads = [
+            threading.Thread(target=mine.ask, args=("cmd/plant", {"do": "admit", "controller": "guest-7"}, 5.0)),
+            threading.Thread(target=lambda: list(operator.get("rig/guarded/plant/cmd/plant/operator", timeout=5.0))),
+        ]
+        for thread in threads:
+            thread.start()
+            assert server.poll(5.0) == 1
+            thread.join(5.0)
+        assert askers == [mine.user, "operator"]
+        assert mine.user == "guest-1"
 
 
 def test_a_controller_of_a_name_is_there_once_and_its_place_is_free_when_it_has_gone(plant):

@@ -133,3 +133,10 @@ def test_a_delay_as_long_as_the_run_is_told():
     assert told.startswith("sensors.vibrometer: its delay of 3 s is as long as the run of 0.5 s")
     assert np.ptp(run.measurements["vibrometer"].v) < 1e-3
     assert not [e for e in rig.simulate("belt", 0.5).events if e["kind"] == "warning"]
+
+
+def test_a_delay_as_long_as_a_run_of_unknown_length_is_told_at_its_end():
+    scene, asked = rig.load("belt", {"sensors.vibrometer.delay": "0.3 s"}), []
+    run = rig.simulate(scene, stop=lambda: asked.append(1) or ("enough" if len(asked) == 2 else ""))
+    [told] = [event["text"] for event in run.events if event["kind"] == "warning"]
+    assert told.startswith("sensors.vibrometer: its delay of 0.3 s is as long as the run of 0.2 s")

@@ -96,7 +96,7 @@ def test_a_change_has_a_unit_and_is_a_share_of_the_larger_value():
     one = Change("amplitude displacement", "m", 2e-3, 6e-3, 2.0 / 3.0)
     assert one.text() == "amplitude displacement 0.002 m, without it 0.006 m (67 %)"
     assert not Change("rms velocity", "m/s", 1.0, 2.0, 0.5, floor=0.4).told
-    assert Change("frequency", "Hz", 3.0, None, 1.0).text() == "frequency 3 Hz, without it none (100 %)"
+    assert Change("frequency", "Hz", 3.0, None, 1.0).text() == "frequency 3 Hz only with it"
 
 
 def test_no_change_is_larger_than_the_whole(shunted):

@@ -12,6 +12,7 @@ from rig.study.cost.settings import of
 
 _NUDGE = 1e-9  # share by which a start is moved to see whether its motion is irregular
 _LEAST_NUDGE = 1e-12
+_LEAST = 1e-9  # share of a measure that no run resolves
 _TOLD = 2.0  # times what an irregular motion differs from itself: a change that can be told
 _UNITS = {
     "period": "s",
@@ -20,7 +21,7 @@ _UNITS = {
     "growth rate": "1/s",
     "friction power": "W",
 }
-KINDS = {"cycle": "a limit cycle", "vibration": "a vibration that does not repeat", "smooth": "no mode changes"}
+KINDS = {"cycle": "a limit cycle", "vibration": "a vibration that does not repeat", "smooth": "no events"}
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,8 @@ class Change:
     """A measure of the plant with an effect and without it, in `unit`; None where there is no such measure.
 
     `size`: their difference as a share of the larger of both (of stick shares the difference), 1 where only one plant
-    has the measure. `floor`: the same for two runs of the plant with the effect whose starts differ by rounding.
+    has the measure, 0 below what the runs resolve (their tolerance, 1e-9 without one). `floor`: the same for two runs
+    of the plant with the effect whose starts differ by rounding.
     """
 
     measure: str
@@ -46,7 +48,11 @@ class Change:
     def text(self) -> str:
         """For a reader."""
         unit = "" if self.unit == "1" else f" {self.unit}"
-        whole, less = ("none" if one is None else f"{one:.4g}{unit}" for one in (self.whole, self.less))
+        if self.whole is None or self.less is None:
+            only = self.less if self.whole is None else self.whole
+            return f"{self.measure} {only:.4g}{unit} only {'without' if self.whole is None else 'with'} it"
+        digits = next((d for d in range(4, 17) if f"{self.whole:.{d}g}" != f"{self.less:.{d}g}"), 4)
+        whole, less = (f"{one:.{digits}g}{unit}" for one in (self.whole, self.less))
         return f"{self.measure} {whole}, without it {less} ({_percent(self.size)} %)"
 
     def to_json(self) -> dict[str, Any]:
@@ -70,14 +76,15 @@ def changed(whole: Problem, less: Problem) -> tuple[tuple[Change, ...], str]:
     if truth.fault or seen.fault:
         return (), "; ".join(notes)
     floors = _irregular(whole, truth) if whole.kind == "vibration" else {}
+    resolved = max(_LEAST, *(of(p.scene, p.system).tolerance for p in (whole, less)))
     gone = whole.assembly.outputs.keys() - less.assembly.outputs.keys()
     found = []
     for name in dict.fromkeys((*truth.values, *seen.values)):
         output = name.partition(" ")[2]
         if output not in gone:
             unit = _UNITS[name] if name in _UNITS else getattr(whole.assembly.outputs.get(output), "unit", "1")
-            sizes = truth.values.get(name), seen.values.get(name)
-            found.append(Change(name, unit, *sizes, _apart(name, truth, seen), floors.get(name, 0.0)))
+            values, size = (truth.values.get(name), seen.values.get(name)), _apart(name, truth, seen)
+            found.append(Change(name, unit, *values, size if size > resolved else 0.0, floors.get(name, 0.0)))
     return tuple(found), "; ".join(notes)
 
 
