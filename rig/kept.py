@@ -28,9 +28,14 @@ class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
     """Whether this process has said that it cannot keep what it compiles."""
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep a compiled kernel; without room for it the process goes on with what it has in memory."""
+        """Keep a compiled kernel; without room for it the process goes on with what it has in memory.
+
+        One process at a time: two that read the index, add to it and write it back would lose what one of them added,
+        and give two kernels the same file.
+        """
         try:
-            super().save(key, data)  # type: ignore[no-untyped-call]
+            with _alone(Path(self._cache_path)):
+                super().save(key, data)  # type: ignore[no-untyped-call]
         except OSError as fault:
             if not CheckedFile.told:
                 CheckedFile.told = True
@@ -61,6 +66,20 @@ class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
         whole = content.getvalue()
         with super()._open_for_write(filepath) as file:  # a draft beside it, then renamed
             file.write(zlib.crc32(whole).to_bytes(_SUM) + whole)
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """While nobody else writes into a folder of kernels. Where files cannot be locked nobody waits."""
+    try:
+        import fcntl
+    except ImportError:
+        yield
+        return
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / ".lock").open("wb") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def _whole(path: str) -> bytes:

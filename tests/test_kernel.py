@@ -3,10 +3,12 @@
 import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
 from rig import kernel
+from rig.kept import CheckedFile
 from rig.study import warmup
 
 CODE = """
@@ -49,6 +51,16 @@ def test_a_place_that_cannot_be_written_costs_time_only(tmp_path):
         assert f"at every start, for {kept} cannot be written" in found.stderr
         assert "RIG_KERNELS=/some/folder" in found.stderr
     assert not list(tmp_path.rglob("*.nbi"))  # nothing that an edit elsewhere would not renew
+
+
+def test_kernels_that_many_compile_at_once_are_all_kept(tmp_path):
+    def keep(number):
+        CheckedFile(str(tmp_path), "one", "stamp").save(("key", number), number)
+
+    with ThreadPoolExecutor(8) as pool:
+        list(pool.map(keep, range(40)))
+    kept = CheckedFile(str(tmp_path), "one", "stamp")
+    assert [kept.load(("key", number)) for number in range(40)] == list(range(40))
 
 
 def damaged(path, how):
