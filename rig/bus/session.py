@@ -193,7 +193,7 @@ class ZenohSession(Session):
 
     def subscribe(self, pattern: str, depth: int = 4096, *, polled: bool = False, stamped: bool = False) -> Receiver:
         """See `Session.subscribe`."""
-        key, prefix = f"{self._prefix}*/{pattern}", len(self._prefix)
+        key, prefix = f"{self._prefix}{self._user_of(pattern)}/{pattern}", len(self._prefix)
         found: _Polled | _Queued
         if polled:
             found = _Polled(self.door, pattern, depth, prefix)
@@ -205,6 +205,11 @@ class ZenohSession(Session):
             self._declared.append(self._zenoh.declare_subscriber(key, handler))
         self._receivers.append(found)
         return found
+
+    def _user_of(self, pattern: str) -> str:
+        """The user that speaks on what fits; any, if that cannot be known. A round trip by "any" takes 25 us longer."""
+        name = topics.speaker(pattern)
+        return name if name == "plant" or name in self.door.reserved else "*"  # else a guest, whose user is not known
 
     def announce(self) -> None:
         """See `Session.announce`."""
@@ -231,11 +236,9 @@ class ZenohSession(Session):
         return found
 
     def _ask(self, topic: str, text: bytes, timeout: float) -> tuple[bool, bytes] | None:
-        owner = topics.owner(topic)
-        known = owner == "plant" or owner in self.door.reserved  # else a guest, whose user is not known
         try:
             replies = self._zenoh.get(
-                f"{self._prefix}{owner if known else '*'}/{topic}/{self.user}",
+                f"{self._prefix}{self._user_of(topic)}/{topic}/{self.user}",
                 payload=text,
                 timeout=timeout,
                 congestion_control=zenoh.CongestionControl.DROP,  # the answer is sent as the question was

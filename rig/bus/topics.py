@@ -1,7 +1,7 @@
 """The one table of everything that is said on the bus.
 
 A topic is written relative to its run: `step`, `meas/vibrometer`, `act/normal_force`. On the wire it is
-`rig/<run>/<topic>`; in a recording it is the topic itself, so that two runs can be laid side by side.
+`rig/<run>/<user>/<topic>`; in a recording it is the topic itself, so that two runs can be laid side by side.
 
 Every message is sent with congestion control DROP: a publisher never waits for a slow or hung reader. None is sent
 "express": an express message takes one of 16 batches for itself, and at 5 kHz beside two busy processes 2 % were lost;
@@ -78,6 +78,14 @@ def of(topic: str) -> Topic:
 def owner(topic: str) -> str:
     """Name of the only process that may publish, serve or declare `topic`; raises BusError as `of` does."""
     return "plant" if of(topic).sender == "plant" else topic.rpartition("/")[2]
+
+
+def speaker(pattern: str) -> str:
+    """Name of the only process that speaks on the topics that fit `pattern`; "*" where several may."""
+    first, _, name = pattern.partition("/")
+    if first in _ROWS and _ROWS[first].sender == "plant":
+        return "plant"
+    return name if first in _ROWS and is_name(name) else "*"
 
 
 def _known() -> str:
