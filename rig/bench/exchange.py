@@ -2,6 +2,7 @@
 
     in time         taken over at the frame boundary after its arrival, not before the loop's stated delay
     two at once     the later one counts, the other is `overtaken`
+    another matrix  in a paced run: when that is built (rig.bench.refit), what else is commanded at once
     missing         the last one is held; after `hold` ticks beyond the one it was due at, safe values
     not finite      that actuator keeps its value
     out of range    clamped
@@ -17,7 +18,7 @@ from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from math import isfinite, nan
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from rig.bench.journal import Journal
 from rig.bench.line import AS_SENT, CLAMPED, SAFE, Line
@@ -25,6 +26,9 @@ from rig.bus import topics
 from rig.errors import UsageError
 from rig.record.run import Commands
 from rig.solve.assembly import Input
+
+if TYPE_CHECKING:
+    from rig.bench.refit import Refit
 
 LONGEST_NS = 3600 * 10**9
 """Longest period of a controller. # chosen"""
@@ -65,6 +69,8 @@ class Exchange:
         self._in_force: dict[str, float] = {}
         self._order: list[Line] = []
         self._changed: list[Line] = []
+        self.refit: Refit | None = None
+        """Builds the rigs that commands ask for, where they cannot be built at once."""
 
     def check(self, name: str, drives: Sequence[str], period_ns: int, gone: Collection[str] = ()) -> None:
         """Raise UsageError if a controller cannot have a line: an actuator is not there or belongs to somebody else.
@@ -137,6 +143,11 @@ class Exchange:
                     line.counts.overtaken += 1
                 self._take(line, tick, answered, values)
                 changed.append(line)
+            elif line.wanted and self.refit is not None and self.refit.done:
+                last = line.last
+                self._impose_possible(line, line.answered, line.status, line.wanted)
+                line.last = last  # of the command, which came then
+                changed.append(line)
             elif line.values and tick - line.last >= line.period and line.status != SAFE:
                 line.counts.held += 1
                 if tick - line.last >= line.period + self._hold:
@@ -176,7 +187,12 @@ class Exchange:
         counts.taken += 1
         if line.status == SAFE:
             self._journal.note("back", f"{line.name} commands again", controller=line.name)
-        self.impose(line, answered, status, tuple(given))
+        self._impose_possible(line, answered, status, tuple(given))
+
+    def _impose_possible(self, line: Line, answered: int, status: int, wanted: tuple[float, ...]) -> None:
+        possible = wanted if self.refit is None else self.refit.possible(line.drives, wanted)
+        self.impose(line, answered, status, possible)
+        line.wanted = wanted if self.refit is not None and self.refit.builds and possible != wanted else ()
 
     def impose(self, line: Line, answered: int, status: int, values: tuple[float, ...]) -> None:
         """Put values into force as they are: checked by `take_over`, or read from the recording of a run."""
@@ -203,6 +219,7 @@ class Exchange:
         silent = (tick - line.last) * self._frame_ns / 1e6
         text = f"{line.name} has been silent for {silent:g} ms: {', '.join(line.drives)} to safe values"
         self._journal.note("safe", text, controller=line.name)
+        line.wanted = ()
         self.impose(line, -1, SAFE, line.safe)
 
     def ask(self, name: str, value: float) -> None:
@@ -238,7 +255,7 @@ class Exchange:
         for line in self._order:
             line.connected = False
             line.queue.clear()
-            line.values = ()
+            line.values = line.wanted = ()
         self._moves.clear()
         self._stairs.clear()
         for name, one in self._stand.inputs.items():
@@ -250,7 +267,7 @@ class Exchange:
 
     def _give_back(self, line: Line) -> None:
         line.queue.clear()
-        spoke, line.values, line.status = bool(line.values), (), AS_SENT
+        spoke, line.values, line.status, line.wanted = bool(line.values), (), AS_SENT, ()
         for drive in line.drives if spoke else ():
             self._write(drive, self._asked_now(drive))
             if drive in self._moves:

@@ -40,7 +40,7 @@ class Line:
 
     __slots__ = (
         "_columns", "answered", "connected", "counts", "delay", "drives", "high", "hold", "last", "low", "name",
-        "period", "queue", "safe", "status", "values",
+        "period", "queue", "safe", "status", "values", "wanted",
     )  # fmt: skip
 
     def __init__(self, name: str, inputs: Mapping[str, Input], drives: Sequence[str], period: int, delay: int) -> None:
@@ -52,6 +52,8 @@ class Line:
         self.connected = True
         self.values: tuple[float, ...] = ()
         """In force; () while the controller has not commanded yet."""
+        self.wanted: tuple[float, ...] = ()
+        """Commanded, where that needs a rig which is still being built; else ()."""
         self.answered, self.status, self.last = -1, AS_SENT, 0
         self.counts = Counts()
         self._columns = (array("q"), array("q"), array("q"), array("d"))

@@ -36,6 +36,7 @@ from rig.bench.hub import Hub
 from rig.bench.job import Job, keeps_up
 from rig.bench.lockstep import Lockstep
 from rig.bench.operation import BEGIN, Operation
+from rig.bench.refit import Refit
 from rig.bench.rehearse import prepare, visited
 from rig.bench.stand import Stand
 from rig.bench.timing import Timing
@@ -133,6 +134,7 @@ class Plant:
         with ExitStack() as stack:
             if job.pace is not None:
                 prepare(self.operation, self._sets)
+                self.operation.exchange.refit = Refit(self.stand, self.operation.journal)
             stack.enter_context(self.timing.interruptions.watched())
             stack.enter_context(
                 pace.no_garbage()

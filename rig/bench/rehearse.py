@@ -63,12 +63,16 @@ def prepare(operation: Operation, sets: Iterable[int]) -> None:
     stand, at = operation.stand, None
     stand.motion.foresee(sets)
     _prepare_safe(operation, at)
-    parameters = dict(leaves(operation.scene.parameters)).keys() - stand.inputs.keys()
+    stateless = {name for name, one in stand.inputs.items() if not (one.state or one.write)}
+    parameters = dict(leaves(operation.scene.parameters)).keys() - stand.inputs.keys() | stateless
     steps = islice(walk(operation.scene.protocol), LOOKED_AT)  # it may repeat itself forever
     changes = (step for step in steps if isinstance(step, Set) and step.target in parameters)
     for step in islice(changes, MOST):
+        to = step.to
+        if step.target in stateless:
+            to = min(max(float(to), stand.inputs[step.target].low), stand.inputs[step.target].high)
         with suppress(RigError):  # it is refused at its tick, and the run goes on without
-            at = stand.prepare(Wanted({step.target: step.to}), at)
+            at = stand.prepare(Wanted({step.target: to}), at)
             _prepare_safe(operation, at)
 
 

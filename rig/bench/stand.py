@@ -184,6 +184,13 @@ class Stand:
         self._prepared.append(found)
         return found
 
+    def keep(self, variant: Variant) -> bool:
+        """Have it at hand when it is asked for at this tick; False if it was made from the rig as it was before."""
+        if variant.before is not self.scene:
+            return False
+        self._prepared.append(variant)
+        return True
+
     def take(self, variant: Variant) -> None:
         """Go on as this variant of the rig from this tick on; it must have been made from the rig as it is now."""
         assert variant.before is self.scene
@@ -191,6 +198,7 @@ class Stand:
             self.truth.work_out(self.motion)
         self.motion.replace(variant.ready)
         self.scene = variant.scene
+        self._prepared = [one for one in self._prepared if one.before is not variant.before]  # of no use any more
         for key, value in variant.wanted.parameters.items():
             self._witness.hears(key, value)
         self.inputs.update(variant.assembly.inputs)

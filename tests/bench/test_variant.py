@@ -1,13 +1,16 @@
 """Actuators that nobody drove at the start: they get a command state once, and the motion does not notice."""
 
 import json
+import threading
+import time
 
 import numpy as np
 import pytest
 
 import rig
-from rig.bench.exchange import Exchange
+from rig.bench.exchange import Exchange, Playback
 from rig.bench.journal import Journal
+from rig.bench.refit import Refit
 from rig.bench.simulate import simulate
 from rig.bench.stand import Stand
 from rig.bench.variant import Build, Wanted
@@ -116,3 +119,93 @@ def test_an_admission_is_simulated_again_to_the_bit():
     for name, known in one.signals.items():
         assert known.tobytes() == other.signals[name].tobytes()
     assert not any("load" in judged["effect"] and not judged["on"] for judged in one.summary["audit"])
+
+
+class Slow:
+    """A stand whose rigs take until `finish` to be built, and count."""
+
+    def __init__(self, stand, monkeypatch):
+        self.built, self._go = [], threading.Semaphore(0)
+        made = stand.variant
+
+        def variant(wanted, after=None):
+            if threading.current_thread() is not threading.main_thread():
+                self._go.acquire(timeout=20.0)
+                self.built.append(dict(wanted.parameters))
+            return made(wanted, after)
+
+        monkeypatch.setattr(stand, "variant", variant)
+
+    def finish(self, refit):
+        self._go.release()
+        end = time.monotonic() + 20.0
+        while not refit.done and time.monotonic() < end:
+            time.sleep(0.001)
+        assert refit.done
+
+
+def test_commands_that_ask_for_another_matrix_take_effect_when_it_is_built_and_others_at_once(monkeypatch):
+    stand = Stand(shorn("belt_shunt"))
+    journal = Journal(MS, lambda: stand.tick)
+    exchange = Exchange(stand, MS, 50, journal)
+    drives = ["shunt.resistance", "load.force"]
+    stand.take(stand.variant(Wanted(driven=("load.force",))))
+    line = exchange.admit("mine", drives, MS)
+    exchange.refit, slow = Refit(stand, journal), Slow(stand, monkeypatch)
+    before = stand.values["shunt.resistance"]
+    force, in_force = stand.outputs.index("normal_force"), []
+
+    def frame(tick, command=None):
+        if command is not None:
+            exchange.receive("mine", tick, command)
+        exchange.take_over()
+        in_force.append(line.values)
+        stand.frame()
+        assert stand.output_values()[force] == line.values[1]
+
+    for tick in range(5):
+        frame(tick, (before + 10.0 * (tick + 1), 20.0 + tick))
+    assert in_force == [(before, 20.0 + tick) for tick in range(5)]  # the load follows at once
+    slow.finish(exchange.refit)
+    frame(5)  # the rig that was asked for first is there; the newest value is being built
+    assert in_force[-1] == (before + 10.0, 24.0)
+    slow.finish(exchange.refit)
+    frame(6)
+    frame(7)
+    assert in_force[-2:] == [(before + 50.0, 24.0)] * 2
+    assert not exchange.refit.done
+    assert [one["shunt.resistance"] for one in slow.built] == [before + 10.0, before + 50.0]
+    assert stand.values["shunt.resistance"] == before + 50.0
+    recorded = line.commands()  # what took effect, and when, is simulated again to the bit
+    again = Stand(shorn("belt_shunt"))
+    other = Playback(again, MS, 50, Journal(MS, lambda: again.tick))
+    again.take(again.variant(Wanted(driven=("load.force",))))
+    other.admit("mine", drives, MS)
+    other.play({"mine": recorded})
+    for _ in range(8):
+        other.take_over()
+        again.frame()
+    assert again.output_values().tobytes() == stand.output_values().tobytes()
+
+
+def test_a_value_without_a_rig_is_told_and_not_taken(monkeypatch):
+    stand = Stand(shorn("belt_shunt"))
+    journal = Journal(MS, lambda: stand.tick)
+    exchange = Exchange(stand, MS, 50, journal)
+    line = exchange.admit("mine", ["shunt.resistance"], MS)
+    exchange.refit, before = Refit(stand, journal), stand.values["shunt.resistance"]
+
+    def refused(wanted, after=None):
+        raise SceneError("shunt.resistance", ["cannot be had"])
+
+    monkeypatch.setattr(stand, "variant", refused)
+    for tick in range(3):
+        exchange.receive("mine", tick, (before + 1.0,))
+        exchange.take_over()
+        while exchange.refit._build is not None and not exchange.refit.done:
+            time.sleep(0.001)
+        stand.frame()
+        assert line.values == (before,)
+    [told] = [event.text for event in journal.events if event.kind == "refused"]
+    assert "shunt.resistance" in told
+    assert "cannot be had" in told
