@@ -39,6 +39,7 @@ class Attendant:
         self._asleep = pace.asleep_ns()
         self._begun, self._stolen = 0, 0
         self._counted = False
+        self._statistics: dict[str, Any] = {}
 
     def begin(self, now: int, pacer: pace.Pacer | None) -> None:
         """The first frame begins now."""
@@ -55,10 +56,13 @@ class Attendant:
         self._hub.serve_scene()
         if now < self._health_due:
             return False
-        if not self._counted:  # in two turns, since one frame has no time for both
+        if not self._counted:  # in three turns, since one frame has no time for all
             self._count(now)
             return False
-        self._health_due = now + HEALTH_NS - ATTEND_NS
+        if not self._statistics:
+            self._statistics = self._stand.statistics()
+            return False
+        self._health_due = now + HEALTH_NS - 2 * ATTEND_NS
         self.gone = self.orphaned()
         self._publish(now)
         return True
@@ -129,7 +133,8 @@ class Attendant:
         self._operation.journal.repeated("flood", f"{name} sends too many commands")
 
     def _publish(self, now: int) -> None:
-        timing, statistics, self._counted = self._timing, self._stand.statistics(), False
+        timing, statistics = self._timing, self._statistics or self._stand.statistics()
+        self._counted, self._statistics = False, {}
         wall, t_ns = now - self._marked[0], self._stand.t_ns
         rate = (t_ns - self._marked[1]) / wall if wall else 0.0
         self._marked = (now, t_ns)
