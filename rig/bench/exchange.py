@@ -144,10 +144,11 @@ class Exchange:
                 self._take(line, tick, answered, values)
                 changed.append(line)
             elif line.wanted and self.refit is not None and self.refit.done:
-                last = line.last
-                self._impose_possible(line, line.answered, line.status, line.wanted)
-                line.last = last  # of the command, which came then
-                changed.append(line)
+                if (values := self._possible(line, line.wanted)) != line.values:
+                    last = line.last
+                    self.impose(line, line.answered, line.status, values)
+                    line.last = last  # of the command, which came then
+                    changed.append(line)
             elif line.values and tick - line.last >= line.period and line.status != SAFE:
                 line.counts.held += 1
                 if tick - line.last >= line.period + self._hold:
@@ -187,12 +188,13 @@ class Exchange:
         counts.taken += 1
         if line.status == SAFE:
             self._journal.note("back", f"{line.name} commands again", controller=line.name)
-        self._impose_possible(line, answered, status, tuple(given))
+        self.impose(line, answered, status, self._possible(line, tuple(given)))
 
-    def _impose_possible(self, line: Line, answered: int, status: int, wanted: tuple[float, ...]) -> None:
+    def _possible(self, line: Line, wanted: tuple[float, ...]) -> tuple[float, ...]:
+        """The values of `wanted` that can be in force at this tick; what cannot is remembered."""
         possible = wanted if self.refit is None else self.refit.possible(line.drives, wanted)
-        self.impose(line, answered, status, possible)
-        line.wanted = wanted if self.refit is not None and self.refit.builds and possible != wanted else ()
+        line.wanted = () if possible == wanted else wanted
+        return possible
 
     def impose(self, line: Line, answered: int, status: int, values: tuple[float, ...]) -> None:
         """Put values into force as they are: checked by `take_over`, or read from the recording of a run."""

@@ -2,12 +2,15 @@
 
 The resistance of a shunt, or the frequency of dither, is a coefficient: no state can be commanded in its place, and a
 new value is a new rig (`rig.bench.variant`), for which no frame has time. So it is built in another thread, one at a
-time, and a command takes effect once its rig is there. A controller that sends new values faster than rigs can be
-built gets the newest that is built; what took effect, and when, is recorded as of any other command.
+time, and a command takes effect once its rig is there. Building holds the interpreter, piece by piece: it makes some
+frames late, so that no more than one rig is begun in `PAUSE_S`. A controller that sends new values faster gets the
+newest that is built; what took effect, and when, is recorded as of any other command.
 """
 
 from __future__ import annotations
 
+import itertools
+import time
 from collections.abc import Sequence
 from functools import partial
 
@@ -15,6 +18,9 @@ from rig.bench.journal import Journal
 from rig.bench.stand import Stand
 from rig.bench.variant import Build, Wanted
 from rig.errors import RigError
+
+PAUSE_S = 0.5
+"""Least time between the begins of two builds. # chosen: each makes one or two frames of 1 ms late, on two cores"""
 
 
 class Refit:
@@ -25,21 +31,20 @@ class Refit:
         self._faulty: dict[str, float] = {}
         self._build: Build | None = None
         self._drive, self._value = "", 0.0
+        self._due = 0.0
+        """When the next build may begin [s on the monotonic clock]."""
 
     @property
     def done(self) -> bool:
-        """Whether something was built that `possible` has not been asked for since."""
-        return self._build is not None and self._build.done
-
-    @property
-    def builds(self) -> bool:
-        """Whether something is being built, or was built and not asked for."""
-        return self._build is not None
+        """Whether `possible` may give something else than when it was asked last."""
+        return self._build.done if self._build is not None else time.monotonic() >= self._due
 
     def possible(self, drives: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
         """Values as they can be in force at this tick: where another rig is needed, of the newest one that is there."""
-        rebuilds = self._stand.rebuilds
-        return tuple([self._newest(d, v) if rebuilds(d, v) else v for d, v in zip(drives, values)])
+        needed = [self._stand.rebuilds(drive, value) for drive, value in zip(drives, values)]
+        if self._build is not None and self._build.done and self._drive not in itertools.compress(drives, needed):
+            self._build = None  # nobody wants it any more
+        return tuple([self._newest(d, v) if rebuilds else v for d, v, rebuilds in zip(drives, values, needed)])
 
     def _newest(self, drive: str, value: float) -> float:
         stand, build, now = self._stand, self._build, float(self._stand.values[drive])
@@ -52,7 +57,9 @@ class Refit:
             except RigError as fault:
                 self._faulty[drive] = self._value
                 self._journal.repeated("refused", f"{drive} = {self._value:g} is commanded, and cannot be: {fault}")
-        if self._build is None and value != now and self._faulty.get(drive) != value:
+        wanted = value != now and self._faulty.get(drive) != value
+        if wanted and self._build is None and time.monotonic() >= self._due:
+            self._due = time.monotonic() + PAUSE_S
             self._drive, self._value = drive, value
             self._build = Build(partial(stand.variant, Wanted({drive: value}), taken), apart=True)
         return now
