@@ -5,6 +5,8 @@ import pytest
 from hypothesis import settings
 from scipy.integrate import solve_ivp
 
+from rig.cli import app
+
 settings.register_profile("same", derandomize=True)  # on every machine: `rig torture --search` is what draws anew
 settings.load_profile("same")
 
@@ -39,3 +41,16 @@ def chain(rate, guards, follow, mode, y, duration):
 @pytest.fixture(scope="session", name="chain")
 def chain_fixture():
     return chain
+
+
+@pytest.fixture
+def rig(capsys):
+    """Runs a command in this process: exit code, standard output, standard error."""
+
+    def call(*arguments):
+        with pytest.raises(SystemExit) as left:
+            app.run([str(a) for a in arguments])
+        said = capsys.readouterr()
+        return left.value.code or 0, said.out, said.err
+
+    return call

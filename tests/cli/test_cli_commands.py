@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from rig import scenes
-from rig.cli import app, cost, host, live, logs, options, processes, runs, study, torture
+from rig.cli import cost, host, live, logs, options, processes, runs, study, torture
 from rig.cli import scenes as scene_commands
 from rig.errors import Diverged, UsageError
 from rig.record.reader import open as open_recording
@@ -26,19 +26,6 @@ PROMISED = (
     "demo list run plant control record view simulate replay verify tune warmup explain modes cycle identify map "
     "reproduce doctor diff sound amplitude recover cost torture"
 )
-
-
-@pytest.fixture
-def rig(capsys):
-    """Runs a command in this process: exit code, standard output, standard error."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as left:
-            app.run([str(a) for a in arguments])
-        said = capsys.readouterr()
-        return left.value.code or 0, said.out, said.err
-
-    return call
 
 
 def test_the_commands_that_are_promised_are_there(rig):

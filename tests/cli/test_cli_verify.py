@@ -22,19 +22,6 @@ def log(tmp_path_factory):
     return path
 
 
-@pytest.fixture
-def rig(capsys):
-    """Runs a command in this process: exit code, standard output, standard error."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as left:
-            app.run([str(a) for a in arguments])
-        said = capsys.readouterr()
-        return left.value.code or 0, said.out, said.err
-
-    return call
-
-
 def test_a_recording_holds_to_the_bit(rig, log):
     code, out, err = rig("verify", log, "--json")
     assert code == 0, out + err

@@ -13,7 +13,6 @@ from mcap.writer import Writer as PlainWriter
 from rig.bus import encode
 from rig.bus.setup import Setup
 from rig.bus.twin import Twin
-from rig.cli import app
 from rig.errors import BusError, LogError, UsageError
 from rig.record import container, reader
 from rig.record.compare import compare
@@ -234,19 +233,6 @@ def test_a_recovery_that_fails_leaves_nothing_behind(logs, tmp_path, monkeypatch
     with pytest.raises(LogError, match="No space left on device"):
         recover(cut)
     assert [path.name for path in tmp_path.iterdir()] == ["c.mcap"]
-
-
-@pytest.fixture
-def rig(capsys):
-    """Runs a command in this process: exit code, standard output, standard error."""
-
-    def call(*arguments):
-        with pytest.raises(SystemExit) as left:
-            app.run([str(a) for a in arguments])
-        said = capsys.readouterr()
-        return left.value.code or 0, said.out, said.err
-
-    return call
 
 
 def test_exit_code_and_account_tell_what_was_lost(rig, logs, tmp_path):
