@@ -13,6 +13,8 @@ from typing import Any
 
 from numba.core.caching import IndexDataCacheFile
 
+from rig import locks
+
 _SUM = 4
 _log = logging.getLogger("rig")
 
@@ -70,15 +72,10 @@ class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """While nobody else writes into a folder of kernels. Where files cannot be locked nobody waits."""
-    try:
-        import fcntl
-    except ImportError:
-        yield
-        return
+    """While nobody else writes into a folder of kernels."""
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / ".lock").open("wb") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+        locks.take(lock, wait=True)
         yield
 
 

@@ -26,8 +26,9 @@ def told_to_stop(take: Callable[[str], object]) -> Iterator[None]:
     """
     before = {}
     if threading.current_thread() is threading.main_thread():
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            if number != signal.SIGHUP or signal.getsignal(number) != signal.SIG_IGN:
+        closed = getattr(signal, "SIGHUP", None)  # not every system has it
+        for number in filter(None, (signal.SIGINT, signal.SIGTERM, closed)):
+            if number != closed or signal.getsignal(number) != signal.SIG_IGN:
                 before[number] = signal.signal(number, lambda n, _: take(signal.Signals(n).name))
     try:
         yield

@@ -40,6 +40,14 @@ def come_first() -> bool:
     return bool(ctypes.CDLL(None).syscall(number, 0, asked, 0) == 0)
 
 
+def cores() -> int:
+    """Cores that this process may use."""
+    try:
+        return len(os.sched_getaffinity(0))
+    except AttributeError:  # a system on which it may use all
+        return os.cpu_count() or 1
+
+
 class Ahead:
     """Real-time scheduling of all threads of this process; `ahead` enters and leaves it."""
 
@@ -142,5 +150,5 @@ def stand_back(nice: int) -> None:
     """Never compete with the plant: no real-time class inherited from it, and a lower priority."""
     with suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-    with suppress(OSError):
+    with suppress(OSError, AttributeError):
         os.setpriority(os.PRIO_PROCESS, 0, nice)

@@ -209,7 +209,7 @@ def load(before: Spent, now: Spent) -> float:
         return max(now.others - before.others, 0) / (now.wall - before.wall)
     try:
         return os.getloadavg()[0]
-    except OSError:
+    except (OSError, AttributeError):  # not every system has it
         return 0.0
 
 

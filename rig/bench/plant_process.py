@@ -275,6 +275,7 @@ def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) 
     """
     scene = Scene.from_json(job.scene)
     keeps_up(scene, job.pace)
+    bus.address.directory()  # where a system has no live runs, they are refused before the rehearsal
     sets = visited(scene, job) if job.pace is not None else warm(scene)  # Ctrl-C may break this off, but nothing later
     asked: list[str] = []
     with told_to_stop(asked.append):

@@ -63,6 +63,7 @@ def run(
     `say` gets lines; without it they go to standard error, under the
     live line.
     """
+    bus.address.directory()  # where a system has no live runs, they are refused before anything starts
     expect = [("controller", controller) for controller in scene.controllers]
     expect += [RECORDER] if record else []
     expect += [VIEWER] if view or web else []

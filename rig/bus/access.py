@@ -10,7 +10,6 @@ seat by locking the file; the kernel gives the lock back.
 
 from __future__ import annotations
 
-import fcntl
 import os
 import secrets
 import shutil
@@ -20,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rig import locks
 from rig.bus import address, topics
 from rig.bus.inbound import is_guest
 from rig.errors import BusError
@@ -107,9 +107,7 @@ def take_seat(run: str, role: str, name: str) -> Seat:
 
 def _sit(here: Path, user: str, name: str, reserved: frozenset[str]) -> Seat | None:
     lock = os.open(here / user, os.O_RDWR | os.O_CLOEXEC)
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
+    if not locks.take(lock):
         os.close(lock)
         return None
     return Seat(user, name, os.pread(lock, 256, 0).decode(), reserved, lock)

@@ -6,11 +6,11 @@ killed, so a file without a lock is what a dead plant left behind, and is remove
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import re
 import shutil
+import socket
 import stat
 import sys
 import tempfile
@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from rig import locks
 from rig.bus.messages import FINGERPRINT
 from rig.errors import BusError
 
@@ -44,6 +45,11 @@ class RunAddress:
 
 def directory() -> Path:
     """The directory of live runs, readable by this user only; raises BusError if someone else has a hand in it."""
+    if not (locks.KNOWN and hasattr(socket, "AF_UNIX")):
+        raise BusError(
+            "live runs need locks of files and unix sockets, which this system has not; "
+            "rig simulate, studies and figures work here"
+        )
     base = os.environ.get("XDG_RUNTIME_DIR")
     here = Path(base) / "friction-rig" if base else Path(tempfile.gettempdir()) / f"friction-rig-{os.getuid()}"
     try:
@@ -75,7 +81,7 @@ def _alone() -> Iterator[Path]:
     here = directory()
     descriptor = os.open(here / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        locks.take(descriptor, wait=True)
         yield here
     finally:
         os.close(descriptor)
@@ -128,24 +134,16 @@ def _try(run: str, scene: str, endpoint: str | None) -> Claim | None:
     with _alone() as here:
         path = here / f"{run}.run"
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        if not _lock(descriptor):
+        if not locks.take(descriptor):
             os.close(descriptor)
             return None
         os.ftruncate(descriptor, 0)
     return Claim(path, descriptor, address)
 
 
-def _lock(descriptor: int) -> bool:
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return False
-    return True
-
-
 def _clear(path: Path) -> None:
-    socket = path.with_suffix(".sock")
-    for leftover in (socket, socket.with_suffix(".sock.lock"), path):
+    listening = path.with_suffix(".sock")
+    for leftover in (listening, listening.with_suffix(".sock.lock"), path):
         leftover.unlink(missing_ok=True)
     shutil.rmtree(path.with_suffix(".users"), ignore_errors=True)
 
@@ -157,12 +155,9 @@ def is_live(run: str) -> bool:
     except OSError:
         return False
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)  # shared: others may look at the same time
-    except BlockingIOError:
-        return True
+        return not locks.take(descriptor, shared=True)  # others may look at the same time
     finally:
         os.close(descriptor)
-    return False
 
 
 def list_runs() -> list[RunAddress]:
@@ -171,7 +166,7 @@ def list_runs() -> list[RunAddress]:
     with _alone() as here:
         for path in here.glob("*.run"):
             descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-            if _lock(descriptor):
+            if locks.take(descriptor):
                 _clear(path)
             elif text := os.pread(descriptor, 1 << 16, 0):  # empty: claimed, but not open yet
                 found += _read(text)

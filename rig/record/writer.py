@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import fcntl
 import json
 import os
 import time
@@ -21,12 +20,14 @@ from typing import Any, BinaryIO
 from google.protobuf.message import DecodeError
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
+from rig import locks
 from rig.bus import messages, topics
 from rig.bus.setup import Setup
 from rig.errors import BusError, LogError
 from rig.record.container import Writer as Mcap
 
 CHUNK = 256 * 1024
+_OWN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)  # no child gets it, no end of line is translated
 FLUSH_NS = 250_000_000
 PLOT_NS = 20_000_000
 
@@ -36,14 +37,14 @@ def claim(path: Path, replace: bool) -> BinaryIO:
 
     Raises OSError where it cannot be, with the reason in `strerror`.
     """
-    file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
+    file = os.open(path, os.O_WRONLY | os.O_CREAT | _OWN, 0o666)
     try:
         try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise OSError(errno.EBUSY, "another run is writing it; name another file") from None
+            taken = locks.take(file)
         except OSError:  # a file system without locks
-            pass
+            taken = True
+        if not taken:
+            raise OSError(errno.EBUSY, "another run is writing it; name another file")
         if os.fstat(file).st_size:
             if not replace:
                 raise OSError(errno.EEXIST, "it exists; name another file, or add --force to replace it")

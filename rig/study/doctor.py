@@ -10,6 +10,7 @@ wall clock, under the load of now: a busier hour will give another answer.
 
 from __future__ import annotations
 
+import math
 import os
 import platform
 import tempfile
@@ -26,7 +27,7 @@ from numpy.typing import NDArray
 from rig import kernel, scenes
 from rig.bench import pace
 from rig.scenes.scene import Scene
-from rig.scheduling import PLANT, ahead, come_first
+from rig.scheduling import PLANT, ahead, come_first, cores
 from rig.study import warmup
 from rig.study.frames import Costs, behind, costs
 from rig.study.round_trip import round_trips
@@ -230,14 +231,10 @@ def _disk() -> float:
 
 
 def _machine() -> dict[str, Any]:
-    try:
-        cores = len(os.sched_getaffinity(0))
-    except AttributeError:
-        cores = os.cpu_count() or 1
     return {
         "processor": _processor(),
-        "cores": cores,
-        "load": os.getloadavg()[0],
+        "cores": cores(),
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan,
         "system": f"{platform.system()} {platform.release()}",
         "python": platform.python_version(),
         "numba": numba.__version__,

@@ -15,9 +15,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from rig.scenes.scene import Scene
+from rig.scheduling import cores
 from rig.study.axis import Axis, axes
 from rig.study.map.chart import Map, gathered
-from rig.study.map.crew import Progress, cores, make
+from rig.study.map.crew import Progress, make
 from rig.study.map.dither import Boundary, put_together
 from rig.study.map.job import PERIODS, RUNS, Job, Settings, checked
 from rig.study.map.store import Store

@@ -26,11 +26,6 @@ Progress = Callable[[int, int], object]
 """(units done, all of them)."""
 
 
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0))
-
-
 def make(job: Job, store: Store, workers: int, progress: Progress) -> dict[int, Arrays]:
     """Work through what is not in `store` yet; all units. Raises WorkerError when a worker is lost: `store` stays."""
     total = len(job.units)

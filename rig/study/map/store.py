@@ -10,7 +10,6 @@ maps/belt-1a2b3c4d5e6f/     named by the digest of scene, axes, settings and sou
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 from collections.abc import Iterator, Sequence
@@ -19,6 +18,7 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from rig import locks
 from rig.errors import UsageError
 from rig.study.map.job import Arrays, Job
 
@@ -43,10 +43,8 @@ class Store:
         except OSError as error:
             raise UsageError(f"{self.folder}: cannot be written: {error.strerror}") from None
         with lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                raise UsageError(f"{self.folder}: this map is being made just now") from None
+            if not locks.take(lock):
+                raise UsageError(f"{self.folder}: this map is being made just now")
             self._write("job.json", job.to_json())
             self._forget()
             yield
