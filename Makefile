@@ -61,4 +61,4 @@ lock:
 	  --fork-strategy fewest --group dev --group build pyproject.toml -o requirements.lock
 
 clean:
-	rm -rf $(VENV) .kernels .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist
+	rm -rf $(VENV) .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis build dist

@@ -1,21 +1,35 @@
-"""Compiled kernels as files that are checked when they are read: damage costs compiling one kernel again, no run."""
+"""Where compiled kernels are kept: in the user's cache, under the hash of their sources, as files that are checked.
+
+Damage costs compiling one kernel again, no run. Every checkout with these sources finds the same kernels. What has not
+been used for longest goes when all take more than `LIMIT`.
+"""
 
 from __future__ import annotations
 
+import atexit
 import io
 import logging
+import os
 import pickle
+import shutil
+import sys
+import time
 import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+import platformdirs
+from numba.core import event
 from numba.core.caching import IndexDataCacheFile
 
 from rig import locks
 
+LIMIT = 1 << 30
+"""Bytes that the kernels of all sources may take; those of the present ones always stay. # chosen"""
 _SUM = 4
+_TOLD_S, _WORTH_S = 0.5, 2.0  # between two lines about progress; least time that the next start is told of
 _log = logging.getLogger("rig")
 
 
@@ -86,3 +100,101 @@ def _whole(path: str) -> bytes:
     if len(found) <= _SUM or zlib.crc32(content).to_bytes(_SUM) != found[:_SUM]:
         raise OSError(f"{path} is damaged")
     return content
+
+
+def root() -> Path:
+    """Directory that holds the kernels of all sources; `RIG_KERNELS` moves it."""
+    chosen = os.environ.get("RIG_KERNELS")
+    return Path(chosen) if chosen else platformdirs.user_cache_path("friction-rig") / "kernels"
+
+
+class Folder:
+    """The kernels of one set of sources. `keeps`: whether any can be kept there."""
+
+    def __init__(self, key: str) -> None:
+        self.path = root() / key
+        self._pruned = False
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            os.utime(self.path)
+            self.keeps = os.access(self.path, os.W_OK)
+        except OSError:  # compile in memory, every start; numba would keep them beside the sources
+            self.keeps = False
+
+    def keep(self, dispatcher: Any, beside_sources: bool) -> None:
+        """Have what `dispatcher` compiles kept; with `beside_sources` for its own file in its present state only."""
+        cache = dispatcher._cache  # noqa: SLF001 (numba has no public way)
+        if beside_sources:
+            cache._cache_file.__class__ = CheckedFile  # noqa: SLF001
+            return
+        function = dispatcher.py_func
+        base = f"{function.__qualname__}.py{sys.version_info[0]}{sys.version_info[1]}"
+        cache._cache_path = str(self.path / function.__module__)  # noqa: SLF001
+        cache._impl.locator.ensure_cache_path = self._prune  # noqa: SLF001 (called before something is kept)
+        cache._cache_file = CheckedFile(cache._cache_path, base, "")  # type: ignore[no-untyped-call]  # noqa: SLF001
+
+    def _prune(self) -> None:
+        """Once in a process that compiles: what was not used for longest makes room."""
+        if self._pruned:
+            return
+        self._pruned = True
+        with suppress(OSError):
+            others = [one for one in self.path.parent.iterdir() if one.is_dir() and one != self.path]
+            left = LIMIT - _size(self.path)
+            for one in sorted(others, key=lambda one: one.stat().st_mtime, reverse=True):
+                left -= _size(one)
+                if left < 0:
+                    shutil.rmtree(one, ignore_errors=True)
+
+
+def _size(folder: Path) -> int:
+    return sum(one.stat().st_size for one in folder.rglob("*") if one.is_file())
+
+
+class Teller(event.Listener):  # type: ignore[misc]
+    """Says that kernels are being compiled, when the first one is, and on a terminal how far: no start is silent."""
+
+    def __init__(self, folder: Folder) -> None:
+        self._folder, self._notes = folder, folder.path / "seconds"
+        self._depth, self._count, self._spent, self._begun, self._shown = 0, 0, 0.0, 0.0, 0.0
+
+    def on_start(self, _: event.Event) -> None:
+        """A kernel is compiled, maybe for another one that is."""
+        if not self._depth:
+            self._begun = time.monotonic()
+        self._depth += 1
+        if self._shown:
+            return
+        self._shown = time.monotonic()
+        atexit.register(self._done)
+        if self._folder.keeps:
+            last = ""
+            with suppress(OSError):
+                last = f"; the last time it took {self._notes.read_text()} s"
+            text = f"compiling kernels, once for each kind of rig{last or ': half a minute to two minutes'}"
+        else:
+            where = self._folder.path.parent
+            text = f"compiling kernels, at every start, for {where} cannot be written: half a minute to two minutes; "
+            text += "RIG_KERNELS=/some/folder names another place"
+        sys.stderr.write(f"{text}\n")
+        sys.stderr.flush()
+
+    def on_end(self, _: event.Event) -> None:
+        """It is compiled."""
+        self._depth -= 1
+        self._count += 1
+        now = time.monotonic()
+        if not self._depth:
+            self._spent += now - self._begun
+        if sys.stderr.isatty() and now > self._shown + _TOLD_S:
+            self._shown = now
+            whole = self._spent + (now - self._begun if self._depth else 0.0)
+            sys.stderr.write(f"\r{self._count} compiled in {whole:.0f} s ")
+            sys.stderr.flush()
+
+    def _done(self) -> None:
+        if sys.stderr.isatty():
+            sys.stderr.write(f"\r{self._count} kernels compiled in {self._spent:.0f} s\n")
+        if self._spent >= _WORTH_S:
+            with suppress(OSError):
+                self._notes.write_text(f"{self._spent:.0f}")

@@ -1,7 +1,7 @@
 """The one decorator for compiled code, and the cache that never runs yesterday's physics.
 
 numba's disk cache does not notice an edit in another file that a kernel was inlined from. So the cache directory is
-keyed by a hash of the sources and of the numba version: an edit of anything a kernel may use compiles anew.
+keyed by a hash of all that compiled code depends on (rig.sources) and of the numba version.
 `fastmath={"contract"}` (fused multiply-add) is allowed: it rounds once instead of twice, and the C twins of the
 benchmarks do the same. Results are therefore bit-identical on one build and one processor type; both are recorded.
 """
@@ -9,13 +9,10 @@ benchmarks do the same. Results are therefore bit-identical on one build and one
 from __future__ import annotations
 
 import functools
-import hashlib
 import importlib
 import operator
 import os
 import platform
-import re
-import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -29,7 +26,7 @@ from numba.core.typing.templates import AttributeTemplate
 from numba.experimental import structref
 from numba.extending import infer_getattr, intrinsic, register_model
 
-from rig.kept import CheckedFile
+from rig import kept, sources
 
 if os.environ.get("RIG_OWN_PROCESS") and "scipy.linalg" not in sys.modules:
     # In a process of our own: numba would import scipy.linalg (0.2 s) only to learn whether there is BLAS, which no
@@ -41,90 +38,31 @@ if os.environ.get("RIG_OWN_PROCESS") and "scipy.linalg" not in sys.modules:
 F = TypeVar("F", bound=Callable[..., Any])
 
 _ROOT = Path(__file__).resolve().parent.parent
-_KEPT = 3
+_ROOMS = ("rig.kernel", *(room.replace("/", ".") for room in sources.ROOMS))
 ROWS = 7
-_DECORATED = re.compile(rb"^@(kernel|inner|inlined)\b", re.MULTILINE)
 
 
 def source_key() -> str:
-    """Hash (16 hex digits) of numba's version and of every source of the rooms that hold kernels.
-
-    A kernel takes its constants from such rooms alone, so that an edit elsewhere compiles nothing anew.
-    """
-    digest = hashlib.sha256(f"{numba.__version__} {platform.python_version()}".encode())
-    rooms: dict[Path, list[tuple[str, bytes]]] = {}
-    for package in ("rig", "sensors"):
-        for path in sorted((_ROOT / package).rglob("*.py")):
-            rooms.setdefault(path.parent, []).append((path.relative_to(_ROOT).as_posix(), path.read_bytes()))
-    del rooms[_ROOT / "rig"]
-    for files in rooms.values():
-        if any(_DECORATED.search(text) for _, text in files):
-            for name, text in files:
-                digest.update(name.encode() + b"\0" + text)
-    digest.update((_ROOT / "rig" / "kernel.py").read_bytes())
-    return digest.hexdigest()[:16]
+    """Hash (16 hex digits) of numba's version and of all that compiled code depends on (rig.sources)."""
+    version = f"{numba.__version__} {platform.python_version()}"
+    return sources.key(_ROOT, kept.root() / "sources.json", version)
 
 
-def cache_root() -> Path:
-    """Directory that holds the compiled kernels; `RIG_KERNELS` moves it (a read-only installation needs that)."""
-    chosen = os.environ.get("RIG_KERNELS")
-    if chosen:
-        return Path(chosen)
-    if os.access(_ROOT, os.W_OK):
-        return _ROOT / ".kernels"
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "friction-rig"
-
-
-def _open_cache() -> tuple[Path, bool]:
-    """The directory of these sources, and whether kernels can be kept in it."""
-    root = cache_root()
-    here = root / source_key()
-    try:
-        here.mkdir(parents=True, exist_ok=True)
-        os.utime(here)
-        newest = sorted((p for p in root.iterdir() if p.is_dir()), key=lambda p: p.stat().st_mtime, reverse=True)
-        for old in newest[_KEPT:]:
-            shutil.rmtree(old, ignore_errors=True)
-    except (
-        OSError
-    ):  # a full or read-only disk: compile in memory, every start; numba would keep them beside the sources
-        return here, False
-    return here, True
-
-
-CACHE, _KEEPS = _open_cache()
-numba.config.CACHE_DIR = str(CACHE)  # type: ignore[attr-defined]
-
-
-class _Teller(event.Listener):  # type: ignore[misc]
-    """Says that kernels are being compiled, when the first one is: else a start would be silent for minutes."""
-
-    told = False
-
-    def on_start(self, _: event.Event) -> None:
-        if not self.told:
-            self.told = True
-            often = "once for each kind of rig" if _KEEPS else f"at every start, for {CACHE.parent} cannot be written"
-            remedy = "" if _KEEPS else "; RIG_KERNELS=/some/folder names another place"
-            sys.stderr.write(f"compiling kernels, {often}: half a minute to two minutes{remedy}\n")
-            sys.stderr.flush()
-
-    def on_end(self, _: event.Event) -> None:
-        pass
-
-
+FOLDER = kept.Folder(source_key())
+"""Where what is compiled from these sources is kept."""
+numba.config.CACHE_DIR = str(FOLDER.path)  # type: ignore[attr-defined]
 if os.environ.get("RIG_OWN_PROCESS"):
-    event.register("numba:compile", _Teller())  # type: ignore[no-untyped-call]
+    event.register("numba:compile", kept.Teller(FOLDER))  # type: ignore[no-untyped-call]
 
 
 _njit: Any = numba.njit  # noqa: TID251
-_OPTIONS: dict[str, Any] = {"cache": _KEEPS, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+_OPTIONS: dict[str, Any] = {"cache": FOLDER.keeps, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
 def _compiled(function: F, **options: Any) -> F:
     dispatcher = _njit(**_OPTIONS, **options)(function)
-    if _KEEPS:
-        dispatcher._cache._cache_file.__class__ = CheckedFile  # noqa: SLF001
+    if FOLDER.keeps:
+        FOLDER.keep(dispatcher, beside_sources=not function.__module__.startswith(_ROOMS))
     return dispatcher  # type: ignore[no-any-return]
 
 

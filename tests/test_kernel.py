@@ -1,13 +1,15 @@
 """Compiled code: where it is kept, what a start says about it."""
 
 import os
+import shutil
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 
-from rig import kernel
+from rig import kept, kernel, sources
 from rig.kept import CheckedFile
 from rig.study import warmup
 
@@ -100,10 +102,77 @@ def test_a_damaged_kernel_is_compiled_again(tmp_path, how, suffix):
 
 @pytest.mark.parametrize("text", ["", "[[3, fal", "5", "[1]", "{}", "\x00"])
 def test_damaged_notes_of_a_warm_up_count_as_none(tmp_path, monkeypatch, text):
-    monkeypatch.setattr(kernel, "CACHE", tmp_path)
+    monkeypatch.setattr(kernel.FOLDER, "path", tmp_path)
     warmup._notes().write_text(text)
     assert warmup.ready() == set()
     shape = warmup.Shape(3, False, False, False)
     warmup.note(shape)
     assert warmup.ready() == {shape}
     assert list(tmp_path.iterdir()) == [warmup._notes()]
+
+
+ROOT = Path(kernel.__file__).parent.parent
+
+
+@pytest.fixture
+def checkout(tmp_path):
+    """A copy of the sources, and what gives their key."""
+    for room in ("rig", "sensors", "controllers"):
+        shutil.copytree(ROOT / room, tmp_path / room, ignore=shutil.ignore_patterns("__pycache__"))
+
+    def key():
+        return sources.key(tmp_path, tmp_path / "kept" / "sources.json", "0")
+
+    return tmp_path, key
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "same"),
+    [
+        ("rig/plants/belt.py", "", "\nX = 1\n", True),
+        ("rig/effects/friction.py", "", "\nX = 1\n", True),
+        ("rig/study/bench/kernels.py", "", "\nX = 1\n", True),
+        ("sensors/accelerometer.py", "", "\nX = 1\n", True),
+        ("rig/scenes/belt.toml", "title", "# title\ntitle", True),
+        ("rig/kept.py", "LIMIT = ", "LIMIT = 2 * ", True),
+        ("rig/solve/carry.py", "def carry(", "# prose\ndef carry(", True),
+        ("rig/solve/carry.py", '"""Carrying', '"""Bearing', True),
+        ("rig/solve/carry.py", "_FLUSH = 1e-150", "_FLUSH = 1e-140", False),
+        ("rig/solve/settle.py", "_SLACK = 1e-9", "_SLACK = 1e-8", False),
+        ("rig/solve/system.py", "G_NEXT", "G_NEXT_ONE", False),
+        ("sensors/sampling.py", "", "\nX = 1\n", False),
+        ("rig/kernel.py", "ROWS = 7", "ROWS = 8", False),
+    ],
+)
+def test_only_what_compiled_code_depends_on_compiles_anew(checkout, file, old, new, same):
+    folder, key = checkout
+    before, path = key(), folder / file
+    assert key() == before
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1) if old else text + new)
+    assert (key() == before) == same
+
+
+def test_the_same_sources_elsewhere_find_the_same_kernels(checkout, tmp_path):
+    folder, key = checkout
+    before = key()
+    for path in folder.rglob("*.py"):
+        os.utime(path, (1.0, 1.0))
+    assert key() == before
+    (folder / "kept" / "sources.json").write_text("{damaged")
+    (tmp_path / "file").write_text("")
+    assert key() == before
+    assert sources.key(folder, tmp_path / "file" / "sources.json", "0") == before
+
+
+def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
+    monkeypatch.setenv("RIG_KERNELS", str(tmp_path))
+    monkeypatch.setattr(kept, "LIMIT", 3500)
+    for age, key in enumerate(("new", "old", "older", "oldest")):
+        (tmp_path / key).mkdir()
+        (tmp_path / key / "kernel.nbc").write_bytes(bytes(1000))
+        os.utime(tmp_path / key, (1e9 - age, 1e9 - age))
+    folder = kept.Folder("old")  # in use again
+    folder._prune()
+    assert {one.name for one in tmp_path.iterdir()} == {"old", "new", "older"}

@@ -46,5 +46,5 @@ def seen(system: System, method: str, smoothing: float) -> System:
     if method == "exact" and not system.linear:
         bent = [p.name for i, p in enumerate(system.patches) if any(not law.constant for law in system.laws(i))]
         bent += [product.name for product in system.products]
-        raise ValueError(f"exact needs motion that is linear in every mode set; not so {', '.join(bent)}: use dopri5")
+        raise ValueError(f"exact needs motion that is linear in every mode set, unlike {', '.join(bent)}: use dopri5")
     return system

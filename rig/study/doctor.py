@@ -238,7 +238,7 @@ def _machine() -> dict[str, Any]:
         "system": f"{platform.system()} {platform.release()}",
         "python": platform.python_version(),
         "numba": numba.__version__,
-        "kernels": str(kernel.CACHE),
+        "kernels": str(kernel.FOLDER.path),
     }
 
 

@@ -125,7 +125,7 @@ def ready() -> set[Shape]:
 
 
 def _notes() -> Path:
-    return kernel.CACHE / f"warm-{llvmlite.binding.get_host_cpu_name()}.json"
+    return kernel.FOLDER.path / f"warm-{llvmlite.binding.get_host_cpu_name()}.json"
 
 
 def note(one: Shape) -> None:

@@ -66,7 +66,7 @@ def test_a_cubic_spring_moves_as_an_independent_integrator_says(method, settings
 
 
 def test_exact_refuses_products():
-    with pytest.raises(ValueError, match=r"not so x\^3: use dopri5"):
+    with pytest.raises(ValueError, match=r"unlike x\^3: use dopri5"):
         Motion(duffing().system(), MS, "exact")
 
 

@@ -12,7 +12,7 @@ from rig.study.parts_figure import draw
 def test_methods_say_why_they_do_not_serve():
     found = explained.methods(rig.load("belt"))
     assert found["dopri5"] == "taken"
-    assert "linear in every mode set; not so contact" in found["exact"]
+    assert "linear in every mode set, unlike contact" in found["exact"]
     assert explained.methods(rig.load("belt_c"))["exact"] == "taken"
 
 
