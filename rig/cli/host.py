@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from typing import Annotated
 
 import typer
@@ -30,10 +31,12 @@ def warmup(
     scene: Annotated[list[str] | None, typer.Argument(metavar="[SCENE]...", help="Scenes; all by default.")] = None,
 ) -> None:
     """Compile the kernels of the shipped scenes, so that the first run starts at once."""
+    from rig.scheduling import cores
     from rig.study.warmup import warmup as compile_all
 
-    spent = compile_all(tell.note, scene or None)
-    tell.line(f"ready; {sum(spent.values()):.0f} s of compiling")
+    begin = time.perf_counter()
+    spent = compile_all(tell.note, scene or None, cores())
+    tell.line(f"ready; {sum(spent.values()):.0f} s of compiling in {time.perf_counter() - begin:.0f} s")
 
 
 COMMANDS = {"doctor": (doctor, "rig doctor"), "warmup": (warmup, "rig warmup pendulum")}

@@ -4,6 +4,7 @@ import json
 import os
 import time
 from contextlib import nullcontext
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import rig
 from rig import kernel
 from rig.bench.operation import Operation
 from rig.bench.stand import Stand
+from rig.errors import WorkerError
 from rig.scheduling import PLANT, Ahead
 from rig.solve.carry import advance
 from rig.solve.motion import Motion
@@ -159,7 +161,7 @@ def test_a_scene_without_kernels_is_not_judged():
 @pytest.fixture
 def compiled(tmp_path, monkeypatch):
     called = []
-    monkeypatch.setattr(kernel, "CACHE", tmp_path)
+    monkeypatch.setattr(kernel.FOLDER, "path", tmp_path)
     monkeypatch.setattr(warmup, "_run", lambda scene: called.append(scene.name))
     return called
 
@@ -182,7 +184,7 @@ def test_every_shipped_scene_is_ready_after_a_warm_up(compiled):
 
 def test_other_sources_are_compiled_anew(compiled, tmp_path, monkeypatch):
     warmup.warmup(names=["belt"])
-    monkeypatch.setattr(kernel, "CACHE", tmp_path / "other")
+    monkeypatch.setattr(kernel.FOLDER, "path", tmp_path / "other")
     (tmp_path / "other").mkdir()
     assert warmup.ready() == set()
     warmup.warmup(names=["belt"])
@@ -209,3 +211,20 @@ def _step(scene):
     assembly = scene.assemble()
     rows = [output.row for output in assembly.outputs.values()]
     Motion(assembly.system(), scene.step_ns, "dopri5", outputs=rows, read=len(rows)).advance(1)
+
+
+def test_several_processes_compile_together(compiled, monkeypatch):
+    told = []
+    scenes_ = {warmup.shape(one): one for one in map(rig.load, ("belt", "belt_c"))}
+    progress = warmup._Progress(scenes_, 2, told.append)
+    warmup._together(list(scenes_.values()), 2, progress)
+    assert progress.spent.keys() == scenes_.keys() == warmup.ready()
+    assert min(progress.spent.values()) > 0.0
+    assert sum("ready after" in line for line in told) == 2
+
+
+def test_a_compiler_that_is_lost_is_told(compiled):
+    scene = rig.load("belt")
+    broken = replace(scene, plant="nothing")
+    with pytest.raises(WorkerError, match=r"compiler \d ended with code 1"):
+        warmup._together([broken, broken], 2, warmup._Progress({}, 2, print))
