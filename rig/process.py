@@ -72,6 +72,10 @@ def as_process(main: Callable[[], int | None]) -> NoReturn:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, interrupt)
         sys.unraisablehook = ignored
+    for name in ("SIGTERM", "SIGHUP"):  # what was reserved is cleared away, as on Ctrl-C
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, interrupt)
     try:
         code = main()
     except SystemExit as end:

@@ -86,3 +86,50 @@ def test_nohup_holds():
     assert process.stdout.readline() == "ready\n"
     process.send_signal(signal.SIGHUP)
     assert process.communicate(timeout=20)[0] == "False\n"
+
+
+def test_a_signal_whose_handler_outlasts_a_wait_does_not_make_it_endless():
+    code = """
+import queue, signal, time
+from rig.bus.port import patiently
+signal.signal(signal.SIGALRM, lambda *_: time.sleep(0.05))
+signal.signal(signal.SIGTERM, lambda *_: time.sleep(0.05))
+import os, threading
+waiting = queue.SimpleQueue()
+def strike():
+    for _ in range(40):
+        time.sleep(0.013)
+        os.kill(os.getpid(), signal.SIGTERM)
+threading.Thread(target=strike, daemon=True).start()
+for _ in range(40):
+    try:
+        patiently(waiting, 0.02)
+    except queue.Empty:
+        pass
+print("done")
+"""
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert found.stdout == "done\n", found.stderr
+
+
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_process_that_is_told_to_end_at_its_start_clears_away(tmp_path, name):
+    code = """
+import sys, time
+from pathlib import Path
+from rig.process import as_process
+def main():
+    try:
+        Path(sys.argv[1]).touch()
+        print("begun", flush=True)
+        time.sleep(30.0)
+    finally:
+        Path(sys.argv[1]).unlink()
+as_process(main)
+"""
+    process = subprocess.Popen([sys.executable, "-c", code, str(tmp_path / "file")], stdout=subprocess.PIPE, text=True)
+    assert process.stdout.readline() == "begun\n"
+    process.send_signal(getattr(signal, name))
+    assert process.wait(10.0) == 130
+    process.stdout.close()
+    assert not (tmp_path / "file").exists()

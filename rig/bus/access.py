@@ -134,6 +134,7 @@ def rules(run: str) -> dict[str, Any]:
     made = [
         _allow("told", [*telling, *looking], "egress", [f"{prefix}**"]),
         _allow("look", looking, "ingress", [f"{prefix}**"]),
+        _allow("refuse", ["reply"], "ingress", [f"{prefix}*/param/*/operator"]),
     ]
     policies: list[dict[str, Any]] = [{"rules": ["told", "look"], "subjects": users}]
     for user in users:
@@ -144,6 +145,8 @@ def rules(run: str) -> dict[str, Any]:
             own = ["put", "reply", "declare_queryable", "liveliness_token"]
             made.append(_allow(f"own-{user}", own, "ingress", [f"{prefix}{user}/**"]))
             policies[-1]["rules"].append(f"own-{user}")
+        if is_guest(user):  # a refusal goes by the key of the question, which does not know the user of a guest
+            policies[-1]["rules"].append("refuse")
     subjects = [{"id": user, "usernames": [user]} for user in users]
     return {"enabled": True, "default_permission": "deny", "rules": made, "subjects": subjects, "policies": policies}
 

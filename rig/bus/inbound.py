@@ -32,7 +32,7 @@ TICKS, TIMES_NS, SPAN_NS = 1 << 53, 1 << 62, 1 << 42
 """Bounds of tick, simulated time and sample interval."""
 FASTEST, AT_ONCE = 200_000, 1_000
 """Messages per second of the fastest topic, and messages lost at one instant, that a jump of numbers may stand for."""
-_SENDERS, _TOPICS = 32, 1024
+_SENDERS, _TOPICS, _OF_A_GUEST = 32, 1024, 16
 _STRINGS = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 _BOUNDS = {"tick": TICKS, "t_ns": TIMES_NS, "t0_ns": TIMES_NS, "dt_ns": SPAN_NS}
 
@@ -192,7 +192,8 @@ class Door:
         self.last: Refused = Refused("nothing")
         """The latest refusal."""
         self._told: dict[tuple[str, str], int] = {}
-        self._granted: dict[tuple[str, str], _Granted] = {}
+        self.granted: dict[tuple[str, str], _Granted] = {}
+        """What is known of (user, topic) once a message has been let in."""
         self._state: Callable[[bytes], Any] | None = None
         self._checks = {"Step": self._check_step, "Event": _check_event, "Totals": _check_totals}
         self._sensors: int | None = None
@@ -201,7 +202,7 @@ class Door:
     def learn(self, outputs: Sequence[str], sensors: Sequence[str]) -> None:
         """Know the scene: from here on `state` is decoded too, and what its stand does not have is refused."""
         self._state, self._sensors = messages.state_type(outputs).FromString, len(sensors)
-        self._granted.clear()
+        self.granted.clear()
         self._names = {"meas": frozenset(sensors), "truth": frozenset([*outputs, "mode"])}
 
     def let_in(self, read: Callable[[A], T], arrived: A) -> T | None:
@@ -253,7 +254,7 @@ class Door:
     def message(self, arrived: Arrived, counts: dict[str, Count]) -> Message:
         """A message; its number is counted in `counts` once nothing is wrong with it. Raises Refused."""
         user, topic, payload, header, put, encoding, arrived_ns = arrived
-        granted = self._granted.get((user, topic)) or self._grant(user, topic, encoding)
+        granted = self.granted.get((user, topic)) or self._grant(user, topic, encoding)
         if not put:
             raise Refused("a deletion")
         if header is None or len(header) != 16:
@@ -285,6 +286,8 @@ class Door:
             granted.check(topic, said, counts, count, now)
         if not count.received:
             counts[topic] = count
+        if (user, topic) not in self.granted:  # not before: what is refused takes no room
+            self.granted[user, topic] = granted
         count.see(seq)
         count.at = now
         return Message(topic, payload, seq, t_ns, arrived_ns, said, user)
@@ -304,12 +307,11 @@ class Door:
                 f"{topic} speaks {encoding[:80]}, this process {messages.encoding(topic)}: "
                 "the processes of a run must come from the same installation",
             )
-        if len(self._granted) >= 4 * _TOPICS:
-            self._granted.clear()
+        if is_guest(user) and sum(known == user for known, _ in self.granted) >= _OF_A_GUEST:
+            raise Refused("too many topics", f"more than {_OF_A_GUEST} topics of one guest")
         kind = row.message
         read = self._state if kind == "State" else messages.TYPES[kind].FromString
-        found = self._granted[user, topic] = _Granted(kind, read, _FIELDS[kind], self._checks.get(kind))
-        return found
+        return _Granted(kind, read, _FIELDS[kind], self._checks.get(kind))
 
     def _check_step(self, topic: str, step: Any, counts: dict[str, Count], count: Count, now: float) -> None:
         if step.tick != count.tick + 1 and not count.plausible(step.tick - count.tick, now):

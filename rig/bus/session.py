@@ -30,6 +30,7 @@ from rig.bus.port import (
     Server,
     Session,
     Watch,
+    patiently,
 )
 from rig.errors import BusError
 
@@ -74,7 +75,7 @@ class _Receiver(Receiver):
                 self._who.clear()
             who = self._who[key] = _who(key, self._prefix)
         user, topic = who
-        attached, encoding = sample.attachment, "" if topic in self.counts else str(sample.encoding)
+        attached, encoding = sample.attachment, "" if who in self.door.granted else str(sample.encoding)
         header = attached.to_bytes() if attached is not None else None
         return Arrived(user, topic, sample.payload.to_bytes(), header, sample.kind == _PUT, encoding, arrived_ns)
 
@@ -98,7 +99,7 @@ class _Queued(_Receiver):
         for _ in range(waiting.qsize() - self.depth):
             waiting.get_nowait()
         try:
-            found = waiting.get(timeout=timeout) if timeout > 0.0 else waiting.get_nowait()
+            found = patiently(waiting, timeout) if timeout > 0.0 else waiting.get_nowait()
         except queue.Empty:
             return None
         return found if self._stamped else (found, 0)

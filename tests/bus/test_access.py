@@ -186,3 +186,45 @@ def test_the_setup_of_a_large_scene_passes(plant):
     with bus.join("guarded", role="operator", name="o") as one:
         assert one.ask("scene", {}, 3.0, patient=True) == body
     thread.join()
+
+
+def test_a_refusal_of_a_guest_reaches_who_asked(plant):
+    def refused(_):
+        raise BusError("speed: 5 s is no speed")
+
+    with bus.join("guarded", role="controller", name="mine") as mine:
+        server, stop = mine.serve("param/mine", refused), threading.Event()
+
+        def serve():
+            while not stop.is_set():
+                server.poll(0.05)
+
+        thread = threading.Thread(target=serve)
+        thread.start()
+        try:
+            with (
+                bus.join("guarded", role="operator", name="me") as me,
+                pytest.raises(BusError, match="5 s is no speed"),
+            ):
+                me.ask("param/mine", {"set": {"speed": "5 s"}}, 5.0)
+        finally:
+            stop.set()
+            thread.join()
+
+
+def test_a_guest_that_speaks_first_on_a_topic_locks_nobody_out(plant):
+    acts = plant.subscribe("act/*")
+    with raw("guest-5") as stranger, bus.join("guarded", role="controller", name="mine") as mine:
+        act = encode.act(0, 0, [1.0])
+        for topic in ("act/mine", *(f"act/z{i}" for i in range(300))):
+            stranger.put(
+                f"rig/guarded/guest-5/{topic}", act, attachment=HEADER.pack(0, 0), encoding=messages.encoding(topic)
+            )
+        mine.publisher("act/mine").put(encode.act(0, 0, [2.0]), 0)
+        deadline, found = time.monotonic() + 5.0, {}
+        while "guest-1" not in found and time.monotonic() < deadline:
+            if (message := acts.get(0.1)) is not None:
+                found.setdefault(message.user, []).append(message.topic)
+        assert found["guest-1"] == ["act/mine"]
+        assert len(found["guest-5"]) == 16
+        assert all(told.endswith("too many topics") for told in plant.door.told())
