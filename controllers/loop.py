@@ -14,6 +14,10 @@ from controllers.base import Controller, State, Values, hears, retune
 from rig.errors import UsageError
 
 
+def _finite(values: Values) -> bool:
+    return isfinite(sum(values)) or all(map(isfinite, values))  # the sum alone may overflow
+
+
 class Loop:
     """One controller with its state. `command` is the last good answer, () before the first."""
 
@@ -35,11 +39,11 @@ class Loop:
 
     def answer(self, t_ns: int, values: Any) -> Values:
         """The command after the measurements of t_ns: a new one, or the last one where there is nothing to go by."""
-        if not isfinite(sum(map(sum, values)) if self.hears else sum(values)):
+        if not (all(map(_finite, values)) if self.hears else _finite(values)):
             self.held += 1
             return self.command
         state, command = self._updated(self.controller, t_ns, values)
-        if not isfinite(sum(command)):
+        if not _finite(command):
             self.refused += 1
             self.state = self.controller.start()
             return self.command
