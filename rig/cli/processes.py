@@ -92,7 +92,7 @@ def record(
 
     found = write(run, out, wait=patience, replace=force)
     tell.line(found.text())
-    if found.lost:
+    if not found.complete:
         raise typer.Exit(1)
 
 

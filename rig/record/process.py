@@ -29,6 +29,7 @@ _KEEPING = 2200  # bytes that Zenoh takes to keep a message beside its payload (
 _TURN = 1 << 12  # messages taken before the plant is looked for again
 _PAUSE_S = 0.005
 _LAST_WORDS_S = 0.3
+_LEFT = "the plant left"
 _NICE = 5
 
 
@@ -59,6 +60,11 @@ class Recording:
     def lost(self) -> int:
         """Messages that were sent while the recorder listened and are not in the file, as far as is known."""
         return sum(self.gaps.values()) + sum(self.tail.values())
+
+    @property
+    def complete(self) -> bool:
+        """Whether nothing is known to miss, nor is it unknown what was sent last: who stops a recording, ends it."""
+        return not self.lost and (self.totals or self.ended != _LEFT)
 
     def text(self) -> str:
         """For a reader, in a line; begins with the path."""
@@ -141,7 +147,7 @@ class _Recorder:
                 time.sleep(_PAUSE_S)
         while self._take():
             pass
-        recording = self._account("the plant left" if not stop.is_set() else "the recorder was told to stop")
+        recording = self._account(_LEFT if not stop.is_set() else "the recorder was told to stop")
         self._writer.close(asdict(recording), self._summary)
         return recording
 

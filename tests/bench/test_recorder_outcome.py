@@ -14,6 +14,7 @@ from rig.bench import supervise
 from rig.bench.outcome import Outcome
 from rig.bench.plant_process import warm
 from rig.bench.timing import Timing
+from rig.cli import app
 from rig.record.process import Recording
 from rig.study import design
 
@@ -113,6 +114,23 @@ def test_a_recorder_tells_what_it_does_not_know():
     assert "unknown how many lost at the end" in Recording("a.mcap", "a", "the plant left").text()
     late = Recording("a.mcap", "a", "the plant left", late={"step": 7}, gaps={"state": 3}, totals=True).text()
     assert "3 lost, 7 sent before it listened" in late
+
+
+@pytest.mark.parametrize(
+    ("told", "code"),
+    [
+        ({"ended": "the plant left", "totals": True}, 0),
+        ({"ended": "the plant left"}, 1),  # the plant's last word did not come: what is missing at the end is unknown
+        ({"ended": "the recorder was told to stop"}, 0),
+        ({"ended": "the recorder was told to stop", "gaps": {"state": 3}}, 1),
+    ],
+)
+def test_a_recorder_that_does_not_know_the_end_does_not_call_its_file_whole(monkeypatch, told, code):
+    found = Recording("a.mcap", "a", **told)
+    monkeypatch.setattr("rig.record.process.record", lambda *_, **__: found)
+    with pytest.raises(SystemExit) as left:
+        app.run(["record", "--run", "a"])
+    assert (left.value.code or 0) == code
 
 
 def test_an_incomplete_recording_does_not_hide_a_worse_verdict():
