@@ -32,7 +32,7 @@ from rig.scenes.scene import Scene, controller_drives, leaves
 
 RUN_DOWN_NS = 500_000_000
 """Time that the drive gets to stop when a limit has ended the experiment. # chosen"""
-BEGIN, OPERATOR = "begin", "operator"
+BEGIN, OPERATOR, PLANT = "begin", "operator", "plant"
 
 Retune = Callable[[str, dict[str, Any]], None]
 
@@ -41,7 +41,7 @@ class Operation:
     """The experiment of `scene` on `stand`. It ends after `duration_ns`, or when its protocol is done.
 
     `retune(controller, changes)` changes parameters of a controller, wherever it works. `events` are those of a
-    recorded run: what came from outside then comes again, at the same ticks.
+    recorded run: what came from outside then comes again, at the same ticks. Only what the plant says was in force.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class Operation:
         """Keys of what is told to be delayed too much."""
         if length is not None:
             self._warn(length)
-        told = list(events)
+        told = [event for event in events if event.get("source", PLANT) == PLANT]  # others may say anything
         first = next((i for i, event in enumerate(told) if event["kind"] == BEGIN), 0)
         self._before, self._outside = (
             deque(event for event in part if event["data"].get("by") == OPERATOR)

@@ -66,9 +66,8 @@ def open(path: Path | str) -> Run:
         return [said for payload in gathered.get(topic, ()) if (said := decode(topic, payload)) is not None]
 
     time_ns, signals, mode = _truth([topic for topic in gathered if topic.startswith("truth/")], read, setup)
-    events = sorted(
-        _events(said for topic in gathered if topic.startswith("event/") for said in read(topic)), key=_when
-    )
+    events = [event for topic in gathered if topic.startswith("event/") for event in _events(topic[6:], read(topic))]
+    events.sort(key=_when)
     measurements = {name: _samples(read(f"meas/{name}")) for name in setup.sensors}
     applied = {topic[8:]: read(topic) for topic in gathered if topic.startswith("applied/")}
     summary = _summary(scan.metadata.get("summary", {}), events)
@@ -102,7 +101,8 @@ def _summary(told: dict[str, str], events: list[dict[str, Any]]) -> dict[str, An
             return {key: json.loads(text) for key, text in told.items()}
     except ValueError:
         pass
-    return next((dict(event["data"]) for event in reversed(events) if event["kind"] == "verdict"), {})
+    spoken = (event for event in reversed(events) if (event["source"], event["kind"]) == ("plant", "verdict"))
+    return next((dict(event["data"]) for event in spoken), {})
 
 
 def _recovered(scan: Scan) -> str:
@@ -157,7 +157,8 @@ def _commands(found: list[Any]) -> Commands:
     return Commands(tick, answered, status, np.array([list(a.values) for a in found], float).reshape(len(found), width))
 
 
-def _events(found: Iterable[Any]) -> Iterator[dict[str, Any]]:
+def _events(source: str, found: Iterable[Any]) -> Iterator[dict[str, Any]]:
+    """Events of one process: of the topic's, which nobody else can speak on, whatever the message says."""
     for event in found:
-        told = {name: getattr(event, name) for name in ("t_ns", "tick", "source", "kind", "text")}
-        yield {**told, "data": json.loads(event.data) if event.data else {}}
+        told = {name: getattr(event, name) for name in ("t_ns", "tick", "kind", "text")}
+        yield {**told, "source": source, "data": json.loads(event.data) if event.data else {}}

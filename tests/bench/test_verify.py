@@ -6,6 +6,7 @@ import pytest
 
 import rig
 from rig.bench.verify import verify
+from rig.bus import messages
 from rig.record.save import save
 
 
@@ -25,6 +26,30 @@ def test_a_run_that_a_limit_ended_holds(limited, tmp_path):
     assert found.passed, found.text()
     assert found.identical
     assert found.compared > 1000
+
+
+def test_what_strangers_say_is_kept_and_not_done_again(tmp_path):
+    """A guest calls itself the plant, and tells what an operator is to have done; it said so on a topic of its own."""
+    run = rig.simulate("belt", duration=0.2)
+    path = tmp_path / "run.mcap"
+    strange = [("begin", {}), ("parameter", {}), ("parameter", {"set": {"friction.mu_static": 0.1}})]
+    strange += [("dismissed", {"controller": "nf"}), ("verdict", {"verdict": "INVALID"})]
+    events = [
+        {"t_ns": 5 * 10**7, "tick": 50, "source": "mine", "kind": kind, "text": "", "data": {"by": "operator", **data}}
+        for kind, data in strange
+    ]
+    packed = messages.event
+
+    def lying(t_ns, tick, source, *said, **more):
+        return packed(t_ns, tick, "plant", *said, **more)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(messages, "event", lying)
+        save(dataclasses.replace(run, events=[*run.events, *events]), path)
+    assert [event for event in rig.open(path).events if event["source"] == "mine"] == events
+    found = verify(path)
+    assert found.passed, found.text()
+    assert found.identical
 
 
 def test_a_stop_that_does_not_come_again_is_told(limited, tmp_path):
