@@ -81,7 +81,7 @@ class Attendant:
     def notice(self) -> None:
         """Write down who has joined and who has left."""
         note = self._operation.journal.note
-        for who in self._hub.watch.poll():
+        for who in self._hub.look():
             known = {"role": who.role, "name": who.name}
             if who.here:
                 note("joined", f"{who.role} {who.name} is here", **known)

@@ -20,7 +20,7 @@ from rig.bench.operation import Operation
 from rig.bench.timing import Spread
 from rig.bus import encode, messages
 from rig.bus.inbound import Refused
-from rig.bus.port import Publisher, Session
+from rig.bus.port import Presence, Publisher, Session
 from rig.bus.setup import Setup
 from rig.errors import UsageError
 from rig.scenes.scene import heard
@@ -89,7 +89,7 @@ class Hub:
         self._voices: dict[str, str] = {}
         """Controller that was admitted -> user whose commands count; one of the scene is a user of its own name."""
         self._admitted: dict[str, float] = {}
-        """When they were admitted [s of the monotonic clock]."""
+        """When those were admitted that have not been seen here since [s of the monotonic clock]."""
         self._counted: dict[str, int] = {}
         self._steps = 0
         self.totals = session.subscribe("total/*", polled=True)
@@ -130,6 +130,14 @@ class Hub:
     def admit(self, name: str, user: str) -> None:
         """From here on the commands of `user` as `name` count, and of nobody else."""
         self._voices[name], self._admitted[name] = user, time.monotonic()
+
+    def look(self, timeout: float = 0.0) -> list[Presence]:
+        """Who has come and gone since the last call; who was admitted and has come is awaited no longer."""
+        changes = self.watch.poll(timeout)
+        for who in changes:
+            if who.here and who.role == "controller":
+                self._admitted.pop(who.name, None)
+        return changes
 
     def awaited(self, name: str, user: str) -> bool:
         """Whether `name` was admitted just now for another than `user`, who need not have announced itself yet."""

@@ -98,7 +98,7 @@ class Plant:
     def gather(self, say: Say) -> None:
         """Wait for those who are expected, and say for whom."""
         present, deadline, told = self.hub.watch.present, time.monotonic() + self.job.wait, ""
-        self.hub.watch.poll()
+        self.hub.look()
         while missing := [f"{role} {name}" for role, name in self.job.expect if (role, name) not in present]:
             if self._stopping() or self.attendant.orphaned():
                 return
@@ -109,7 +109,7 @@ class Plant:
             if (text := f"waiting for {', '.join(waited)}") != told:
                 told = text
                 say(text)
-            self.hub.watch.poll(0.02)
+            self.hub.look(0.02)
             self.hub.serve_scene()
             self.desk.poll()
         self.from_start = set(present)

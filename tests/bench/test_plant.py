@@ -359,6 +359,25 @@ def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, n
         assert kinds[-3:] == ["admitted", "dismissed", "admitted"]
 
 
+def test_the_name_of_an_admitted_controller_is_free_as_soon_as_it_came_and_left(scene, numbers):
+    with Bench(scene, numbers, pace=None) as bench:
+        desk, hub = bench.plant.desk, bench.plant.hub
+        wanted = {"do": "admit", "controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
+        desk._cmd.asker = "guest-1"
+        desk._command(wanted)
+        desk._cmd.asker = "guest-2"
+        hub.look()
+        with pytest.raises(UsageError, match="taken"):  # it may be about to tell that it is here
+            desk._command(wanted)
+        with bench.twin.open("controller", "mine") as mine:
+            mine.announce()
+            hub.look()
+            with pytest.raises(UsageError, match="taken"):
+                desk._command(wanted)
+        hub.look()
+        desk._command(wanted)
+
+
 def test_what_is_still_being_built_at_the_end_of_a_run_is_refused(scene, numbers):
     with Bench(scene, numbers, duration=0.3) as bench:
         bench.plant.desk._carried_out = lambda body: lambda: None  # takes longer than the run
