@@ -192,6 +192,12 @@ class Watch(ABC):
                 changes.append(found)
         return changes
 
+    def all_here(self) -> set[tuple[str, str]]:
+        """Everyone here, once all that has arrived is taken in."""
+        for _ in range(PRESENCES // _MOST):
+            self.poll()
+        return self.present
+
     def wait_for(self, role: str, name: str, timeout: float) -> bool:
         """Whether `name` in `role` is here, waiting for it at most `timeout` seconds."""
         deadline = time.monotonic() + timeout
@@ -304,6 +310,10 @@ class Session(ABC):
     @abstractmethod
     def watch(self, who: str = "*/*") -> Watch:
         """A watch over everyone whose role/name fits `who`; begins with those already here."""
+
+    @abstractmethod
+    def present(self, who: str = "*/*", timeout: float = 2.0) -> set[tuple[str, str]]:
+        """(role, name) of everyone here whose role/name fits `who`: asked once, and ends with the last answer."""
 
     @abstractmethod
     def serve(self, topic: str, answer: Answer) -> Server:

@@ -227,6 +227,17 @@ class ZenohSession(Session):
         )
         return found
 
+    def present(self, who: str = "*/*", timeout: float = 2.0) -> set[tuple[str, str]]:
+        """See `Session.present`."""
+        found = _Watch(self.door, len(self._prefix))
+        try:
+            for reply in self._zenoh.liveliness().get(f"{self._prefix}*/alive/{who}", timeout=timeout):
+                if reply.ok is not None:
+                    found.take(reply.ok)
+        except zenoh.ZError as fault:
+            raise BusError(f"who is in run {self.run} could not be asked: {fault}") from None
+        return found.all_here()
+
     def serve(self, topic: str, answer: Answer) -> Server:
         """See `Session.serve`."""
         self._own(topic)

@@ -43,6 +43,11 @@ class Twin:
                 if topics.matches(who, f"{role}/{name}"):
                     watch.queue.put(Arrived(name, f"alive/{role}/{name}"))
 
+    def here(self, who: str) -> set[tuple[str, str]]:
+        """Role and name of everyone who has joined and fits `who`."""
+        with self._lock:
+            return {(role, name) for role, name in self._alive if topics.matches(who, f"{role}/{name}")}
+
     def tell(self, role: str, name: str, here: bool) -> None:
         """Someone joins or leaves."""
         with self._lock:
@@ -153,6 +158,9 @@ class _TwinSession(Session):
         found = _Watch(self.door)
         self._hub.look(who, found)
         return found
+
+    def present(self, who: str = "*/*", timeout: float = 2.0) -> set[tuple[str, str]]:
+        return self._hub.here(who)
 
     def serve(self, topic: str, answer: Answer) -> Server:
         self._own(topic)

@@ -30,7 +30,8 @@ for panel, room in {
     "This machine": host,
 }.items():
     for name, (function, example) in room.COMMANDS.items():
-        app.command(name, epilog=f"Example:  {example}", rich_help_panel=panel)(function)
+        cls = live.CLASSES.get(name)
+        app.command(name, cls=cls, epilog=f"Example:  {example}", rich_help_panel=panel)(function)
 app.add_typer(live.topic, name="topic", rich_help_panel="A run that is going on")
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 import time
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from rig.cli import tell
 from rig.cli.options import LONGEST, Json, RunName, number
@@ -17,6 +19,17 @@ if TYPE_CHECKING:
 topic = typer.Typer(no_args_is_help=True, help="See what is said on the bus of a run.")
 Pattern = Annotated[str, typer.Argument(help='Topics: "*" stands for one part, "**" for all that follow.')]
 For = Annotated[str, typer.Option("--for", metavar="TIME", help="How long to listen, in seconds or with a unit.")]
+
+
+class Numbers(TyperCommand):
+    """A command among whose arguments are numbers: -0.8 is one, and no option."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put what is a negative number behind the options, where nothing is taken for one."""
+        if "--" not in args:
+            negative = [one for one in args if re.match(r"-\.?\d", one)]
+            args = [*(one for one in args if one not in negative), *(["--", *negative] if negative else [])]
+        return super().parse_args(ctx, args)
 
 
 def tune(
@@ -55,10 +68,7 @@ def tune(
 
 
 def _controllers(session: Session) -> list[str]:
-    watch = session.watch("*/*")
-    watch.wait_for("plant", "plant", 1.0)
-    watch.poll(0.05)
-    return sorted(name for role, name in watch.present if role == "controller")
+    return sorted(name for _, name in session.present("controller/*"))
 
 
 def _owner(session: Session, key: str) -> tuple[str, str]:
@@ -174,3 +184,5 @@ def _heard(pattern: str, run: str | None, listen: float) -> dict[str, tuple[int,
 
 
 COMMANDS = {"tune": (tune, 'rig tune load.force "15 N"')}
+CLASSES = {"tune": Numbers}
+"""Of commands that are read in a way of their own."""

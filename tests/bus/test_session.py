@@ -172,6 +172,24 @@ def test_a_latecomer_sees_who_is_here(wire):
     assert wire.join(name="two").watch().wait_for("controller", "one", 3.0)
 
 
+def test_who_is_present_is_told_at_once_and_whole(wire):
+    assert wire.plant.present() == set()
+    names = [f"c{i}" for i in range(8)]
+    for name in names:
+        wire.join(name=name).announce()
+    viewer = wire.join(role="viewer", name="eye")
+    viewer.announce()
+    watch = wire.plant.watch()
+    assert all(watch.wait_for("controller", name, 3.0) for name in names)
+    assert watch.wait_for("viewer", "eye", 3.0)
+    late, begun = wire.join(role="operator", name="tune"), time.monotonic()
+    assert late.present("controller/*") == {("controller", name) for name in names}
+    assert ("viewer", "eye") in late.present()
+    assert time.monotonic() - begun < 2.0  # it waits for answers, not for a time
+    wire.plant.close()
+    late.present()  # nobody is there to answer: it ends all the same
+
+
 def serving(server, seconds=3.0):
     thread = threading.Thread(target=lambda: server.poll(seconds))
     thread.start()

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -313,6 +314,30 @@ def test_tune_lists_what_can_be_tuned(rig, mine):
     assert code == 2
     assert "unknown key" in err
     assert "lists what can be tuned" in err
+
+
+def test_a_negative_value_is_tuned_as_it_stands(rig, mine):
+    for said in (["mine.swing", "-0.8"], ["--run", "tried", "mine.swing", "-.8"], ["mine.swing", "--", "-0.8"]):
+        mine.clear()
+        code, out, err = rig("tune", *said)
+        assert (code, out) == (0, "mine.swing = -0.8\n"), err
+        assert mine == {"swing": -0.8}
+    code, out, err = rig("tune", "mine.swing", "-5 N/h", "--run", "tried", "--json")
+    assert (code, mine) == (0, {"swing": "-5 N/h"}), err
+    assert "Change a value" in rig("tune", "-h")[1]
+    assert rig("tune", "mine.swing", "-x")[0] == 2
+
+
+def test_tune_sees_every_controller(rig, plant):
+    from rig import bus
+
+    names = [f"c{i}" for i in range(8)]
+    with ExitStack() as stack:
+        for name in names:
+            stack.enter_context(bus.join("tried", role="controller", name=name)).announce()
+        code, _, err = rig("tune", "controllers.nf.gain", "1")
+        assert code == 2
+        assert f"there are: {', '.join(names)}" in err
 
 
 def test_tune_asks_the_process_that_owns_the_parameter(rig, plant):
