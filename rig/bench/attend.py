@@ -34,6 +34,8 @@ class Attendant:
         self._marked = (0, 0)
         self._given_up = 0
         self._passed_ns: list[int] = []
+        self._known: set[tuple[str, str]] = set(job.expect)
+        """Who was expected, or here at the first frame."""
         self._left: dict[tuple[str, str], str] = {}
         """Who has left and not come back, and the fault that tells it."""
         self._asleep = pace.asleep_ns()
@@ -46,6 +48,7 @@ class Attendant:
         self._due = self._health_due = now
         self._marked, self.pacer = (now, 0), pacer
         self._begun, self._stolen = now, pace.stolen_ns()
+        self._known |= self._hub.watch.present
 
     def look(self, now: int) -> bool:
         """Do what is due now; whether health was told."""
@@ -89,9 +92,18 @@ class Attendant:
                 continue
             text = f"{who.role} {who.name} left at t = {self._stand.t_ns / 1e9:.3f} s"
             note("left", text, **known)
-            if who.role in MISSED:
+            if who.role in MISSED and self._missed(who.role, who.name):
                 self.faults.append(text)
                 self._left[who.role, who.name] = text
+
+    def _missed(self, role: str, name: str) -> bool:
+        """Whether the run relied on who has left; a guest that comes later may call itself anything.
+
+        It relied on those that it waited for or began with, on controllers that drive something, and on who bears a
+        name that no guest can take: the recorder that somebody started by hand.
+        """
+        driving = role == "controller" and name in self._operation.exchange.lines
+        return (role, name) in self._known or driving or name in self._hub.session.door.reserved
 
     def _is_back(self, role: str, name: str) -> None:
         """Who left has come again: the fault is the time in between."""

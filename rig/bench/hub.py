@@ -34,7 +34,8 @@ _ACTS = 1 << 10
 _ANNOUNCED_S = 5.0
 """How long after its admission nobody takes the place of a controller that is not to be seen yet. # chosen"""
 _TOO_MANY = 1000
-"""Commands beyond four for each step between two looks (0.2 s) that are told as too many. # chosen"""
+"""Commands between two looks (0.2 s), beyond four for each step and one for each older one that was not answered, that
+are told as too many. # chosen"""
 
 
 class Samples:
@@ -90,7 +91,8 @@ class Hub:
         """Controller that was admitted -> user whose commands count; one of the scene is a user of its own name."""
         self._admitted: dict[str, float] = {}
         """When those were admitted that have not been seen here since [s of the monotonic clock]."""
-        self._counted: dict[str, int] = {}
+        self._counted: dict[str, tuple[int, int]] = {}
+        """Commands on each topic up to the last look, and steps that their sender still owed an answer then."""
         self._steps = 0
         self.totals = session.subscribe("total/*", polled=True)
         self.watch = session.watch("*/*")
@@ -146,14 +148,20 @@ class Hub:
         )
 
     def floods(self) -> list[str]:
-        """Who sent far more commands since the last call than steps were sent; a line each."""
+        """Who sent far more commands since the last call than it had steps to answer; a line each.
+
+        A controller that was held up answers all steps that waited for it at once: that is a backlog, no flood.
+        """
         steps, self._steps = self._step.sent - self._steps, self._step.sent
         found = []
         for topic, count in self.acts.counts.items():
-            sent = count.received + count.lost
-            new, self._counted[topic] = sent - self._counted.get(topic, 0), sent
-            if new > 4 * steps + _TOO_MANY:
-                found.append(f"controller {topic[4:]} sent {new} commands for {steps} steps")
+            sent, line = count.received + count.lost, self.operation.exchange.lines.get(topic[4:])
+            before, owed = self._counted.get(topic, (0, 0))
+            new = sent - before
+            if new > owed + 4 * steps + _TOO_MANY:
+                found.append(f"controller {topic[4:]} sent {new} commands for {owed + steps} steps")
+            due = steps // line.period if line is not None else 0
+            self._counted[topic] = (sent, max(owed + due - new, 0))
         return found
 
     def put_step(self) -> None:

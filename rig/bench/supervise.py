@@ -200,11 +200,12 @@ class Team:
 
     def _tell(self, events: Receiver) -> None:
         for message in events.drain():
-            event = message.said
-            self._over = self._over or event.kind == "end"
+            event, who = message.said, message.topic[6:]  # of the topic's process, whatever the event says
+            own = who == "plant"
+            self._over = self._over or (own and event.kind == "end")
             if event.kind in TOLD:
                 text = "".join(filter(str.isprintable, event.text.partition("\n")[0][:_LINE]))
-                self._say(f"{event.t_ns / 1e9:9.3f} s  {event.kind}: {text}")
+                self._say(f"{event.t_ns / 1e9:9.3f} s  {'' if own else f'{who}: '}{event.kind}: {text}")
 
     def _interrupt(self, interrupts: list[str]) -> None:
         """The first Ctrl-C ends the plant, the second everybody."""

@@ -17,8 +17,9 @@ from rig.bench.operation import Operation
 from rig.bench.plant_process import Plant
 from rig.bench.simulate import simulate
 from rig.bench.stand import Stand
+from rig.bench.supervise import Team
 from rig.bus import encode, messages
-from rig.bus.inbound import HEADER, Arrived
+from rig.bus.inbound import HEADER, Arrived, Count
 from rig.bus.setup import fetch
 from rig.bus.twin import Twin
 from rig.errors import BusError, UsageError
@@ -461,6 +462,67 @@ def test_a_limit_leads_to_the_safe_state(scene, numbers):
     assert "displacement" in bench.summary["ended"]
     assert any(event.kind == "limit" for event in bench.events(heard))
     assert bench.summary["seconds"] < 1.5
+
+
+def test_a_guest_under_a_made_up_role_is_not_missed(scene, numbers):
+    with Bench(scene, numbers, pace=None, expect=(("recorder", "r"),)) as bench:
+        plant, attendant, open_ = bench.plant, bench.plant.attendant, bench.twin.open
+        first = [open_("recorder", "r"), open_("controller", "early")]
+        for session in first:
+            session.announce()
+        attendant.notice()
+        attendant.begin(0, None)
+        plant.operation.admit("mine", ["drive.speed"], scene.frame_ns)
+        plant.session.door.reserved = frozenset({"recorder"})
+        late = [("controller", "t0"), ("recorder", "rr"), ("controller", "mine"), ("recorder", "recorder")]
+        for session in (others := [open_(*who) for who in late]):
+            session.announce()
+        attendant.notice()
+        for session in (*first, *others):
+            session.close()
+        attendant.notice()
+        told = [fault.partition(" left at")[0] for fault in attendant.faults]
+        assert told == ["recorder r", "controller early", "controller mine", "recorder recorder"]
+        noted = [event.text for event in plant.operation.journal.events if event.kind == "left"]
+        assert any("controller t0 left" in text for text in noted)
+
+
+def test_only_the_plant_tells_that_the_run_is_over():
+    twin, lines = Twin("told"), []
+    team = Team.__new__(Team)  # without processes
+    team._say, team._over = lines.append, False
+    events = twin.open("operator", "supervisor").subscribe("event/*")
+    guest, plant = (
+        twin.open(role, name).publisher(f"event/{name}") for role, name in (("controller", "mine"), ("plant", "plant"))
+    )
+    for kind in ("end", "limit"):
+        guest.put(messages.event(0, 0, "plant", kind, "so it says"), 0)
+    team._tell(events)
+    assert not team._over
+    plant.put(messages.event(0, 0, "plant", "limit", "too far"), 0)
+    plant.put(messages.event(0, 0, "plant", "end", "done"), 0)
+    team._tell(events)
+    assert team._over
+    assert lines == ["    0.000 s  mine: limit: so it says", "    0.000 s  limit: too far"]
+
+
+def test_a_backlog_is_no_flood(scene, numbers):
+    """A controller that was held up answers every step that waited for it, once."""
+    with Bench(scene, numbers, pace=None) as bench:
+        hub = bench.plant.hub
+        count = hub.acts.counts["act/nf"] = Count()
+
+        def told(steps, commands):
+            hub._step.sent += steps
+            count.received += commands
+            return hub.floods()
+
+        assert told(200, 200) == []
+        assert [told(200, 0) for _ in range(15)] == [[]] * 15
+        assert told(211, 1869) == []
+        assert told(200, 1542) == []
+        assert told(200, 1800) == []
+        assert told(200, 2000) == ["controller nf sent 2000 commands for 200 steps"]
 
 
 def test_who_does_not_come_is_not_waited_for_forever(scene, numbers):
