@@ -1,6 +1,6 @@
-"""Reading a file that a user names: a regular file and no larger than such a file can be.
+"""Files that a user names: to be read, a regular file and no larger than such a file can be; to be written, no pipe.
 
-A pipe would wait for a writer, a device may never end.
+A pipe would wait for whoever is at its other end, a device may never end.
 """
 
 from __future__ import annotations
@@ -24,6 +24,16 @@ def regular(path: Path) -> int:
     if not stat.S_ISREG(found.st_mode):
         raise OSError(errno.EINVAL, "it is no regular file")
     return found.st_size
+
+
+def takes(path: Path) -> None:
+    """Raise OSError for what is there and cannot be written as a file is; devices such as /dev/null can."""
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        return
+    if not (stat.S_ISREG(mode) or stat.S_ISCHR(mode) or stat.S_ISDIR(mode)):  # of a folder the system tells
+        raise OSError(errno.EINVAL, "it is no regular file; name another one")
 
 
 def contents(path: Path, most: int = TEXT) -> bytes:

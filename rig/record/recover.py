@@ -15,6 +15,7 @@ from mcap.reader import make_reader
 from mcap.records import Channel
 
 from rig.errors import LogError, UsageError
+from rig.files import regular
 from rig.record.container import Writer as Mcap
 from rig.record.reader import Decoder
 from rig.record.scan import Scan
@@ -32,7 +33,7 @@ class Recovered:
     fault: str
     """What was wrong with the original."""
     lost: int | None
-    """Messages that could not be saved; None where the end is cut off and nobody knows how many followed."""
+    """Messages that could not be saved; None where an end is cut off and nobody knows how many stood there."""
     skipped: list[str] = field(default_factory=list)
     """Damaged places of the original."""
 
@@ -44,7 +45,7 @@ class Recovered:
     def told(self) -> str:
         """What was lost, in words."""
         if self.lost is None:
-            return "lost: what followed after the end of the file, nobody knows how much"
+            return "lost: what stood where the file is cut off, nobody knows how much"
         return f"lost: {self.lost} of {self.messages + self.lost} messages" if self.lost else "no message lost"
 
 
@@ -90,6 +91,8 @@ def _put(found: Recovered, scan: Scan, target: Path, replace: bool) -> None:
     """Write the copy beside the target, check it, and put it in place: the target is this or what it was."""
     try:
         fresh = not target.exists()
+        if not fresh:
+            regular(target)  # a device or a pipe would be replaced by the copy
         if fresh or not replace:
             claim(target, replace=False).close()
         draft, name = tempfile.mkstemp(".mcap", f".{target.stem}-", target.parent)

@@ -24,6 +24,7 @@ from rig import locks
 from rig.bus import messages, topics
 from rig.bus.setup import Setup
 from rig.errors import BusError, LogError
+from rig.files import takes
 from rig.record.container import Writer as Mcap
 
 CHUNK = 256 * 1024
@@ -37,6 +38,7 @@ def claim(path: Path, replace: bool) -> BinaryIO:
 
     Raises OSError where it cannot be, with the reason in `strerror`.
     """
+    takes(path)
     file = os.open(path, os.O_WRONLY | os.O_CREAT | _OWN, 0o666)
     try:
         try:

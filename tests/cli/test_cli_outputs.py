@@ -1,7 +1,9 @@
 """No command overwrites a file unless it is told --force, and none leaves an empty one behind."""
 
 import inspect
+import os
 import typing
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from rig.cli import app as program
 from rig.cli import cost, logs, processes, runs, scenes, study, torture
 from rig.record.run import Run, Samples
 from rig.record.save import save
+from rig.record.writer import claim
 
 ROOMS = (cost, logs, processes, runs, scenes, study, torture)
 MAPS = study.map_  # its folder is named by the digest of all that the results depend on: made or found
@@ -65,14 +68,14 @@ FILES = [
 @pytest.mark.parametrize("command", FILES, ids=lambda command: f"{command[0]} {command[-1]}")
 def test_a_file_is_not_overwritten(rig, tmp_path, monkeypatch, command):
     monkeypatch.chdir(tmp_path)
-    mine = tmp_path / "mine"
+    mine = tmp_path / "mine.png"
     mine.write_text("mine")
     code, err = rig(*command, mine)
     assert code in (1, 2)
     assert "exists" in err
     assert "--force" in err
     assert mine.read_text() == "mine"
-    assert {path.name for path in tmp_path.iterdir()} == {"mine", "log.mcap", "cut.mcap"}
+    assert {path.name for path in tmp_path.iterdir()} == {"mine.png", "log.mcap", "cut.mcap"}
 
 
 @pytest.mark.parametrize(
@@ -114,6 +117,53 @@ def test_places_that_cannot_be_written_are_told_before_anything_is_computed(rig,
         assert code == 2
         assert why in err
         assert "no_such_scene" not in err
+
+
+@pytest.mark.usefixtures("log")
+@pytest.mark.parametrize("command", [c for c in FILES if c[-1] == "--figure"], ids=lambda command: command[0])
+@pytest.mark.parametrize("name", ["nos", "a.txt", "a.mcap", ".png"])
+def test_a_figure_that_cannot_be_drawn_by_its_name_is_refused_at_once(rig, tmp_path, monkeypatch, command, name):
+    monkeypatch.chdir(tmp_path)
+    code, err = rig(*command, name)
+    assert code == 2
+    assert f"--figure {name}: the name of a figure ends in .png, .svg or .pdf" in err
+    assert {path.name for path in tmp_path.iterdir()} == {"log.mcap", "cut.mcap"}
+
+
+@pytest.mark.parametrize("there", [True, False])
+def test_two_options_do_not_name_one_file(rig, tmp_path, there):
+    if there:
+        (tmp_path / "a.png").write_text("mine")
+        (tmp_path / "b.png").symlink_to("a.png")
+    for other in ("a.png", "x/../a.png") + (("b.png",) if there else ()):
+        (tmp_path / "x").mkdir(exist_ok=True)
+        files = ("--out", tmp_path / "a.png", "--figure", tmp_path / other)
+        code, err = rig("simulate", "no_such_scene", *files, *(("--force",) if there else ()))
+        assert code == 2
+        assert f"--figure {tmp_path / other}: is the file of --out too" in err
+    assert (tmp_path / "a.png").exists() == there
+    assert not there or (tmp_path / "a.png").read_text() == "mine"
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+@pytest.mark.usefixtures("log")
+@pytest.mark.parametrize("command", FILES, ids=lambda command: f"{command[0]} {command[-1]}")
+def test_a_pipe_is_no_file_to_write(rig, tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    os.mkfifo(tmp_path / "pipe.png")
+    for force in ((), ("--force",)):
+        code, err = rig(*command, "pipe.png", *force)
+        assert code in (1, 2)
+        assert "pipe.png cannot be written: it is no regular file" in err
+    assert (tmp_path / "pipe.png").is_fifo()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+def test_a_recording_is_not_written_into_a_pipe(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OSError, match="no regular file"):
+        claim(tmp_path / "pipe", replace=True)
+    claim(Path(os.devnull), replace=False).close()
 
 
 def test_every_command_that_writes_files_takes_force():
