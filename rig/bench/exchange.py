@@ -286,9 +286,13 @@ class Exchange:
             return start + (to - start) * share
         return self._asked[name]
 
-    def _overruled(self, name: str) -> bool:
+    def overruler(self, name: str) -> str:
+        """The controller that an actuator follows, whatever is asked of it; "" where it follows none."""
         owner = self._owner.get(name)
-        if owner is None or not self.lines[owner].values:
+        return owner if owner is not None and self.lines[owner].values else ""
+
+    def _overruled(self, name: str) -> bool:
+        if not (owner := self.overruler(name)):
             return False
         self._journal.repeated(
             "overruled", f"{name} follows {owner}; the protocol's value waits until it is disconnected"
@@ -310,8 +314,7 @@ class Exchange:
     def _climb(self) -> None:
         """The next step of what runs in steps; a controller that drives it goes before."""
         for name in self._stairs:
-            owner = self._owner.get(name)
-            if owner is None or not self.lines[owner].values:
+            if not self.overruler(name):
                 self._write(name, self._asked_now(name))
 
     def counters(self) -> dict[str, dict[str, Any]]:
@@ -331,9 +334,13 @@ class Playback(Exchange):
         """Nobody is listened to."""
 
     def until(self) -> int | None:
-        """The tick of the next recorded command; None if there is none."""
+        """The tick of the next recorded command; None if there is none.
+
+        Not of a controller without a line, whose admission is not in the recording.
+        """
         due = [self._stand.tick + 1] if self._stairs else []
-        return min((*due, *(recorded[0][0] for recorded in self._recorded.values() if recorded)), default=None)
+        played = (recorded for name, recorded in self._recorded.items() if recorded and name in self.lines)
+        return min((*due, *(recorded[0][0] for recorded in played)), default=None)
 
     def take_over(self) -> list[Line]:
         """Put into force what took effect at this tick."""

@@ -133,6 +133,8 @@ def _gaps(run: Run, again: Run) -> Iterator[str]:
         if way.startswith("applied/") and way.endswith(" to recorder"):
             name = way.removeprefix("applied/").removesuffix(" to recorder")
             yield f"{count} messages of the commands of {name} were lost on their way: it cannot come out the same"
+    for name in run.commands.keys() - again.commands.keys():
+        yield f"the commands of {name} are recorded, but not that it was admitted: it cannot come out the same"
     for name, (t_ns, _) in run.measurements.items():
         missing = again.measurements[name].t_ns.size - t_ns.size
         if missing:

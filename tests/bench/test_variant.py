@@ -3,6 +3,7 @@
 import json
 import threading
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,8 +15,10 @@ from rig.bench.refit import Refit
 from rig.bench.simulate import simulate
 from rig.bench.stand import Stand
 from rig.bench.variant import Build, Wanted
+from rig.bench.verify import verify
 from rig.errors import SceneError
 from rig.record.run import Commands
+from rig.record.save import save
 from rig.scenes.scene import Scene
 from rig.solve.motion import Motion
 
@@ -210,3 +213,15 @@ def test_a_value_without_a_rig_is_told_and_not_taken(monkeypatch):
     [told] = [event.text for event in journal.events if event.kind == "refused"]
     assert "shunt.resistance" in told
     assert "cannot be had" in told
+
+
+def test_commands_of_a_controller_whose_admission_was_not_recorded_end_in_words(tmp_path):
+    scene = shorn("belt")
+    ticks = np.arange(50, 90, dtype=np.int64)
+    commands = Commands(ticks, ticks, np.zeros_like(ticks), np.full((40, 1), 25.0))
+    told = {"by": "operator", "controller": "mine", "drives": ["load.force"], "period_ns": MS}
+    run = simulate(scene, {}, 10**8, {"mine": commands}, events=[{"tick": 40, "kind": "admitted", "data": told}])
+    save(replace(run, events=[event for event in run.events if event["kind"] != "admitted"]), tmp_path / "late.mcap")
+    found = verify(tmp_path / "late.mcap")
+    assert not found.passed
+    assert "mine are recorded, but not that it was admitted" in found.faults[0]
