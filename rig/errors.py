@@ -10,7 +10,8 @@ RigError
 │   └── Chatter       more events in one block than the scene allows
 ├── WorkerError       a worker process that ended before its work was done
 ├── BusError          a connection, a topic or a message that failed
-└── LogError          a recording that cannot be read or written
+├── LogError          a recording that cannot be read or written
+└── OutputError       another file that cannot be written
 
 A user's mistake never ends in a traceback: the commands print `str(error)` and leave with `error.exit_code`.
 """
@@ -83,5 +84,11 @@ class BusError(RigError):
 
 class LogError(RigError):
     """A recording that cannot be read or written."""
+
+    exit_code = 1
+
+
+class OutputError(RigError):
+    """A file of results that cannot be written, as on a full disk."""
 
     exit_code = 1

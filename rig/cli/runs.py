@@ -52,9 +52,9 @@ def demo(view: View = False, web: Web = False) -> None:
     scene = load("pendulum")
     tell.note(f"{scene.title}\n\n{scene.about}\n")
     outcome = supervise(scene, numbers=numbers(scene), view=view, web=web)
+    tell.line(outcome.text())
     if outcome.log:
         _draw(outcome.log, Path(outcome.log).with_suffix(".png"))
-    tell.line(outcome.text())
     raise typer.Exit(outcome.exit_code)
 
 
@@ -94,12 +94,12 @@ def run(
         out=out,
         replace=force,
     )
-    if figure is not None and outcome.log:
-        _draw(outcome.log, figure)
     if as_json:
         tell.report(outcome.to_json())
     else:
         tell.line(outcome.text())
+    if figure is not None and outcome.log:
+        _draw(outcome.log, figure)
     raise typer.Exit(outcome.exit_code)
 
 
@@ -162,11 +162,7 @@ def simulate(
         found = rig.simulate(loaded, length, stop=lambda: f"interrupted by {asked[0]}" if asked else "")
     wall = time.perf_counter() - begin
     if out is not None:
-        _save(found, loaded, out)
-    if figure is not None:
-        from rig.view.figure import draw
-
-        draw(found, figure)
+        _save(found, loaded, out, force)
     if as_json:
         tell.report({**found.summary, "energy": found.energy, "events": found.events, "fault": found.fault})
     else:
@@ -178,12 +174,17 @@ def simulate(
         tell.note(f"warning: {text}")
     if found.fault:
         tell.note(found.fault)
+    if figure is not None:
+        from rig.view.figure import draw
+
+        draw(found, figure)
+    if found.fault or any(event["kind"] == "limit" for event in found.events):
         raise typer.Exit(NumericsError.exit_code)
     if asked:
         raise typer.Exit(Interrupted.exit_code)
 
 
-def _save(run: Run, scene: Scene, out: Path) -> None:
+def _save(run: Run, scene: Scene, out: Path, replace: bool) -> None:
     """Write a run of this process, with what a replay into its controllers needs."""
     from controllers import described
     from rig.record.provenance import provenance
@@ -192,7 +193,8 @@ def _save(run: Run, scene: Scene, out: Path) -> None:
 
     designed = numbers(scene)
     run.provenance = provenance(scene.seed)
-    save(run, out, controllers={name: described(s, designed[name]) for name, s in scene.controllers.items()})
+    of = {name: described(s, designed[name]) for name, s in scene.controllers.items()}
+    save(run, out, controllers=of, replace=replace)  # another command may have written it since this one began
 
 
 def _told(run: Run, wall: float, out: Path | None, figure: Path | None) -> Iterator[tuple[str, str]]:

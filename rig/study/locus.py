@@ -9,6 +9,7 @@ import numpy as np
 
 from rig.study.sweep import Sweep
 from rig.view.figure import STYLE
+from rig.view.put import put
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -31,7 +32,7 @@ def draw(sweep: Sweep, path: Path | str) -> None:
         figure = Figure(figsize=(12.8, 6.6), dpi=125, facecolor="white")
         FigureCanvasAgg(figure)
         _compose(figure, sweep)
-        figure.savefig(path)
+        put(figure, path)
 
 
 def _compose(figure: Figure, sweep: Sweep) -> None:

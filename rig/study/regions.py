@@ -29,6 +29,7 @@ from rig.study.critical import NEUTRAL
 from rig.study.crossing import brackets, refined, stretches
 from rig.study.modes import GENERATOR, missing
 from rig.study.spectrum import NOTHING
+from rig.view.put import put
 
 Array = NDArray[np.float64]
 _GREY = "#b9b9b9"
@@ -230,4 +231,4 @@ def draw(found: Regions, path: Path) -> None:
         bar = figure.colorbar(mesh, ax=axes, label="growth of the least stable motion [1/s]")
         bar.outline.set_visible(False)  # type: ignore[operator]
         figure.suptitle(found.scene.title, x=0.01, ha="left", fontsize=13, fontweight="bold")
-        figure.savefig(path)
+        put(figure, path)

@@ -5,4 +5,5 @@ story       phases, marks, controllers at work     channels    which signal belo
 process     the bridge: bus -> rerun               log         a recording in rerun
 stream      messages -> columns, in batches        picture     the rig as a moving picture
 blueprint   the arrangement of the window          viewer      the viewer's own process
+put         a figure into its file, whole or not
 """

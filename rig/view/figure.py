@@ -18,6 +18,7 @@ from rig.record.run import Integers, Reals, Run
 from rig.view import contact, story
 from rig.view.caption import caption, scene_of
 from rig.view.channels import channels
+from rig.view.put import put
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -60,7 +61,7 @@ def draw(run: Run, path: Path | str) -> None:
         figure = Figure(figsize=(12.8, 8.4), dpi=125, facecolor="white")
         FigureCanvasAgg(figure)
         _compose(figure, run)
-        figure.savefig(path)
+        put(figure, path)
 
 
 def _compose(figure: Figure, run: Run) -> None:

@@ -1,13 +1,16 @@
 """No command overwrites a file unless it is told --force, and none leaves an empty one behind."""
 
+import errno
 import inspect
 import os
 import typing
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+import rig as laboratory
 from rig.cli import app as program
 from rig.cli import cost, logs, processes, runs, scenes, study, torture
 from rig.record.run import Run, Samples
@@ -164,6 +167,69 @@ def test_a_recording_is_not_written_into_a_pipe(tmp_path):
     with pytest.raises(OSError, match="no regular file"):
         claim(tmp_path / "pipe", replace=True)
     claim(Path(os.devnull), replace=False).close()
+
+
+def test_of_two_commands_that_write_one_new_file_the_second_is_refused(rig, tmp_path, monkeypatch):
+    out, simulate = tmp_path / "a.mcap", laboratory.simulate
+
+    def meanwhile(*given, **named):
+        found = simulate(*given, **named)
+        out.write_text("of another")
+        return found
+
+    monkeypatch.setattr(laboratory, "simulate", meanwhile)
+    code, err = rig("simulate", "belt", "--duration", "0.05", "--out", out)
+    assert code == 1
+    assert f"{out} cannot be written: it exists; name another file, or add --force" in err
+    assert out.read_text() == "of another"
+    assert rig("simulate", "belt", "--duration", "0.05", "--out", out, "--force")[0] == 0
+    assert out.stat().st_size > 1000
+
+
+@pytest.fixture
+def full(monkeypatch):
+    """A disk that takes a few bytes of a file."""
+
+    def write(path, data):
+        with path.open("wb") as file:
+            file.write(data[:100])
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(Path, "write_bytes", write)
+
+
+@pytest.mark.usefixtures("full")
+@pytest.mark.parametrize("command", ["simulate", "run"])
+@pytest.mark.parametrize("there", [True, False])
+def test_a_full_disk_takes_no_summary_and_tears_no_figure(capsys, tmp_path, monkeypatch, command, there):
+    figure, log = tmp_path / "a.png", tmp_path / "a.mcap"
+    save(laboratory.simulate("belt", 0.05), log)
+    told = SimpleNamespace(log=str(log), text=lambda: "VALID", exit_code=0)
+    monkeypatch.setattr("rig.bench.supervise.run", lambda *_, **__: told)
+    if there:
+        figure.write_text("mine")
+    with pytest.raises(SystemExit) as left:
+        program.run([command, "belt", "--duration", "0.05", "--figure", str(figure), *(("--force",) if there else ())])
+    out, err = capsys.readouterr()
+    assert left.value.code == 1
+    assert ("VALID" if command == "run" else "done: 0.05 s") in out
+    assert f"{figure} cannot be written: No space left on device" in err
+    assert {path.name for path in tmp_path.iterdir()} == ({"a.mcap", "a.png"} if there else {"a.mcap"})
+    assert not there or figure.read_text() == "mine"
+
+
+@pytest.mark.parametrize(("name", "begins"), [("a.svg", b"<?xml"), ("a.PDF", b"%PDF"), ("a.png", b"\x89PNG")])
+def test_a_figure_is_drawn_as_its_name_ends(rig, tmp_path, name, begins):
+    assert rig("simulate", "belt", "--duration", "0.05", "--figure", tmp_path / name)[0] == 0
+    assert (tmp_path / name).read_bytes().startswith(begins)
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_a_simulation_beyond_a_limit_ends_with_4_and_is_recorded(rig, tmp_path):
+    out = tmp_path / "a.mcap"
+    code, _ = rig("simulate", "belt", "-p", "limits.displacement=1 mm", "--duration", "1", "--out", out)
+    assert code == 4
+    assert out.stat().st_size > 1000
 
 
 def test_every_command_that_writes_files_takes_force():

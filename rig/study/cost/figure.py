@@ -13,6 +13,7 @@ import numpy as np
 from rig.study.cost.front import front
 from rig.study.cost.settings import THEORY
 from rig.study.cost.table import WORST, Row, Table
+from rig.view.put import put
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -75,7 +76,7 @@ def sheet(title: str, machine: dict[str, str], path: Path) -> Iterator[Figure]:
         told = f"{m['processor']}, {m['cores']} cores\nPython {m['python']}, numba {m['numba']}, {m['date'][:10]}"
         figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
         figure.text(0.99, 0.015, told, ha="right", va="bottom", fontsize=8.5, color="#666666")
-        figure.savefig(path)
+        put(figure, path)
 
 
 def _of_frame(row: Row) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from rig.study.map.chart import MEANING, REGIONS, Map
 from rig.study.map.dither import Boundary
 from rig.study.map.job import RUNS
+from rig.view.put import put
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -45,7 +46,7 @@ def draw(found: Map | Boundary, path: Path) -> None:
         else:
             _regions(figure.add_subplot(), found)
         figure.suptitle(found.job.scene.title, x=0.01, ha="left", fontsize=13, fontweight="bold")
-        figure.savefig(path)
+        put(figure, path)
 
 
 def _regions(axes: Axes, found: Map) -> None:

@@ -10,6 +10,7 @@ from rig.record.run import Run
 from rig.study.sound.hearing import Sound
 from rig.view import story
 from rig.view.figure import STYLE
+from rig.view.put import put
 
 _LINE, _TONE, _WORK = "#1d4f91", "#c03a76", "#2a9d77"
 _COLUMNS = 2400
@@ -54,4 +55,4 @@ def draw(sound: Sound, run: Run, path: Path) -> None:
         level.set_ylim(max(float(np.percentile(sound.tone, 1.0)) - 5.0, float(sound.level.max()) - 120.0), None)
         level.legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=3, borderaxespad=0.0)
         figure.suptitle(f"{sound.scene}: {sound.channel}", x=0.01, ha="left", fontsize=13, fontweight="bold")
-        figure.savefig(path)
+        put(figure, path)

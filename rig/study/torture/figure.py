@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.study.torture.cells import METHODS, Cell
+from rig.view.put import put
 
 COLOURS = {"green": "#bfe0cb", "amber": "#f6dfae", "red": "#e59c90"}
 TOLD = "Steps stand side by side, the coarsest first. Blank: not run, being the default or not of the quick matrix."
@@ -49,7 +50,7 @@ def draw(cells: Sequence[Cell], path: Path, machine: str) -> None:
         figure.text(0.02, 1.0 - 0.25 / size[1], f"Hard cases by methods: {told}", fontsize=12, fontweight="bold")
         figure.text(0.02, 1.0 - 0.45 / size[1], TOLD, fontsize=8, color="0.3")
         figure.text(0.02, 0.15 / size[1], machine, fontsize=7.5, color="0.4")
-        figure.savefig(path)
+        put(figure, path)
 
 
 def _rows(cells: Sequence[Cell]) -> list[tuple[str, str]]:
