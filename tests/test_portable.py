@@ -55,7 +55,7 @@ def test_simulations_studies_and_figures_work(bare, tmp_path):
     assert (tmp_path / "figure.png").stat().st_size > 10_000
 
 
-@pytest.mark.parametrize("arguments", [("run", "belt", "--duration", 1), ("tune",), ("demo",), ("plant", "belt")])
+@pytest.mark.parametrize("arguments", [("run", "belt", "--duration", 1), ("tune",)])
 def test_live_runs_are_refused_before_anything_starts(bare, arguments):
     code, _, err = bare(*arguments)
     assert code == 2, err
