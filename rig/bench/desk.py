@@ -8,6 +8,8 @@
                    "reads": [sensors], "hears": whether it wants every sample of them}
     param/plant   {"get": [keys]} or {"set": {key: value}}: actuators, and parameters of the rig, by their scene keys;
                   {"list": true}: what can be set, with its units
+                  The answer tells which of these actuators are `overruled`, and by which controller: a value that was
+                  set waits until that one is disconnected, one that was got is in force.
 
 Every answer carries the tick at which it holds.
 """
@@ -131,7 +133,8 @@ class Desk:
 
         def told(values: dict[str, Any]) -> dict[str, Any]:
             found = values | {key: operation.value(key) for key in body.get("get", ())}
-            return {"values": json.loads(json.dumps(found, default=_plain))}
+            overruled = {key: owner for key in found if (owner := operation.exchange.overruler(key))}
+            return {"values": json.loads(json.dumps(found, default=_plain)), "overruled": overruled}
 
         if changes is None:
             return lambda: told({})

@@ -152,8 +152,15 @@ class Operation:
             self.journal.note("stop", why)
 
     def wanted(self, changes: Mapping[str, Any]) -> Wanted:
-        """What the rig must have before `change` can make these changes. Raises UsageError with every fault."""
+        """What the rig must have before `change` can make these changes. Raises UsageError with every fault.
+
+        What is not `tunable` is refused here and not by `change`: recordings hold such changes, from before.
+        """
         actuators, parameters = self._sorted(changes)
+        tunable = self.tunable()
+        if fixed := [key for key in parameters if key not in tunable]:
+            known = f"what can be tuned: {', '.join(tunable)}"
+            raise UsageError("\n".join([*(f"{key}: is fixed while the rig runs" for key in fixed), known]))
         return Wanted(parameters, self.stand.lacking(actuators))
 
     def change(self, changes: Mapping[str, Any], by: str = OPERATOR, variant: Variant | None = None) -> dict[str, Any]:
@@ -179,7 +186,7 @@ class Operation:
             if key not in inputs:
                 parameters[key] = value
                 if key not in known:
-                    faults.append(f"{key}: unknown key; {near(key, [*inputs, *known])}")
+                    faults.append(f"{key}: unknown key; {near(key, self.tunable())}")
                 continue
             one = inputs[key]
             try:

@@ -44,8 +44,8 @@ def tune(
 ) -> None:
     """Change a value of a live run: checked as a whole, in force from the next step on, and recorded.
 
-    A parameter of a controller is named NAME.KEY or controllers.NAME.KEY. Without VALUE the value of now is shown,
-    without KEY everything that can be tuned.
+    An actuator that a controller drives takes it when that one is disconnected. A parameter of a controller is named
+    NAME.KEY or controllers.NAME.KEY. Without VALUE the value of now is shown, without KEY everything that can be tuned.
     """
     from rig import bus
 
@@ -59,11 +59,15 @@ def tune(
             found = session.ask(f"param/{process}", body, timeout=10.0)
         except BusError as fault:
             raise UsageError(f"{fault}\n`rig tune` without a key lists what can be tuned") from None
+    overruled = {} if value is None else found.get("overruled", {})  # a value that was asked for is the one in force
     if as_json:
-        tell.report(found["values"])
+        tell.report(found["values"] | ({"overruled": overruled} if overruled else {}))
         return
     for name, new in found["values"].items():
-        if name == inner:
+        if name == inner and name in overruled:
+            owner = overruled[name]
+            tell.line(f"{key} follows {owner}; {tell.number(new)} waits until {owner} is disconnected")
+        elif name == inner:
             tell.line(f"{key} = {tell.number(new)}")
 
 

@@ -285,6 +285,34 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene, numbers):
     assert [kind for kind in kinds if kind in ("paused", "resumed", "stop")] == ["paused", "resumed", "stop"]
 
 
+def test_what_cannot_be_tuned_is_refused_with_what_can(scene, numbers):
+    with Bench(scene, numbers, pace=None) as bench:
+        desk, operation = bench.plant.desk, bench.plant.operation
+        for key, value in (("start.velocity", 1.0), ("friction.law", "coulomb")):
+            with pytest.raises(UsageError, match=f"{key}: is fixed while the rig runs\n.*tuned: .*load.force") as told:
+                desk._parameters({"set": {key: value}})
+            assert "start." not in str(told.value).partition("\n")[2]
+        assert not operation.journal.events
+        with pytest.raises(UsageError, match="known: ") as told:
+            desk._parameters({"set": {"zzz": 1.0}})
+        assert str(told.value).count("drive.speed,") == str(told.value).count("load.force,") == 1
+
+
+def test_a_value_that_a_controller_overrules_is_told_to_wait(scene, numbers):
+    with Bench(scene, numbers, pace=None) as bench:
+        desk, exchange = bench.plant.desk, bench.plant.operation.exchange
+        assert desk._parameters({"set": {"load.force": 21.0}})["overruled"] == {}  # it has not commanded yet
+        exchange.receive("nf", 0, (7.0,))
+        exchange.take_over()
+        told = desk._parameters({"set": {"load.force": 5.0, "drive.speed": 0.07}})
+        assert told["values"] == {"load.force": 5.0, "drive.speed": 0.07}
+        assert told["overruled"] == {"load.force": "nf"}
+        assert desk._parameters({"get": ["load.force"]})["values"] == {"load.force": 7.0}
+        desk._command({"do": "disconnect", "controller": "nf"})
+        told = desk._parameters({"get": ["load.force"]})
+        assert (told["values"], told["overruled"]) == ({"load.force": 5.0}, {})
+
+
 def test_a_controller_that_leaves_is_missed_and_the_verdict_says_so(scene, numbers):
     with Bench(scene, numbers, duration=1.0, expect=(("controller", "nf"),)) as bench:
         gone = bench.controller()

@@ -236,7 +236,8 @@ def plant(runs_of_its_own):
         tuned.update(body.get("set", {}))
         if unknown := [key for key in [*body.get("set", {}), *body.get("get", ())] if key not in TUNABLE]:
             raise UsageError(f"{unknown[0]}: unknown key")
-        return {"values": {"load.force": 15.0, "drive.speed": 0.06}, "units": TUNABLE}
+        overruled = {"drive.speed": "nf"} if "drive.speed" in body.get("set", {}) else {}
+        return {"values": {"load.force": 15.0, "drive.speed": 0.06}, "units": TUNABLE, "overruled": overruled}
 
     with bus.host("tried", scene="belt") as session:
         described = Setup("tried", "{}", 1_000_000, 1_000_000, {"velocity": "m/s"}, {"laser": ("m/s", 1_000_000)})
@@ -326,6 +327,12 @@ def test_a_negative_value_is_tuned_as_it_stands(rig, mine):
     assert (code, mine) == (0, {"swing": "-5 N/h"}), err
     assert "Change a value" in rig("tune", "-h")[1]
     assert rig("tune", "mine.swing", "-x")[0] == 2
+
+
+def test_a_value_that_is_not_in_force_is_told_to_wait(rig, plant):
+    assert rig("tune", "drive.speed", "0.06")[1] == "drive.speed follows nf; 0.06 waits until nf is disconnected\n"
+    assert json.loads(rig("tune", "drive.speed", "0.06", "--json")[1])["overruled"] == {"drive.speed": "nf"}
+    assert rig("tune", "drive.speed")[1] == "drive.speed = 0.06\n"
 
 
 def test_tune_sees_every_controller(rig, plant):
