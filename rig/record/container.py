@@ -76,7 +76,9 @@ class Writer:
         self._fresh: list[Schema | Channel] = []
         """Described in this chunk for the first time; the next one repeats it."""
         self._counts: dict[int, int] = {}
-        self._messages = self._chunks = 0
+        self._messages = self._chunks = self._latest_ns = 0
+        self._ends: list[tuple[int, int]] = []
+        """Where the chunks end that the system may not have yet, and the latest publish time up to there."""
         self._first_ns, self._last_ns = (1 << 64) - 1, 0
         self._attached: list[AttachmentIndex] = []
         self._noted: list[MetadataIndex] = []
@@ -143,6 +145,7 @@ class Writer:
         self._hold(_MESSAGE.pack(Opcode.MESSAGE, 22 + len(payload), channel, seq, log_ns, t_ns) + payload)
         self._span = (min(self._span[0], log_ns), max(self._span[1], log_ns))
         self._counts[channel] += 1
+        self._latest_ns = max(self._latest_ns, t_ns)
         self._held += 1
         if self._size > self._chunk_size or self._held * SHARE > self._messages:
             self._end_chunk()
@@ -155,6 +158,7 @@ class Writer:
         start, (begin, end) = self._offset, self._span
         record = _packed(Chunk("zstd", packed, end, begin, zlib.crc32(content), len(content)))
         self._put(record)
+        self._ends.append((self._offset, self._latest_ns))
         offsets, raw = bytearray(), bytearray()
         for channel, index in self._indexes.items():
             offsets += _OFFSET.pack(channel, self._offset + len(raw))
@@ -176,6 +180,11 @@ class Writer:
         """Close the chunk and hand everything to the system."""
         self._end_chunk()
         self.__stream.flush()
+        self._ends = self._ends[-1:]
+
+    def reached(self, size: int) -> int:
+        """Latest publish time in the chunks that are whole in the first `size` bytes; 0 if there is none."""
+        return next((t_ns for end, t_ns in reversed(self._ends) if end <= size), 0)
 
     def finish(self) -> None:
         """Write digest, indexes and footer."""

@@ -9,6 +9,7 @@ import hashlib
 import json
 import mmap
 import stat
+import struct
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, DataEnd, Footer, Metadata, Schema, Statistics
+from mcap.records import Attachment, Channel, DataEnd, Footer, Header, Metadata, Schema, Statistics
 
 from rig.bus.setup import Setup
 from rig.errors import LogError
@@ -24,6 +25,8 @@ from rig.record.container import CRC, DIGEST, MAGIC, checksum
 from rig.record.walk import Data, Found, Hole, Message, inside, walk
 
 _FOOTER = 29  # bytes
+_OFFSET_HEAD = struct.pack("<BQ", Opcode.SUMMARY_OFFSET, 17)
+_OFFSET = len(_OFFSET_HEAD) + 17  # bytes of a summary offset
 _SLICE = 1 << 20
 _SEQUENCE = 1 << 32
 
@@ -76,14 +79,18 @@ class Scan:
         self.last_ns = 0
         self.count = 0
         self.missing: int | None = 0
-        """Messages that are known to be missing; None where the end is cut off and nobody knows."""
+        """Messages that are known to be missing; None where an end is cut off and nobody knows."""
         self._statistics: Statistics | None = None
         self._indexed = False
         """Whether the summary section is there, whole."""
         self._end: Found | None = None
         self._footer = False
         self._digest_at = -1
+        self._headed = False
+        """Whether the record that every file begins with is there."""
         self._gaps = 0
+        self._undescribed = 0
+        """Messages that are whole, but what describes their channel is lost."""
         self._seen: dict[int, tuple[int, int]] = {}
         """Channel -> number of its latest message, and how much had been skipped when it came."""
 
@@ -112,7 +119,7 @@ class Scan:
         found = next(walk(data, at), None) if at > 0 else None
         if not isinstance(found, Found) or not isinstance(found.body, Footer):
             return
-        start, crc = found.body.summary_start, found.body.summary_crc
+        start, crc = _shifted(data, at, found.body), found.body.summary_crc
         if not 0 < start <= at or crc == 0 or _crc(data, start, found.end - 4) != crc:
             return
         self._indexed = True
@@ -133,9 +140,11 @@ class Scan:
         for one in inside(content):
             if not isinstance(one, Message):
                 self._describe(one)
-            elif one.channel_id in self.channels:  # else it was described in chunks that are damaged
+            elif one.channel_id in self.channels:
                 self._count(one)
                 yield one
+            else:  # it was described in chunks that are damaged
+                self._undescribed += 1
 
     def _count(self, message: Message) -> None:
         self.count += 1
@@ -159,6 +168,8 @@ class Scan:
             self._footer = True
         elif self._end is not None:  # the summary: looked up before
             pass
+        elif isinstance(body, Header):
+            self._headed = True
         elif isinstance(body, DataEnd):
             self._end = part
         elif isinstance(body, Attachment):
@@ -188,16 +199,22 @@ class Scan:
         if self._end is None and self._footer and not self.skipped:
             self.skipped.append(Skipped(0, len(data), "the record that ends its messages", self.last_ns))
         cut = self._end is None and not self._footer
-        self.missing = None if cut else self._gaps
+        known = self._gaps + self._undescribed
+        self.missing = known if self._headed and not cut else None
         if self._statistics is not None:
             self.missing = self._statistics.message_count - self.count
-        self.whole = not cut and not self.missing and not self.skipped and self._indexed
+        self.whole = not cut and self.missing == 0 and not self.skipped and self._indexed
         self.fault = "" if self.whole else self._told(cut, data[-len(MAGIC) :] == MAGIC)
 
     def _told(self, cut: bool, ended: bool) -> str:
+        known = self._gaps + self._undescribed
         if cut:
-            before = f"; before that {self._gaps} messages are missing" if self._gaps else ""
-            return f"it breaks off after t = {self.last_ns * 1e-9:.3f} s{before}"
+            front = "" if self._headed else "its beginning is damaged or missing; "
+            before = f"; before that {known} messages are missing" if known else ""
+            return f"{front}it breaks off after t = {self.last_ns * 1e-9:.3f} s{before}"
+        if self.missing is None:
+            after = f"; after that {known} messages are missing" if known else ""
+            return f"its beginning is damaged or missing{after}"
         if self.missing and self._statistics is not None:
             return f"{self.missing} of its {self._statistics.message_count} messages are missing"
         if self.missing:
@@ -267,6 +284,15 @@ def _mapped(path: Path) -> Iterator[Data]:
                 yield data
     except OSError as fault:
         raise LogError(f"{path} cannot be read: {fault.strerror}") from None
+
+
+def _shifted(data: Data, at: int, footer: Footer) -> int:
+    """Where the summary of the footer at byte `at` begins, also in a file that lost or gained bytes before it."""
+    offsets = at
+    while offsets >= _OFFSET and data[offsets - _OFFSET : offsets - _OFFSET + 9] == _OFFSET_HEAD:
+        offsets -= _OFFSET
+    begin = footer.summary_offset_start
+    return footer.summary_start + (offsets - begin if begin else 0)
 
 
 def _slices(data: Data, begin: int, end: int) -> Iterator[bytes]:

@@ -124,11 +124,9 @@ def walk(data: Data, at: int = 0) -> Iterator[Found | Hole]:
         if _fits(data, at, opcode, end):
             made = _read(data, at, opcode, end)
             yield made if made is not None else Hole(at, end, _NAMES.get(Opcode(opcode), "a record"))
-        elif _starts(data, end):  # of its proper length, but damaged, or of a kind that readers pass over
-            if opcode not in _LAYOUT:
-                yield Found(at, end, opcode, None)
-            else:
-                yield from _hole(data, at, end, _NAMES.get(Opcode(opcode), "a record"))
+        elif _starts(data, end):  # of its proper length, but damaged; also a kind that we never write
+            what = _NAMES.get(Opcode(opcode), "a record") if opcode in _LAYOUT else ""
+            yield from _hole(data, at, end, what)
         else:
             end = _next(data, at + 1)
             yield from _hole(data, at, end, "", cut=end == size)

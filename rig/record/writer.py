@@ -113,8 +113,18 @@ class Writer:
             yield
         except OSError as fault:
             self._broken = True
-            kept = f"; recorded up to t = {self.last_ns * 1e-9:.3f} s: rig recover saves that" if self.last_ns else ""
+            kept_ns = self._kept_ns()
+            kept = f"; recorded up to t = {kept_ns * 1e-9:.3f} s: rig recover saves that" if kept_ns else ""
             raise LogError(f"{self.path} cannot be written: {fault.strerror}{kept}") from None
+
+    def _kept_ns(self) -> int:
+        """Simulated time of the latest message in the file: what still waits, or is of a chunk cut off, is lost."""
+        if not self.messages:
+            return 0
+        try:
+            return self._mcap.reached(os.fstat(self._file.fileno()).st_size)
+        except (OSError, ValueError):  # it is closed: the system told of its fault as the last thing
+            return 0
 
     def _channel(self, topic: str) -> int:
         kind, units = self._kind(topic)

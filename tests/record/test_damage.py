@@ -3,10 +3,12 @@
 import contextlib
 import json
 import random
+import re
 import resource
 
 import numpy as np
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer as PlainWriter
 
@@ -20,6 +22,7 @@ from rig.record.recover import recover
 from rig.record.replay import replay
 from rig.record.save import save
 from rig.record.scan import Scan
+from rig.record.walk import walk
 from rig.record.writer import Writer
 
 SETUP = Setup("r", '{"plant": "belt"}', 1_000_000, 1_000_000, {"x": "m"}, {"s": ("m", 1_000_000)})
@@ -248,6 +251,67 @@ def test_exit_code_and_account_tell_what_was_lost(rig, logs, tmp_path):
     assert (code, told["lost"], told["complete"]) == (0, 0, True)
 
 
+def test_a_recording_that_lost_its_front_keeps_the_rest_and_tells_the_loss(rig, tmp_path):
+    record(tmp_path / "whole.mcap", 400)
+    whole, given = (tmp_path / "whole.mcap").read_bytes(), walked(tmp_path / "whole.mcap")[1]
+    half = tmp_path / "half.mcap"
+    half.write_bytes(whole[len(whole) // 2 :])
+    scan, kept = walked(half)
+    assert 0 < len(kept) < len(given)
+    assert kept == given[-len(kept) :]
+    assert scan.missing == len(given) - len(kept)
+    code, out, _ = rig("recover", half)
+    assert code == 1
+    assert f"lost: {scan.missing} of {len(given)} messages" in out
+    assert walked(tmp_path / "half.recovered.mcap")[0].sealed
+
+
+@pytest.mark.parametrize("described", [False, True])
+def test_a_front_that_is_lost_without_statistics_is_an_unknown_loss(rig, tmp_path, described):
+    record(tmp_path / "whole.mcap", 400)
+    data = bytearray((tmp_path / "whole.mcap").read_bytes())
+    data[-20] ^= 1  # the footer no longer proves the summary
+    half = tmp_path / "half.mcap"
+    half.write_bytes(data[200 if described else len(data) // 2 :])
+    scan, kept = walked(half)
+    assert bool(kept) == described
+    assert (scan.missing, scan.whole) == (None, False)
+    assert "its beginning is damaged or missing" in scan.fault
+    code, out, _ = rig("recover", half)
+    assert code == 1
+    assert "nobody knows how much" in out
+
+
+def test_messages_of_channels_that_nothing_describes_are_counted_as_missing(tmp_path):
+    path = tmp_path / "run.mcap"
+    with path.open("wb") as file:
+        out = container.Writer(file, 1 << 20)
+        out.attach("scene.json", "application/json", b"{}", 0)
+        out._counts[1] = 0  # a channel that is described nowhere
+        for k in range(9):
+            out.add(1, k, b"payload", k, k)
+        out.flush()
+        out.discard()
+    scan, kept = walked(path)
+    assert (kept, scan.missing) == ([], None)
+    assert "before that 9 messages are missing" in scan.fault
+
+
+def test_a_wrong_kind_of_a_chunk_costs_nothing_and_is_told_where_it_is(logs, tmp_path):
+    with (logs / "saved.mcap").open("rb") as file:
+        starts = {"saved.mcap": make_reader(file).get_summary().chunk_indexes[-1].chunk_start_offset}
+    starts["killed.mcap"] = next(
+        part.begin for part in walk((logs / "killed.mcap").read_bytes()) if getattr(part, "opcode", 0) == Opcode.CHUNK
+    )
+    for name, start in starts.items():
+        data = bytearray((logs / name).read_bytes())
+        data[start] = 0x86
+        (tmp_path / name).write_bytes(data)
+        scan, kept = walked(tmp_path / name)
+        assert kept == walked(logs / name)[1]
+        assert [(one.begin, one.what) for one in scan.skipped] == [(start, "the frame of a chunk")]
+
+
 def test_every_command_that_reads_a_cut_file_says_so(rig, logs, tmp_path):
     whole = (logs / "killed.mcap").read_bytes()
     cut = tmp_path / "cut.mcap"
@@ -266,7 +330,7 @@ def test_a_disk_that_is_full_at_any_moment_leaves_what_was_written(tmp_path):
         path = tmp_path / "full.mcap"
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, hard))
         try:
-            with pytest.raises(LogError, match=r"full\.mcap cannot be written: File too large"):
+            with pytest.raises(LogError, match=r"full\.mcap cannot be written: File too large") as told:
                 record(path, 60)
         finally:
             resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
@@ -276,6 +340,8 @@ def test_a_disk_that_is_full_at_any_moment_leaves_what_was_written(tmp_path):
             scan, kept = walked(path)
             assert scan.fault
             assert [one.payload for one in kept] == [one.payload for one in given][: len(kept)]
+            end = re.search(r"recorded up to t = ([\d.]+) s", str(told.value))
+            assert (end[1] if end else "0.000") == f"{scan.last_ns * 1e-9:.3f}"
 
 
 def test_what_cannot_be_decoded_does_not_end_a_replay(tmp_path):

@@ -152,7 +152,8 @@ def test_a_lost_chunk_is_noticed(saved, tmp_path):
     data = bytearray(saved.read_bytes())
     with saved.open("rb") as file:
         chunks = make_reader(file).get_summary().chunk_indexes
-    data[chunks[3].chunk_start_offset] = 0x70  # a kind of record that readers pass over
+    data[chunks[3].chunk_start_offset] = 0x70  # a kind of record that readers pass over,
+    data[chunks[3].chunk_start_offset + 100] ^= 1  # with nothing in it that is proved
     (tmp_path / "hole.mcap").write_bytes(data)
     assert re.fullmatch(r"\d+ of its \d+ messages are missing", reader.open(tmp_path / "hole.mcap").fault)
 
@@ -223,6 +224,9 @@ def test_a_disk_that_fills_up_is_told_with_what_was_kept(tmp_path):
             raise OSError(28, "No space left on device")
 
     log.write("meas/s", b"", 1_500_000_000, 0, 0)
+    log._flush_due = 0
+    log.flush_if_due()
+    log.write("meas/s", b"", 1_580_000_000, 1, 0)  # of a chunk that is not written any more
     log._mcap._Writer__stream = Full()
     with pytest.raises(LogError, match=r"No space left on device; recorded up to t = 1.500 s"):
         log.close({}, {})
