@@ -43,6 +43,7 @@ class Outcome:
 
     def text(self) -> str:
         """The summary in lines, with what to try next."""
-        commands = ("recover",) if self.unrecorded else ("verify", "replay")
+        broken = self.unrecorded and not self.said  # one that was only stopped too early has finished its file
+        commands = ("recover",) if broken else ("verify", "replay")
         following = [f"rig {command} {self.log}" for command in commands] if self.log else []
         return status.summary(self.to_json(), self.said or self.log, following)

@@ -102,6 +102,28 @@ def test_a_disk_that_fills_up_while_it_runs_fails_the_run(folder, scene):
     assert rig.open(folder / "run.mcap").damage
 
 
+def test_a_recorder_that_is_stopped_in_mid_run_fails_the_run(folder, scene, monkeypatch):
+    teams, struck = [], []
+
+    def say(text):
+        if "begins with" in text and not struck:
+            struck.append(text)
+            teams[0].others["recorder", "recorder"].send(signal.SIGTERM)
+
+    class Team(supervise.Team):
+        def __init__(self, *given):
+            super().__init__(*given)
+            teams.append(self)
+
+    monkeypatch.setattr(supervise, "Team", Team)
+    outcome = supervise.run(scene, numbers=design.numbers(scene), duration=1.5, out=folder / "run.mcap", say=say)
+    assert struck
+    assert outcome.exit_code in (1, 3)
+    assert outcome.summary["verdict"] != "VALID"
+    assert "the recording is not complete: the recorder was told to stop" in outcome.text()
+    assert "rig recover" not in outcome.text()  # the file is whole as far as it goes
+
+
 def test_a_loss_that_nobody_knows_is_not_called_none():
     verdict = Timing(1e6).verdict(0.01, 0.05, {}, ["recorder r did not tell what it received"], False, ["recorder r"])
     assert verdict.word == "DEGRADED"
