@@ -48,6 +48,8 @@ def numbers(scene: Any, assembly: Assembly | None = None) -> dict[str, dict[str,
             found[name] = DESIGNS[section.kind](designer, section)
         except ValueError as fault:
             faults.append(f"controllers.{name}.{fault}")
+        except ArithmeticError as fault:  # sizes whose squares no number holds
+            faults.append(f"controllers.{name}: its numbers cannot be computed for this rig: {fault.args[-1]}")
     if faults:
         raise SceneError(scene.name, faults)
     return found

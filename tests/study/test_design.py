@@ -206,6 +206,14 @@ def test_a_dither_of_the_load_has_no_search():
         design.numbers(scene(a=Dither(kind="dither", sensor="vibrometer")), rig())
 
 
+def test_a_rig_whose_sizes_no_number_holds_is_a_fault_of_the_controller():
+    from rig import scenes
+
+    given = scenes.load("belt_normal_force_acceleration", overrides={"load.force": "1e-200 N"})
+    with pytest.raises(SceneError, match="its numbers cannot be computed for this rig"):
+        design.numbers(given)
+
+
 def test_every_scene_that_ships_gets_its_numbers():
     from rig import scenes
 
