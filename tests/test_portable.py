@@ -8,6 +8,7 @@ import pytest
 
 BARE = """
 import os, signal, socket, sys
+import platformdirs  # knows its systems, and has to see which one this is
 for module in ("fcntl", "resource", "pwd", "grp", "termios"):
     sys.modules[module] = None
 hidden = {
@@ -44,8 +45,6 @@ def bare(tmp_path):
 def test_simulations_studies_and_figures_work(bare, tmp_path):
     for arguments, told in [
         (("simulate", "belt", "--duration", 1, "--out", "log.mcap", "--figure", "figure.png"), "log.mcap"),
-        (("verify", "log.mcap"), "holds"),
-        (("modes", "belt"), "flutter"),
         (("cycle", "belt"), "Floquet multipliers"),
         (("map", "belt", "--x", "drive.speed=0.05 m/s:0.1 m/s:2", "--workers", 1, "--out", "map.csv"), "map.csv"),
     ]:
