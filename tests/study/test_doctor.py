@@ -213,6 +213,7 @@ def _step(scene):
     Motion(assembly.system(), scene.step_ns, "dopri5", outputs=rows, read=len(rows)).advance(1)
 
 
+@pytest.mark.slow
 def test_several_processes_compile_together(compiled, monkeypatch):
     told = []
     scenes_ = {warmup.shape(one): one for one in map(rig.load, ("belt", "belt_c"))}
@@ -223,6 +224,7 @@ def test_several_processes_compile_together(compiled, monkeypatch):
     assert sum("ready after" in line for line in told) == 2
 
 
+@pytest.mark.slow
 def test_a_compiler_that_is_lost_is_told(compiled):
     scene = rig.load("belt")
     broken = replace(scene, plant="nothing")
