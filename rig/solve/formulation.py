@@ -44,6 +44,8 @@ from rig.solve.system import (
 )
 
 Array = NDArray[np.float64]
+_SINGULAR = 1e-12
+"""Share of the largest singular value below which a value is rounding."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,12 @@ class ModeSet:
     kinds: NDArray[np.int64]
     owners: NDArray[np.int64]
     jam: float
+
+
+def _redundant(held: Array) -> bool:
+    """Whether contacts that stick hold the same motion twice: `held` [stuck, stuck], what their forces do to them."""
+    sizes = np.linalg.svd(held, compute_uv=False)
+    return bool(len(sizes) > 1 and sizes[-1] < _SINGULAR * sizes[0])
 
 
 def assemble(system: System, key: int) -> ModeSet:
@@ -143,7 +151,12 @@ def assemble(system: System, key: int) -> ModeSet:
     for p in range(P):
         if nonlinear[p]:
             rhs[:nq, n + p] = directions[p]
-    solved = np.linalg.solve(lhs, rhs) if nq else rhs
+    MT = np.linalg.solve(system.mass, directions[stuck].T) if stuck else np.zeros((nq, 0))
+    redundant = _redundant(C @ MT)
+    if redundant:  # any forces that hold them do: the least
+        solved = np.linalg.lstsq(lhs, rhs, rcond=_SINGULAR)[0]
+    else:
+        solved = np.linalg.solve(lhs, rhs) if nq else rhs
     a, lam = solved[:nq], solved[nq:]
 
     A = np.zeros((n, n))
@@ -173,8 +186,7 @@ def assemble(system: System, key: int) -> ModeSet:
 
     landing = np.eye(n)
     if stuck:
-        MT = np.linalg.solve(system.mass, directions[stuck].T)
-        landing[v] += MT @ np.linalg.solve(C @ MT, W)
+        landing[v] += MT @ (np.linalg.pinv(C @ MT, rcond=_SINGULAR) @ W if redundant else np.linalg.solve(C @ MT, W))
     landing[:, still] = 0.0
 
     guards, guards_t, kinds, owners = _guards(system, key, sigma, stuck, friction, friction_t, loads, loads_t, gains)

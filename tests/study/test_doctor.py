@@ -228,5 +228,6 @@ def test_several_processes_compile_together(compiled, monkeypatch):
 def test_a_compiler_that_is_lost_is_told(compiled):
     scene = rig.load("belt")
     broken = replace(scene, plant="nothing")
+    shapes = {warmup.Shape(states, False, False, False): broken for states in (1, 2)}
     with pytest.raises(WorkerError, match=r"compiler \d ended with code 1"):
-        warmup._together([broken, broken], 2, warmup._Progress({}, 2, print))
+        warmup._together([broken, broken], 2, warmup._Progress(shapes, 2, print))
