@@ -146,7 +146,7 @@ def sound(
     ] = "",
     out: Annotated[Path | None, typer.Option(metavar="FILE", callback=new, help="Write it as a WAV file.")] = None,
     figure: Annotated[
-        Path | None, typer.Option(metavar="FILE", callback=new, help="Draw signal, spectrum and level (PNG).")
+        Path | None, typer.Option(metavar="FILE", callback=new, help="Draw signal, spectrum and level (PNG, SVG, PDF).")
     ] = None,
     force: Force = False,
     as_json: Json = False,

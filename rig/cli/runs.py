@@ -38,7 +38,9 @@ if TYPE_CHECKING:
 
 View = Annotated[bool, typer.Option("--view", help="Show it live in rerun.")]
 Web = Annotated[bool, typer.Option("--web", help="Show it live in a browser page.")]
-Figure = Annotated[Path | None, typer.Option(metavar="FILE", callback=new, help="Figure of the run to draw (PNG).")]
+Figure = Annotated[
+    Path | None, typer.Option(metavar="FILE", callback=new, help="Figure of the run to draw (PNG, SVG, PDF).")
+]
 
 DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 

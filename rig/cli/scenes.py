@@ -16,7 +16,9 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
 Measure = Annotated[bool, typer.Option("--measure", help="Measure each effect: ns of a step, what it changes.")]
-Figure = Annotated[Path | None, typer.Option(metavar="FILE", callback=new, help="Figure of what was measured (PNG).")]
+Figure = Annotated[
+    Path | None, typer.Option(metavar="FILE", callback=new, help="Figure of what was measured (PNG, SVG, PDF).")
+]
 
 
 def list_scenes(as_json: Json = False) -> None:

@@ -30,7 +30,9 @@ Controller = Annotated[
     str | None,
     typer.Option("--controller", metavar="NAME", help="Close the loop of this controller: eigenvalues and margins."),
 ]
-Picture = Annotated[Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the sweep (PNG).")]
+Picture = Annotated[
+    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the sweep (PNG, SVG, PDF).")
+]
 XAxis = Annotated[str, typer.Option(metavar="KEY=FROM:TO:COUNT", help='Carried axis: --x "drive.speed=1:8 rpm:36".')]
 YAxis = Annotated[str | None, typer.Option(metavar="KEY=FROM:TO:COUNT", help="Second axis; a row of the map for each.")]
 Runs = Annotated[str, typer.Option(metavar="LIST", help="Some of up, down (carried), near, far (starts).")]
