@@ -120,7 +120,8 @@ class Desk:
             if not build.done:
                 return None
             variant, build = build.result(), None
-            return then(variant) if variant.before is self._stand.scene else later()  # else another request was faster
+            fits = variant.before is self._stand.scene and variant.wanted == wanted()  # else somebody else was faster
+            return then(variant) if fits else later()
 
         return later
 

@@ -161,7 +161,7 @@ class Operation:
         if fixed := [key for key in parameters if key not in tunable]:
             known = f"what can be tuned: {', '.join(tunable)}"
             raise UsageError("\n".join([*(f"{key}: is fixed while the rig runs" for key in fixed), known]))
-        return Wanted(parameters, self.stand.lacking(actuators))
+        return self._wanted(actuators, parameters)
 
     def change(self, changes: Mapping[str, Any], by: str = OPERATOR, variant: Variant | None = None) -> dict[str, Any]:
         """Change actuators and parameters of the rig at this tick: all, or with a RigError none. The new values.
@@ -169,12 +169,22 @@ class Operation:
         `variant`: the rig as `wanted` for these changes, if it has been built already.
         """
         actuators, parameters = self._sorted(changes)
-        self._go_on(Wanted(parameters, self.stand.lacking(actuators)), variant)
+        self._go_on(self._wanted(actuators, parameters), variant)
         for key, number in actuators.items():
             self.exchange.ask(key, number)
         new = {key: self.value(key) for key in parameters} | actuators
         self.journal.note("parameter", ", ".join(f"{k} = {v}" for k, v in new.items()), by=by, set=new)
         return new
+
+    def _wanted(self, actuators: Mapping[str, float], parameters: Mapping[str, Any]) -> Wanted:
+        """Command states for the actuators that lack one; the values of those that can have none are matrices."""
+        stand, lacking = self.stand, self.stand.lacking(actuators)
+        matrices = {
+            key: value
+            for key, value in actuators.items()
+            if key not in lacking and stand.rebuilds(key, value) and not self.exchange.overruler(key)
+        }
+        return Wanted({**parameters, **matrices}, lacking)
 
     def _sorted(self, changes: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
         """Changes of actuators, in SI, and of parameters; UsageError with every fault."""

@@ -37,9 +37,10 @@ from rig.bench.job import Job, keeps_up
 from rig.bench.lockstep import Lockstep
 from rig.bench.operation import BEGIN, Operation
 from rig.bench.refit import Refit
-from rig.bench.rehearse import prepare, visited
+from rig.bench.rehearse import visited
 from rig.bench.stand import Stand
 from rig.bench.timing import Timing
+from rig.bench.upcoming import Upcoming
 from rig.bus.port import Session
 from rig.bus.setup import Setup
 from rig.errors import Interrupted, NumericsError, RigError
@@ -67,6 +68,8 @@ class Plant:
         self.setup = self._setup()
         self.hub = hub = Hub(session, self.operation, self.setup)
         self.desk = Desk(hub, apart=not job.in_lockstep)
+        self.upcoming: Upcoming | None = None
+        """What a paced run builds before it is asked for."""
         self.timing = Timing(stand.frame_ns / (job.pace or 1.0))
         self.attendant = Attendant(hub, self.desk, job, self.timing)
         self.fault = ""
@@ -133,7 +136,8 @@ class Plant:
         job, pacer = self.job, None
         with ExitStack() as stack:
             if job.pace is not None:
-                prepare(self.operation, self._sets)
+                self.stand.motion.foresee(self._sets)
+                self.upcoming = Upcoming(self.operation)
                 self.operation.exchange.refit = Refit(self.stand, self.operation.journal)
             stack.enter_context(self.timing.interruptions.watched())
             stack.enter_context(
@@ -229,6 +233,8 @@ class Plant:
     def _tell(self, show: Show) -> None:
         while not self._refusals.empty():
             self.operation.journal.note("refused", self._refusals.get(), by="protocol")
+        if self.upcoming is not None:
+            self.upcoming.look()
         show({"t": self.stand.t_ns / 1e9, **self.attendant.health})
 
     def _ends(self, pacer: pace.Pacer | None) -> bool:

@@ -102,7 +102,9 @@ class Protocol:
         self._steps = walk(steps)
         self._count = _counted(steps)
         self._length = _length(steps, frame_ns)
-        self._begun, self._passed = 0, 0
+        self.begun = 0
+        """Steps that have begun, repeats unrolled."""
+        self._passed = 0
         self._until = 0
         self._current: Any = None
         self._condition: Condition | None = None
@@ -149,7 +151,7 @@ class Protocol:
         return [Finish(text)] if step.otherwise == "stop" else [Note("timeout", text)]
 
     def _begin(self, step: Any, tick: int) -> list[Action]:
-        self._begun += 1
+        self.begun += 1
         self.phase = step.step
         self._passed += _span(step)
         self._until = tick + _span(step) // self._frame_ns
@@ -183,7 +185,7 @@ class Protocol:
         if self._length is not None:
             left = self._length - self._passed + (0 if waiting else max(self._until - tick, 0) * self._frame_ns)
         fraction = 1.0 if self.done else 1.0 - left / self._length if left is not None and self._length else None
-        return Progress(self.phase, self._begun, self._count, fraction, left)
+        return Progress(self.phase, self.begun, self._count, fraction, left)
 
     def _described(self, step: Any) -> str:
         if isinstance(step, Ramp | Load):

@@ -52,8 +52,9 @@ class Refit:
         if build is not None and build.done and self._drive == drive:
             self._build = None
             try:
-                if stand.keep(build.result()):
+                if build.result().before is stand.scene:
                     taken, now = build.result(), self._value
+                    stand.keep(taken)
             except RigError as fault:
                 self._faulty[drive] = self._value
                 self._journal.repeated("refused", f"{drive} = {self._value:g} is commanded, and cannot be: {fault}")

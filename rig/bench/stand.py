@@ -75,6 +75,9 @@ class Stand:
             smoothing=clock.smoothing,
         )
         self._index = {name: i for i, name in enumerate(system.names)}
+        driven = replace(scene, driven=frozenset(self.inputs)).assemble().inputs
+        self._coefficients = frozenset(name for name, one in driven.items() if not (one.state or one.write))
+        """Actuators that have no command state even when somebody drives them: each value needs its own matrices."""
         self._look = True
         self._witness = Witness(self.values)
         self._needs, self._truthful = len(needs), truthful
@@ -153,7 +156,7 @@ class Stand:
     def lacking(self, names: Iterable[str]) -> tuple[str, ...]:
         """Those of these actuators that get a command state when somebody drives them, and have none yet."""
         without = [name for name in names if not (self.inputs[name].state or self.inputs[name].write)]
-        return tuple(name for name in without if name not in self.scene.moved)
+        return tuple(name for name in without if name not in self._coefficients and name not in self.scene.moved)
 
     def variant(self, wanted: Wanted, after: Variant | None = None) -> Variant:
         """The rig as it is `wanted`, from the rig as it is now or `after` a variant that is not taken yet.
@@ -178,18 +181,13 @@ class Stand:
             raise SceneError(", ".join([*wanted.parameters, *wanted.driven]), [str(error)]) from None
         return Variant(before, wanted, scene, assembly, ready)
 
-    def prepare(self, wanted: Wanted, after: Variant | None = None) -> Variant:
-        """Build a `variant` that will be wanted: it is there when it is asked for."""
-        found = self.variant(wanted, after)
-        self._prepared.append(found)
-        return found
-
-    def keep(self, variant: Variant) -> bool:
-        """Have it at hand when it is asked for at this tick; False if it was made from the rig as it was before."""
-        if variant.before is not self.scene:
-            return False
+    def keep(self, variant: Variant) -> None:
+        """Have it at hand: `variant` finds it when it is asked for."""
         self._prepared.append(variant)
-        return True
+
+    def forget(self) -> None:
+        """Drop what was kept: it was made from a rig that this one will not be any more."""
+        self._prepared.clear()
 
     def take(self, variant: Variant) -> None:
         """Go on as this variant of the rig from this tick on; it must have been made from the rig as it is now."""
@@ -200,6 +198,8 @@ class Stand:
         self.scene = variant.scene
         self._prepared = [one for one in self._prepared if one.before is not variant.before]  # of no use any more
         for key, value in variant.wanted.parameters.items():
+            if key in self.values:
+                self.values[key] = value
             self._witness.hears(key, value)
         self.inputs.update(variant.assembly.inputs)
         self._index = {name: i for i, name in enumerate(self.motion.system.names)}

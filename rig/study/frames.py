@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from controllers import described, restored
 from rig.bench.job import Job
-from rig.bench.rehearse import prepare, visited
+from rig.bench.operation import Operation
+from rig.bench.rehearse import visited
 from rig.bench.simulate import begun, carry_on
+from rig.bench.upcoming import Upcoming
 from rig.errors import NumericsError
 from rig.scenes.scene import Scene
 from rig.study.design import numbers
@@ -43,7 +45,12 @@ def _carried_through(scene: Scene, job: Job, sets: tuple[int, ...], least: int, 
     """Frames of one run, in order."""
     duration_ns = _ENDLESS_NS if scene.duration_ns is None else scene.duration_ns
     working = {n: restored(described(section, job.numbers[n])) for n, section in scene.controllers.items()}
-    operation, answering = begun(scene, working, duration_ns, before=lambda made: prepare(made, sets))
+
+    def prepare(operation: Operation) -> None:
+        operation.stand.motion.foresee(sets)
+        Upcoming(operation)
+
+    operation, answering = begun(scene, working, duration_ns, before=prepare)
     stand, truth = operation.stand, operation.stand.truth
     assert truth is not None
     apart = _ROW * max(duration_ns // scene.frame_ns // least, 1)

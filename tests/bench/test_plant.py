@@ -199,6 +199,36 @@ def test_a_controller_that_joins_builds_the_rig_once(monkeypatch, pace):
         assert samples(heard, name).tobytes() == np.concatenate(known).tobytes()
 
 
+@pytest.mark.parametrize("limits", [{}, {"displacement": 0.05}], ids=["", "with a limit"])
+def test_no_frame_builds_a_rig_for_what_an_operator_tunes_and_the_protocol_sets_then(monkeypatch, limits):
+    """A coefficient has no command state: each value is another matrix, built apart and in force at one tick."""
+    raw = json.loads(scenes.load("belt_shunt").to_json()) | {"limits": limits}
+    hold = {"step": "hold", "time": 1.5}
+    raw["protocol"] = [hold, {"step": "set", "target": "shunt.resistance", "to": 40.0}, hold | {"time": 0.2}]
+    scene = Scene.from_json(json.dumps(raw))
+    monkeypatch.setattr("rig.bench.upcoming.PAUSE_S", 0.05)
+    built, ready = [], Motion.ready
+
+    def noted(*given):
+        built.append(threading.current_thread().name)
+        return ready(*given)
+
+    with Bench(scene, {}, pace=1.0) as bench:
+        bench.begin()
+        bench.me.ask("param/plant", {"get": ["shunt.delta"]}, 20.0)  # the frames have begun
+        monkeypatch.setattr(Motion, "ready", noted)
+        told = bench.me.ask("param/plant", {"set": {"shunt.delta": -0.8, "load.force": 11.0}}, 5.0)
+        heard = bench.finish()
+    assert told["values"] == {"shunt.delta": -0.8, "load.force": 11.0}
+    assert bench.plant.stand.values["shunt.resistance"] == 40.0
+    assert set(built) == {"variant"}
+    events = [{"tick": e.tick, "kind": e.kind, "data": json.loads(e.data)} for e in bench.events(heard)]
+    assert [e["tick"] for e in events if e["kind"] == "parameter"] == [told["tick"]]
+    again = played(scene, bench.summary["ticks"], {}, events)
+    for name, known in again.items():
+        assert samples(heard, name).tobytes() == np.concatenate(known).tobytes()
+
+
 def test_a_controller_is_retuned_on_the_same_tick_in_every_mode(scene, numbers):
     raw = json.loads(scenes.load(SCENE, {"controllers.nf.enable_at": "0 s"}).to_json())
     hold, louder = {"step": "hold", "time": 0.1}, {"step": "set", "target": "controllers.nf.gain", "to": 500.0}

@@ -12,8 +12,9 @@ import controllers
 from rig import scenes
 from rig.bench.job import Job, keeps_up
 from rig.bench.plant_process import Plant, carry_out
-from rig.bench.rehearse import MOST, prepare, visited
+from rig.bench.rehearse import visited
 from rig.bench.simulate import begun, simulate
+from rig.bench.upcoming import MOST, Upcoming
 from rig.bus.twin import Twin
 from rig.errors import UsageError
 from rig.scenes.scene import Scene
@@ -126,7 +127,12 @@ def rebuilt(operation, frames):
 def test_what_the_protocol_and_a_limit_change_is_built_before_the_first_frame(name, over, speed):
     scene = scenes.load(name, over)
     sets = visited(scene, job_of(scene))
-    prepared, _ = begun(scene, {}, before=lambda operation: prepare(operation, sets))
+
+    def prepare(operation):
+        operation.stand.motion.foresee(sets)
+        Upcoming(operation)
+
+    prepared, _ = begun(scene, {}, before=prepare)
     plain, _ = begun(scene, {})
     (found, made), (known, rebuilds) = (rebuilt(one, 10_000) for one in (prepared, plain))
     assert (made, rebuilds > 0) == (0, True)
@@ -141,7 +147,7 @@ def test_a_protocol_that_repeats_itself_forever_is_prepared_as_far_as_is_chosen(
     for steps, count in ([], 1), ([step], 1 + 2 * MOST):
         forever = again | {"steps": again["steps"] + steps}
         operation, _ = begun(Scene.from_json(json.dumps(raw | {"protocol": [forever]})), {}, 10**9)
-        prepare(operation, ())
+        Upcoming(operation)
         assert len(operation.stand._prepared) == count  # one for the safe state of each
 
 
