@@ -17,12 +17,11 @@ study     what one learns from a rig
 
 from __future__ import annotations
 
-import logging
-from collections.abc import Callable, Iterable, Mapping
-from pathlib import Path
-from typing import TYPE_CHECKING
-
+TYPE_CHECKING = False  # as typing has it; nothing is imported here: every command begins with it, and a Ctrl-C may come
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+    from pathlib import Path
+
     from control import StateSpace
 
     from rig.record.run import Run
@@ -46,7 +45,7 @@ def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Sc
 
     found = scenes.load(str(scene), overrides or {})
     for told in found.dropped:
-        logging.getLogger(__name__).warning("%s", told)  # on standard error, unless the user says otherwise
+        _warn(told)
     return found
 
 
@@ -138,6 +137,8 @@ def map(
     which dither keeps the rig sliding, averaged and simulated. Results go to a folder of their own in `folder`, from
     which a broken run goes on. Raises rig.errors.SceneError, UsageError, and WorkerError when a worker is lost.
     """
+    from pathlib import Path
+
     from rig.study.map import chart, job
 
     loaded = load(scene) if isinstance(scene, str) else scene
@@ -149,9 +150,18 @@ def open(path: str | Path) -> Run:
 
     Raises rig.errors.LogError for a file that cannot be read or is no recording.
     """
+    from pathlib import Path
+
     from rig.record import reader
 
     run = reader.open(Path(path))
     for told in run.notes:
-        logging.getLogger(__name__).warning("%s: %s", path, told)  # on standard error, unless the user says otherwise
+        _warn(f"{path}: {told}")
     return run
+
+
+def _warn(text: str) -> None:
+    """Write a line on standard error, unless the user has set up `logging` otherwise."""
+    import logging
+
+    logging.getLogger(__name__).warning("%s", text)

@@ -19,13 +19,16 @@ from __future__ import annotations
 
 import os
 
-from rig.process import as_process
-
 
 def main() -> None:
-    """Entry point of the command `rig`."""
-    os.environ["RIG_OWN_PROCESS"] = "1"  # see rig.kernel: for this process and those it starts
-    as_process(_run)
+    """Entry point of the command `rig`. A Ctrl-C ends it quietly from here on."""
+    try:
+        os.environ["RIG_OWN_PROCESS"] = "1"  # see rig.kernel: for this process and those it starts
+        from rig.process import as_process
+
+        as_process(_run)
+    except KeyboardInterrupt:  # before as_process has taken over: nothing has begun that must be put away
+        os._exit(130)
 
 
 def _run() -> None:

@@ -441,3 +441,25 @@ def test_an_interrupt_ends_a_simulation_and_tells_how_far_it_came(rig, monkeypat
     assert code == 130
     assert "interrupted by SIGINT: 0.1 s" in out
     assert "once more" in err
+
+
+INTERRUPTED = """
+import os, signal, sys
+import rig.cli
+class Interrupts:
+    def find_spec(self, name, *_):
+        if name == "rig.process":
+            os.kill(os.getpid(), signal.SIGINT)
+sys.meta_path.insert(0, Interrupts())
+rig.cli.main()
+"""
+
+
+def test_ctrl_c_at_the_very_start_of_a_command_shows_no_traceback():
+    """What Python imports of itself before is not ours; nothing of ours is imported before `main` listens."""
+    given = {"capture_output": True, "text": True, "env": _environment(), "timeout": 60}
+    found = subprocess.run([sys.executable, "-c", INTERRUPTED], **given)
+    assert (found.returncode, found.stdout, found.stderr) == (130, "", "")
+    code = "import sys, os; before = set(sys.modules); import rig.cli; print(*sorted(set(sys.modules) - before))"
+    found = subprocess.run([sys.executable, "-S", "-c", code], **given)
+    assert found.stdout.split() == ["__future__", "rig", "rig.cli"]
