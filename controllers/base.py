@@ -57,7 +57,7 @@ class Controller(Protocol):
 
 C = TypeVar("C", bound=Controller)
 
-Delay: Any = duration(Ge(0))
+Delay: Any = duration(0)
 OptionalSpeed = optional("m/s", Ge(0.0))
 OptionalHertz = optional("Hz", Gt(0.0))
 OptionalForce = optional("N", Ge(0.0))

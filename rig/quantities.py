@@ -73,7 +73,7 @@ class Section(BaseModel):
 class Range:
     """What a quantity of `unit` may be: from `low` to `high` (SI); where it must be positive, at least the least size.
 
-    As metadata of a field it refuses anything else with a ValueError; not finite values are refused by their section.
+    As metadata of a field it refuses anything else with a ValueError.
     """
 
     def __init__(self, unit: str, bounds: Iterable[Gt | Ge | Lt | Le] = ()) -> None:
@@ -89,9 +89,16 @@ class Range:
             else:
                 self.high = float(bound.le)  # type: ignore[arg-type]
 
+    def read(self, value: Any) -> float:
+        """`value` as `si` reads it, in the range or beyond. Raises ValueError for what is not finite."""
+        found = si(value, self.unit)
+        if not math.isfinite(found):
+            raise ValueError(f"must be a finite number, {self}")
+        return found
+
     def check(self, value: float) -> float:
         """`value` if it is in the range. Raises ValueError with what is allowed."""
-        if self.low <= value <= self.high or not math.isfinite(value):
+        if self.low <= value <= self.high:
             return value
         raise ValueError(f"must be {self}")
 
@@ -131,7 +138,7 @@ def _factor(text: str, unit: str) -> tuple[float, float]:
 
 
 def si(value: Any, unit: str) -> float:
-    """`value` in SI units of `unit`: a number stays, text is read with its unit.
+    """`value` in SI units of `unit`: a number stays, text is read with its unit. What no double can hold is infinite.
 
     Raises ValueError with what was given and what is expected.
     """
@@ -141,7 +148,7 @@ def si(value: Any, unit: str) -> float:
         try:
             return float(value)
         except OverflowError:
-            raise ValueError(f"must be {Range(unit)}") from None
+            return math.copysign(math.inf, value)
     if not isinstance(value, str):
         raise ValueError(f"is {brief(value)}; expected a number or a text with a unit in {_named(unit)}")
     number, _, rest = value.strip().partition(" ")
@@ -163,10 +170,8 @@ def si(value: Any, unit: str) -> float:
 
 def finite(value: Any, unit: str, *bounds: Gt | Ge | Lt | Le) -> float:
     """`value` as `si` reads it, within `bounds` and the sizes of its unit. Raises ValueError."""
-    found = si(value, unit)
-    if not math.isfinite(found):
-        raise ValueError(f"must be a finite number, {Range(unit, bounds)}")
-    return Range(unit, bounds).check(found)
+    within = Range(unit, bounds)
+    return within.check(within.read(value))
 
 
 def brief(value: Any) -> str:
@@ -181,7 +186,8 @@ def _named(unit: str) -> str:
 
 def quantity(unit: str, *bounds: Gt | Ge | Lt | Le) -> Any:
     """An annotated float with SI `unit` and bounds, for use in a `Section`."""
-    return Annotated[float, Unit(unit), BeforeValidator(partial(si, unit=unit)), *bounds, Range(unit, bounds)]
+    within = Range(unit, bounds)
+    return Annotated[float, Unit(unit), BeforeValidator(within.read), *bounds, within]
 
 
 def optional(unit: str, *bounds: Gt | Ge | Lt | Le) -> Any:
@@ -189,15 +195,25 @@ def optional(unit: str, *bounds: Gt | Ge | Lt | Le) -> Any:
     return Annotated[quantity(unit, *bounds) | None, Unit(unit)]
 
 
-def nanoseconds(value: Any) -> int:
-    """A duration as whole nanoseconds; text is read with its unit, a number is seconds."""
-    return round(finite(value, "s") * 1e9)
+def nanoseconds(value: Any, within: Range | None = None) -> int:
+    """A duration as whole nanoseconds; text is read with its unit, a number is seconds. `within`: what is allowed."""
+    within = within or Range("s")
+    found = within.read(value)
+    if abs(found) > 1e-9 * LONGEST:  # what is much longer has no whole number of nanoseconds
+        raise ValueError(f"must be {within}")
+    return round(found * 1e9)
 
 
-def duration(*bounds: Gt | Ge | Lt | Le) -> Any:
-    """An annotated duration in whole nanoseconds, with bounds [ns]; told in seconds."""
+def duration(least: int = 1, most: int = LONGEST) -> Any:
+    """An annotated duration in whole nanoseconds, from `least` to `most` [ns]; told in seconds."""
+    within = Range("s", (Ge(least * 1e-9), Le(most * 1e-9)))
     return Annotated[
-        int, Unit("s"), BeforeValidator(nanoseconds), *bounds, Le(LONGEST), PlainSerializer(lambda ns: ns * 1e-9)
+        int,
+        Unit("s"),
+        BeforeValidator(partial(nanoseconds, within=within)),
+        Ge(least),
+        Le(most),
+        PlainSerializer(lambda ns: ns * 1e-9),
     ]
 
 
@@ -246,4 +262,4 @@ Henry = quantity("H", Ge(0.0))
 PositiveHenry = quantity("H", Gt(0.0))
 Volt = quantity("V")
 PositiveVolt = quantity("V", Gt(0.0))
-Nanoseconds = duration(Gt(0))
+Nanoseconds = duration()

@@ -20,16 +20,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Annotated, Any, Literal, Self
 
 from annotated_types import Ge, Le
 from pydantic import BeforeValidator, Field, PlainSerializer, ValidationInfo, field_validator, model_validator
 
-from rig.quantities import LONGEST, Nanoseconds, PositiveNewton, Section, Unit, finite, nanoseconds, quantity
+from rig.quantities import LONGEST, Nanoseconds, PositiveNewton, Range, Section, Unit, finite, nanoseconds, quantity, si
 from rig.scenes.faults import near
 
 Length = Annotated[
-    int, Unit("s"), BeforeValidator(nanoseconds), Ge(0), Le(LONGEST), PlainSerializer(lambda ns: ns / 1e9)
+    int,
+    Unit("s"),
+    BeforeValidator(partial(nanoseconds, within=Range("s", (Ge(0.0),)))),
+    Ge(0),
+    Le(LONGEST),
+    PlainSerializer(lambda ns: ns / 1e9),
 ]
 Impulse: Any = quantity("N*s")
 DEFAULT_TIMEOUT = 60_000_000_000
@@ -70,6 +76,8 @@ def _read(value: Any, field: str, info: ValidationInfo, *rooms: str) -> Any:
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError("expected a number in SI")
         return value
+    if "inputs" in rooms and name in told.inputs:
+        return si(value, told.inputs[name])  # what an actuator takes is told by rig.scenes.checks.commanded
     unit = next((getattr(told, room)[name] for room in rooms if name in getattr(told, room)), None)
     return 0.0 if unit is None else finite(value, unit)
 

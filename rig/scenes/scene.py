@@ -23,8 +23,8 @@ from sensors import KINDS as SENSORS
 from sensors.instants import common_step
 
 Count = Annotated[int, Gt(0), Le(1_000_000)]
-Frame: Any = duration(Ge(1_000), Le(1_000_000_000))
-FixedStep: Any = duration(Ge(10), Le(1_000_000_000))
+Frame: Any = duration(1_000, 1_000_000_000)
+FixedStep: Any = duration(10, 1_000_000_000)
 Share: Any = quantity("1", Ge(0.0), Le(1.0))
 Small: Any = quantity("1", Gt(0.0), Le(1e-2))
 Large: Any = quantity("1", Gt(0.0))

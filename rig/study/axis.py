@@ -18,7 +18,7 @@ from pydantic import BaseModel
 
 from rig.bench.variant import with_values
 from rig.errors import SceneError
-from rig.quantities import finite, si
+from rig.quantities import si
 from rig.scenes.faults import near, shortened, unit_of
 from rig.scenes.scene import Scene
 
@@ -61,7 +61,7 @@ class Axis:
         ends = []
         for name, part in zip(("from", "to"), parts):
             try:
-                ends.append(finite(part if _unit(part) else f"{part} {shown if shown != '1' else ''}".strip(), unit))
+                ends.append(si(part if _unit(part) else f"{part} {shown if shown != '1' else ''}".strip(), unit))
             except ValueError as error:
                 faults.append(f"{name} {error}")
         if len(ends) == 2 and ends[0] == ends[1]:
@@ -69,7 +69,9 @@ class Axis:
         if faults:
             raise SceneError(shortened(text), faults)
         one = 1.0 if shown == unit else si(f"1 {shown}", unit) - si(f"0 {shown}", unit)
-        axis = cls(key, unit, tuple(np.linspace(ends[0], ends[1], count).tolist()), shown, one)
+        whole = bool(np.isfinite(ends).all())  # else there are no values between, and the scene cannot have the ends
+        values = np.linspace(ends[0], ends[1], count).tolist() if whole else ends
+        axis = cls(key, unit, tuple(values), shown, one)
         axis._check(text, scene)
         return axis
 
