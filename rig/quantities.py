@@ -148,7 +148,7 @@ def si(value: Any, unit: str) -> float:
         try:
             return float(value)
         except OverflowError:
-            return math.copysign(math.inf, value)
+            return math.inf if value > 0 else -math.inf
     if not isinstance(value, str):
         raise ValueError(f"is {brief(value)}; expected a number or a text with a unit in {_named(unit)}")
     number, _, rest = value.strip().partition(" ")

@@ -22,8 +22,6 @@ ANSWERS_S = 5.0
 """Longest wait for the totals of the others."""
 LAST_ANSWER_S = 0.1
 """Longest wait for the answers to the last steps."""
-JUDGED = ("recorder", "controller")
-"""Roles whose losses count. A viewer may drop what it cannot draw."""
 
 
 def conclude(plant: Plant) -> dict[str, Any]:
@@ -110,14 +108,19 @@ def _unanswered(plant: Plant) -> dict[str, int]:
 
 
 def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
-    """Messages of the plant that the others miss: "topic to name" -> how many; recorders of which nobody knows."""
+    """Messages of the plant that the others miss: "topic to name" -> how many; recorders of which nobody knows.
+
+    A viewer may drop what it cannot draw, and a guest may call itself anything: who counts is the recorder of the run
+    and controllers that drive something.
+    """
     hub, session = plant.hub, plant.session
     hub.totals.drain()
     hub.put_totals()
     own = messages.decode("total/plant", session.totals())
     sent = {topic: n for topic, n in zip(own.sent_topic, own.sent) if topic != "total/plant"}
-    roles = {name: role for role, name in hub.watch.present if role in JUDGED}
-    asked = {name for name, role in roles.items() if role == "recorder"}
+    roles = {name: role for role, name in hub.watch.present if role == "recorder" and _records(plant, name)}
+    asked = set(roles)
+    roles |= {name: role for role, name in hub.watch.present if role == "controller" and hub.drives(name)}
     found: dict[str, int] = {}
     deadline = time.monotonic() + ANSWERS_S
     while asked and (left := deadline - time.monotonic()) > 0.0:
@@ -125,7 +128,7 @@ def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
         if message is None:
             break
         name = message.topic.partition("/")[2]
-        if name not in roles:
+        if name not in roles or not hub.speaks_for(message.user, name):
             continue
         asked.discard(name)
         wanted = sent if roles[name] == "recorder" else {"step": sent["step"]}
@@ -134,5 +137,11 @@ def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
             found[f"{topic} to {name}"] = count
     for name in sorted(asked):
         plant.attendant.faults.append(f"{roles[name]} {name} did not tell what it received")
-    gone = {name for role, name in plant.from_start - hub.watch.present if role == "recorder"}
+    away = plant.from_start - hub.watch.present
+    gone = {name for role, name in away if role == "recorder" and _records(plant, name)}
     return found, [f"recorder {name}" for name in sorted(asked | gone)]
+
+
+def _records(plant: Plant, name: str) -> bool:
+    """Whether the recorder `name` is that of the run: waited for, or under a name that no guest can take."""
+    return name in plant.session.door.reserved or ("recorder", name) in plant.job.expect

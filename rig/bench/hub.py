@@ -119,7 +119,7 @@ class Hub:
         message = self.acts.get(timeout)
         while message is not None:
             act, name = message.said, message.topic[4:]
-            if self._voices.get(name, name) == message.user:
+            if self.speaks_for(message.user, name):
                 tick, put_at = self._put_at[act.tick % _REMEMBERED]
                 if tick == act.tick:
                     self._trips.append(message.arrived_ns - put_at)
@@ -132,6 +132,14 @@ class Hub:
     def admit(self, name: str, user: str) -> None:
         """From here on the commands of `user` as `name` count, and of nobody else."""
         self._voices[name], self._admitted[name] = user, time.monotonic()
+
+    def drives(self, name: str) -> bool:
+        """Whether a controller of this name drives something."""
+        return name in self.operation.exchange.lines
+
+    def speaks_for(self, user: str, name: str) -> bool:
+        """Whether what `user` says as `name` counts: it is of this name, or was admitted under it."""
+        return self._voices.get(name, name) == user
 
     def look(self, timeout: float = 0.0) -> list[Presence]:
         """Who has come and gone since the last call; who was admitted and has come is awaited no longer."""

@@ -545,6 +545,31 @@ def test_a_guest_under_a_made_up_role_is_not_missed(scene, numbers):
         assert any("controller t0 left" in text for text in noted)
 
 
+def test_a_guest_that_calls_itself_recorder_is_not_asked_and_not_believed(scene, numbers, monkeypatch):
+    monkeypatch.setattr("rig.bench.conclude.ANSWERS_S", 60.0)
+    with Bench(scene, numbers, pace=None, duration=0.1) as bench:
+        bench.plant.session.door.reserved = frozenset({"recorder"})
+        silent, liar, controller = (
+            bench.twin.open(role, name)
+            for role, name in (("recorder", "silent"), ("recorder", "liar"), ("controller", "mine"))
+        )
+        for session in (silent, liar, controller):
+            session.announce()
+
+        def lie():
+            asked = liar.subscribe("total/plant")
+            assert asked.get(20.0) is not None
+            for session in (liar, controller):
+                session.publisher(f"total/{session.name}").put(session.totals(), 0)
+
+        bench.thread(lie)
+        begin = time.monotonic()
+        bench.begin()
+        bench.finish()
+    assert time.monotonic() - begin < 30.0
+    assert (bench.summary["lost"], bench.summary["unknown"], bench.summary["faults"]) == ({}, [], [])
+
+
 def test_only_the_plant_tells_that_the_run_is_over():
     twin, lines = Twin("told"), []
     team = Team.__new__(Team)  # without processes
