@@ -172,7 +172,7 @@ def simulate(
 
         for line in columns(_told(found, wall, out, figure), "<<"):
             tell.line(line)
-    for text in (event["text"] for event in found.events if event["kind"] == "warning"):
+    for text in (event["text"] for event in found.told if event["kind"] == "warning"):
         tell.note(f"warning: {text}")
     if found.fault:
         tell.note(found.fault)
@@ -180,7 +180,7 @@ def simulate(
         from rig.view.figure import draw
 
         draw(found, figure)
-    if found.fault or any(event["kind"] == "limit" for event in found.events):
+    if found.fault or any(event["kind"] == "limit" for event in found.told):
         raise typer.Exit(NumericsError.exit_code)
     if asked:
         raise typer.Exit(Interrupted.exit_code)

@@ -124,9 +124,10 @@ class _Consumer:
         if said.DESCRIPTOR.name == "Act":
             self.answers[said.tick] = tuple(said.values)
         elif said.kind == "parameter":
-            told = json.loads(said.data)
-            if "after_tick" in told:  # else it does not say when, and cannot be done again
-                self.tuned.setdefault(int(told["after_tick"]), {}).update(told["set"])
+            told = json.loads(said.data or "{}")
+            tick, changes = (told.get(key) for key in ("after_tick", "set")) if isinstance(told, dict) else (None, None)
+            if isinstance(tick, int) and isinstance(changes, dict):  # else it does not say when or what: not done again
+                self.tuned.setdefault(tick, {}).update(changes)
 
     def answers_to(self, tick: int, t_ns: int) -> bool:
         """Whether an answer to this step is to be expected."""

@@ -72,6 +72,11 @@ class Run:
         return self.scene
 
     @property
+    def told(self) -> list[dict[str, Any]]:
+        """The events that the plant told: what happened in the run. Guests of the bus may say anything."""
+        return [event for event in self.events if event["source"] == "plant"]
+
+    @property
     def notes(self) -> list[str]:
         """What a reader must know of the recording before trusting numbers made from it."""
         return [told for told in (self.damage, self.recovered) if told]

@@ -59,7 +59,7 @@ class Row(NamedTuple):
 
 def measured(run: Run, first: float = 0.0, last: float = float("inf")) -> Iterator[Row]:
     """The index of every sensor from `first` to `last` [s], in each stage between the marks of the protocol."""
-    marks = [(event["t_ns"] * 1e-9, event["text"]) for event in run.events if event["kind"] == "mark"]
+    marks = [(event["t_ns"] * 1e-9, event["text"]) for event in run.told if event["kind"] == "mark"]
     end = min(last, run.time[-1])
     stages = [(max(t, first), text) for (t, text), (then, _) in zip(marks, [*marks[1:], (end, "")]) if then > first]
     if not marks or marks[0][0] > first:

@@ -168,6 +168,8 @@ class Drawing:
             text = f"{kind}: {event['text']}"
             columns = rr.TextLog.columns(text=[text], level=[_LEVELS.get(kind, "INFO")])
             found.append(Columns(f"event/{event['source']}", now, columns))
+            if event["source"] != "plant":  # the strips show what happened in the run
+                continue
             if kind == "step":
                 found.append(self._strip("protocol", now, [event["text"]]))
             elif kind in ("connected", "disconnected"):

@@ -63,8 +63,8 @@ class Feed:
             elif kind == "health":
                 self._keep(self._health, told)
             elif kind == "event":
-                event = {field: getattr(told, field) for field in ("t_ns", "tick", "source", "kind", "text")}
-                self._keep(self._events, {**event, "data": json.loads(told.data or "{}")})
+                event = {field: getattr(told, field) for field in ("t_ns", "tick", "kind", "text")}
+                self._keep(self._events, {**event, "source": name, "data": json.loads(told.data or "{}")})
 
     def _keep(self, room: deque[Any], told: Any) -> None:
         self.dropped += len(room) == room.maxlen

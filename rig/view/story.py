@@ -35,7 +35,7 @@ def end_of(run: Run) -> float:
 
 def phases(run: Run) -> list[Span]:
     """The steps of the protocol that took time."""
-    steps = [(e["t_ns"] * 1e-9, _short(e["text"])) for e in run.events if e["kind"] == "step"]
+    steps = [(e["t_ns"] * 1e-9, _short(e["text"])) for e in run.told if e["kind"] == "step"]
     ends = [t for t, _ in steps[1:]] + [end_of(run)]
     return [Span(begin, end, text) for (begin, text), end in zip(steps, ends) if end > begin]
 
@@ -48,9 +48,11 @@ def _short(text: str) -> str:
 
 
 def marks(run: Run) -> list[Mark]:
-    """What the protocol, an operator or a limit wrote down."""
+    """What the protocol, an operator or a limit wrote down, and parameters that a controller says were changed."""
     kinds = ("mark", "knock", "limit", "diverged", "parameter", "safe")
-    return [Mark(e["t_ns"] * 1e-9, e["text"].partition("\n")[0]) for e in run.events if e["kind"] in kinds]
+    own = [e for e in run.events if e["kind"] == "parameter" and e["source"] in run.commands]
+    told = sorted([*(e for e in run.told if e["kind"] in kinds), *own], key=lambda e: int(e["t_ns"]))
+    return [Mark(e["t_ns"] * 1e-9, e["text"].partition("\n")[0]) for e in told]
 
 
 def controlled(run: Run) -> list[Span]:
@@ -58,7 +60,7 @@ def controlled(run: Run) -> list[Span]:
     found: list[Span] = []
     for name in sorted(run.commands):
         found += _controlled(
-            run.events, name, _enabled_at(run.scene, name), end_of(run), bool(run.commands[name].tick.size)
+            run.told, name, _enabled_at(run.scene, name), end_of(run), bool(run.commands[name].tick.size)
         )
     return sorted(found)
 

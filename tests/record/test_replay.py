@@ -189,6 +189,27 @@ def test_a_controller_that_the_recording_does_not_know_may_listen(stage, logs):
     assert (found.steps, found.compared, found.unanswered, found.divergence) == (FRAMES, {"mine": 0}, 0, None)
 
 
+@pytest.mark.parametrize(
+    "data", ['{"set": {"gain": 9.0}}', '{"after_tick": 3}', '{"after_tick": "x", "set": 5}', "", "[]"]
+)
+def test_an_event_of_a_controller_that_says_too_little_is_passed_over(logs, tmp_path, data):
+    start = reader.head(logs / "recorded.mcap")
+    writer = Writer(tmp_path / "odd.mcap", start.setup(), "recorded")
+    odd = messages.TYPES["Event"](source="feedback", kind="parameter", text="?", data=data).SerializeToString()
+    writer.write("event/feedback", odd, 0, 0, 0)
+    for record in reader.Scan(logs / "recorded.mcap"):
+        writer.write(record.topic, record.payload, record.t_ns, record.seq, record.log_ns)
+    writer.close({}, {})
+    twin = Twin("replay")
+    me = twin.open("controller", "feedback")
+    thread = threading.Thread(target=lambda: _closing(me, {}))
+    thread.start()
+    with twin.open("plant", "plant") as hub:
+        found = replay(hub, tmp_path / "odd.mcap", into=["feedback"])
+    thread.join(5.0)
+    assert (found.divergence, found.compared, found.fault) == (None, {"feedback": FRAMES}, "")
+
+
 def test_listeners_get_the_recorded_bytes(logs):
     twin = Twin("replay")
     heard = twin.open("viewer", "v").subscribe("**", depth=10_000)
