@@ -9,14 +9,14 @@ import typer
 
 from rig.cli import tell
 from rig.cli.options import Force, Json, Pace, pace, seconds
-from rig.cli.outputs import new
+from rig.cli.outputs import new, reads
 from rig.errors import LogError, UsageError
 
 if TYPE_CHECKING:
     from rig.record.run import Run
 
 
-def _file(path: Path) -> Path:
+def _file(context: typer.Context, path: Path) -> Path:
     """A path that is no folder, pipe or device; one that is not there is told by whoever reads it."""
     from rig.files import regular
 
@@ -26,6 +26,7 @@ def _file(path: Path) -> Path:
         pass
     except OSError as error:
         raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
+    reads(context, path)
     return path
 
 

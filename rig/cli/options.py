@@ -9,13 +9,22 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import tell
-from rig.cli.outputs import new
+from rig.cli.outputs import new, reads
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
-SceneName = Annotated[str, typer.Argument(metavar="SCENE", help="Name of a shipped scene (rig list) or a TOML file.")]
+
+def _scene(context: typer.Context, name: str) -> str:
+    """The name of a scene; one of a file is not to be overwritten."""
+    reads(context, Path(name))
+    return name
+
+
+SceneName = Annotated[
+    str, typer.Argument(metavar="SCENE", help="Name of a shipped scene (rig list) or a TOML file.", callback=_scene)
+]
 Changes = Annotated[
     list[str] | None,
     typer.Option(

@@ -1,4 +1,7 @@
-"""Files that a command writes for its user: nothing that is there is overwritten unless the user says --force."""
+"""Files that a command writes for its user: nothing that is there is overwritten unless the user says --force.
+
+What the command reads is never overwritten.
+"""
 
 from __future__ import annotations
 
@@ -15,6 +18,7 @@ from rig.files import takes
 FIGURES = (".png", ".svg", ".pdf")
 """How the name of a figure may end: by it, it is drawn."""
 _TAKEN = "rig.cli.outputs"
+_READ = "what is read"
 
 
 def new(context: typer.Context, option: typer.CallbackParam, path: Path | None) -> Path | None:
@@ -28,15 +32,43 @@ def new(context: typer.Context, option: typer.CallbackParam, path: Path | None) 
     return path
 
 
+def reads(context: typer.Context, path: Path) -> None:
+    """Note that the command reads `path`. Raises UsageError where an option has named it as a file to write."""
+    try:
+        _claim(context, _READ, path)
+    except UsageError:
+        context.close()
+        raise
+
+
+def _claim(context: typer.Context, what: str, path: Path) -> None:
+    """Note what a file is for. Raises UsageError if it is for something else too; what is written is there: it is held.
+
+    An option may come before or after the argument that names what is read.
+    """
+    taken: dict[str, Path] = context.meta.setdefault(_TAKEN, {})
+    for other, file in taken.items():
+        if what == other or not _same(path, file):
+            continue
+        if _READ in (what, other):
+            option, written = (other, file) if what == _READ else (what, path)
+            raise UsageError(f"{option} {written}: is the file that is read; name another one")
+        raise UsageError(f"{what} {path}: is the file of {other} too; name another one")
+    taken[what] = path
+
+
+def _same(one: Path, other: Path) -> bool:
+    try:
+        return one.is_file() and one.samefile(other)
+    except OSError:  # a name that is too long
+        return False
+
+
 def _hold(context: typer.Context, option: str, path: Path) -> None:
     if option == "--figure" and path.suffix.lower() not in FIGURES:
         raise UsageError(f"{option} {path}: the name of a figure ends in {', '.join(FIGURES[:-1])} or {FIGURES[-1]}")
-    taken: dict[str, Path] = context.meta.setdefault(_TAKEN, {})
-    for other, file in taken.items():
-        if path.is_file() and path.samefile(file):  # the other one is there: it is held
-            raise UsageError(f"{option} {path}: is the file of {other} too; name another one")
+    _claim(context, option, path)
     context.with_resource(held(option, path, bool(context.params.get("force"))))
-    taken[option] = path
 
 
 @contextmanager

@@ -148,6 +148,32 @@ def test_two_options_do_not_name_one_file(rig, tmp_path, there):
     assert not there or (tmp_path / "a.png").read_text() == "mine"
 
 
+READERS = [
+    ("sound", "log.mcap", "--channel", "s", "--out", "log.mcap"),
+    ("sound", "log.mcap", "--channel", "s", "--figure", "link.png"),
+    ("simulate", "belt.png", "--out", "belt.png"),
+    ("simulate", "belt.png", "--figure", "belt.png"),
+    ("run", "belt.png", "--out", "belt.png"),
+    ("run", "belt.png", "--figure", "belt.png"),
+    ("modes", "belt.png", "--sweep", "drive.speed=0.05:0.4:5", "--figure", "belt.png"),
+    ("explain", "belt.png", "--measure", "--figure", "belt.png"),
+]
+
+
+@pytest.mark.parametrize("command", READERS, ids=lambda command: f"{command[0]} {command[-2]}")
+@pytest.mark.parametrize("last", [False, True], ids=["file first", "option first"])
+def test_no_command_overwrites_what_it_reads(rig, log, tmp_path, monkeypatch, command, last):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "link.png").symlink_to("log.mcap")
+    (tmp_path / "belt.png").write_text("title = 'mine'")
+    name, file, *rest = command
+    code, err = rig(name, *((*rest, file) if last else (file, *rest)), "--force")
+    assert code == 2
+    assert f"{command[-2]} {command[-1]}: is the file that is read; name another one" in err
+    assert log.stat().st_size > 1000
+    assert (tmp_path / "belt.png").read_text() == "title = 'mine'"
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
 @pytest.mark.usefixtures("log")
 @pytest.mark.parametrize("command", FILES, ids=lambda command: f"{command[0]} {command[-1]}")
