@@ -15,7 +15,7 @@ import os
 import platform
 import tempfile
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,10 +26,11 @@ from numpy.typing import NDArray
 
 from rig import kernel, scenes
 from rig.bench import pace
+from rig.errors import RigError, SceneError, UsageError
 from rig.scenes.scene import Scene
 from rig.scheduling import PLANT, ahead, come_first, cores
 from rig.study import warmup
-from rig.study.frames import Costs, behind, costs
+from rig.study.frames import Clock, Costs, behind, costs
 from rig.study.round_trip import round_trips
 
 Say = Callable[[str], object]
@@ -66,7 +67,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Fitness:
-    """Whether one scene would run VALID here. `frame` is None where its kernels are not compiled yet."""
+    """Whether one scene would run VALID here. `frame`: what its frames cost; None where they were not measured."""
 
     scene: str
     verdict: str
@@ -141,6 +142,7 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
     """
     say = report or (lambda _: None)
     begin = time.perf_counter()
+    loaded = [scenes.load(name) for name in names or scenes.names()]
     say("waiting for frames of 1 ms")
     come_first()
     with ahead(PLANT) as scheduled:
@@ -155,15 +157,11 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
     say("frames of every scene, over its whole protocol")
     clock = time.thread_time_ns if alone else time.perf_counter_ns
     ready = warmup.ready()
-    loaded = [scenes.load(name) for name in names or scenes.names()]
-    fit = []
     with pace.no_garbage():
-        for scene in loaded:
-            found = costs(scene, clock=clock) if warmup.shape(scene) in ready else None
-            fit.append(judge(scene, found, late, put))
+        fit = [_fitness(scene, ready, clock, late, put) for scene in loaded]
     return Report(
         machine=_machine(),
-        warm=all(one.frame is not None for one in fit),
+        warm=all(one.verdict != "unknown" for one in fit),
         sleep=Spread.of(slept),
         hybrid=Spread.of(spun),
         waiting=f"{waiting.method}: {waiting.why}",
@@ -178,10 +176,24 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
     )
 
 
+def _fitness(
+    scene: Scene, ready: Collection[warmup.Shape], clock: Clock, late: NDArray[np.int64], put: Spread | None
+) -> Fitness:
+    """Measure and judge one scene; one that cannot run is told with the reason."""
+    try:
+        found = costs(scene, clock=clock) if warmup.shape(scene) in ready else None
+        return judge(scene, found, late, put)
+    except RigError as fault:
+        reason = "; ".join(fault.faults) if isinstance(fault, SceneError) else str(fault).partition("\n")[0]
+        return Fitness(scene.name, "refused", reason)
+
+
 def judge(scene: Scene, found: Costs | None, late: NDArray[np.int64], put: Spread | None) -> Fitness:
     """Whether `scene` would run VALID, from what its frames cost and how late waits end [ns]; `put`: on the bus."""
     if found is None:
         return Fitness(scene.name, "unknown", "its kernels are not compiled yet: rig warmup, then rig doctor again")
+    if not found.size:
+        raise UsageError("its numerics stop within the first frame: rig simulate tells why")
     clock = scene.clock
     pace = min(clock.pace_limit or 1.0, 1.0)
     wall = scene.frame_ns / pace

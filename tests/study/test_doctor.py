@@ -13,7 +13,7 @@ import rig
 from rig import kernel
 from rig.bench.operation import Operation
 from rig.bench.stand import Stand
-from rig.errors import WorkerError
+from rig.errors import SceneError, WorkerError
 from rig.scheduling import PLANT, Ahead
 from rig.solve.carry import advance
 from rig.solve.motion import Motion
@@ -145,6 +145,26 @@ def test_frames_are_measured_as_a_plant_would_be_scheduled(monkeypatch, why, clo
     assert used == [clock]
     assert found.frames == told
     assert told in found.text()
+
+
+def test_a_scene_that_cannot_run_is_a_row_and_the_others_are_judged(monkeypatch):
+    load = examination.scenes.load
+
+    def costly(scene, clock):
+        if scene.name == "belt":
+            raise SceneError("belt", ["it runs away", "really"])
+        return np.zeros(0, np.int64) if scene.name == "north" else PUNCTUAL
+
+    monkeypatch.setattr(examination, "costs", costly)
+    monkeypatch.setattr(warmup, "ready", lambda: {warmup.shape(load(name)) for name in SCENES})
+    found = doctor(0.2, names=SCENES)
+    rows = {one.scene: one for one in found.scenes}
+    assert (rows["belt"].verdict, rows["belt"].reason) == ("refused", "it runs away; really")
+    assert rows["north"].verdict == "refused"
+    assert rows["brake_active"].verdict in ("VALID", "DEGRADED", "INVALID")
+    assert not found.ok
+    assert found.warm
+    assert "it runs away; really" in found.text()
 
 
 def test_what_is_published_counts():
