@@ -466,6 +466,7 @@ class Motion:
         """What kick leaves over in the energy of its contacts (rig.solve.springs); None for other methods."""
         return self._springs.residual() if self._springs else None
 
+    @np.errstate(over="ignore", invalid="ignore")  # of a state that has left the range of numbers: the run says so
     def energy(self) -> dict[str, float]:
         """The ledger so far [J], and `error`: what does not close, relative to the largest term or store."""
         terms = self.terms()
