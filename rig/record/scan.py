@@ -29,6 +29,7 @@ _OFFSET_HEAD = struct.pack("<BQ", Opcode.SUMMARY_OFFSET, 17)
 _OFFSET = len(_OFFSET_HEAD) + 17  # bytes of a summary offset
 _SLICE = 1 << 20
 _SEQUENCE = 1 << 32
+_COPY = "a copy of a chunk that stands before it,"
 
 
 class Record(NamedTuple):
@@ -88,6 +89,8 @@ class Scan:
         self._digest_at = -1
         self._headed = False
         """Whether the record that every file begins with is there."""
+        self._chunks: set[bytes] = set()
+        """Digests of the chunks so far: no two are alike, since messages are numbered."""
         self._gaps = 0
         self._undescribed = 0
         """Messages that are whole, but what describes their channel is lost."""
@@ -107,6 +110,8 @@ class Scan:
             for part in walk(data):
                 if isinstance(part, Hole):
                     self._skip(part)
+                elif part.opcode == Opcode.CHUNK and self._is_copy(part.body):
+                    self._skip(Hole(part.begin, part.end, _COPY))
                 elif part.opcode == Opcode.CHUNK:
                     yield from self._messages(part.body)
                 else:
@@ -135,6 +140,12 @@ class Scan:
             self.channels[record.id] = record
         elif isinstance(record, Schema):
             self.schemas[record.id] = record
+
+    def _is_copy(self, content: bytes) -> bool:
+        """Whether this chunk has been met before."""
+        known, digest = len(self._chunks), hashlib.blake2b(content, digest_size=16).digest()
+        self._chunks.add(digest)
+        return len(self._chunks) == known
 
     def _messages(self, content: bytes) -> Iterator[Message]:
         for one in inside(content):
@@ -221,6 +232,8 @@ class Scan:
             return f"{self.missing} of its messages are missing"
         if not self.skipped or all(self._end is not None and one.begin >= self._end.end for one in self.skipped):
             return "the index at its end is damaged" if ended else "it breaks off in the index at its end"
+        if all(one.what == _COPY for one in self.skipped):
+            return "a chunk stands in it twice; no message is missing"
         return f"{self.skipped[0].what or 'a record'} is damaged; no message is missing"
 
     @property

@@ -136,6 +136,24 @@ def test_a_recording_with_a_wrong_byte_is_recovered_with_an_account(logs, run, t
     assert reader.open(done.path).recovered.endswith(f"lost: {done.lost} of {total} messages")
 
 
+@pytest.mark.parametrize("later", [False, True], ids=["at once", "at the end"])
+@pytest.mark.parametrize("killed", [False, True])
+def test_a_chunk_that_stands_there_twice_is_kept_once_and_told(logs, tmp_path, later, killed):
+    source, path = logs / ("killed.mcap" if killed else "saved.mcap"), tmp_path / "twice.mcap"
+    whole = source.read_bytes()
+    chunks = [part for part in walk(whole) if getattr(part, "opcode", 0) == Opcode.CHUNK]
+    first, last = chunks[0], chunks[-1]
+    place = last.end if later else first.end
+    path.write_bytes(whole[:place] + whole[first.begin : first.end] + whole[place:])
+    done = recover(path)
+    given = walked(source)[1]
+    assert walked(tmp_path / "twice.recovered.mcap")[1] == given == walked(path)[1]
+    assert any("a copy of a chunk that stands before it, after t = " in told for told in done.skipped)
+    if not killed:
+        assert (done.lost, done.fault) == (0, "a chunk stands in it twice; no message is missing")
+        assert reader.open(path).damage == done.fault
+
+
 def test_damage_outside_of_the_messages_costs_none(logs, run, tmp_path):
     whole = (logs / "saved.mcap").read_bytes()
     for text in (b'"plant"', b"setup.json", b"VALID", b"provenance"):
