@@ -6,6 +6,9 @@ while the hub is open, so the users are made before: one for each controller of 
 that all operators share, and `GUESTS` for processes that the run does not know beforehand. Their passwords are made
 anew for every run and lie in a folder that only this user of the machine can read, one file each. A process takes its
 seat by locking the file; the kernel gives the lock back.
+
+Operators and guests may ask the plant for all that it does, to stop or to disconnect a controller too: a second
+terminal can end a run, and a guest asks for its admission on the same topic. The others may only ask what runs here.
 """
 
 from __future__ import annotations

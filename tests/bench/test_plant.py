@@ -138,8 +138,11 @@ def test_a_paced_run_can_be_simulated_again_to_the_bit(scene, numbers):
         time.sleep(0.2)
         told = bench.me.ask("param/plant", {"set": {"friction.mu_static": 0.45}}, 2.0)
         bench.me.ask("cmd/plant", {"do": "knock", "impulse": 0.2}, 2.0)
+        waits = bench.me.ask("param/plant", {"set": {"load.force": 15.0}}, 2.0)
+        bench.me.ask("cmd/plant", {"do": "disconnect", "controller": "nf"}, 2.0)
         heard = bench.finish()
     assert told["values"] == {"friction.mu_static": 0.45}
+    assert waits["overruled"] == {"load.force": "nf"}
     applied = [messages.decode("applied/nf", payload) for payload in heard["applied/nf"]]
     commands = Commands(
         *(np.array([getattr(a, f) for a in applied], np.int64) for f in ("tick", "answered", "status")),
