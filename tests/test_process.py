@@ -91,7 +91,7 @@ def test_nohup_holds():
 def test_a_signal_whose_handler_outlasts_a_wait_does_not_make_it_endless():
     code = """
 import queue, signal, time
-from rig.bus.port import patiently
+from rig.bus.waiting import patiently
 signal.signal(signal.SIGALRM, lambda *_: time.sleep(0.05))
 signal.signal(signal.SIGTERM, lambda *_: time.sleep(0.05))
 import os, threading

@@ -19,8 +19,8 @@ from rig.bench.line import Line
 from rig.bench.operation import Operation
 from rig.bench.timing import Spread
 from rig.bus import encode, messages
-from rig.bus.inbound import Refused
-from rig.bus.port import Presence, Publisher, Session
+from rig.bus.arrivals import Presence, Refused
+from rig.bus.port import Publisher, Session
 from rig.bus.setup import Setup
 from rig.errors import UsageError
 from rig.scenes.scene import heard

@@ -7,110 +7,26 @@ and nobody behind the door sees it. No content of a message raises an exception 
 
 from __future__ import annotations
 
-import json
-import math
-import re
-import struct
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, NamedTuple, NoReturn, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from google.protobuf.message import DecodeError
 
 from rig.bus import messages, topics
+from rig.bus.arrivals import HEADER, Arrived, Count, Message, Presence, Refused
+from rig.bus.json_text import read_json
 from rig.errors import BusError
 
-HEADER = struct.Struct("<QQ")
 PAYLOAD = 1 << 24
 """Longest message [bytes]. The hub takes no more than `rig.bus.access.FROM_LEAVES` from another process."""
-QUESTION = 1 << 16
-"""Longest question [bytes]."""
-DEPTH = 32
-"""Deepest nesting of JSON."""
 TICKS, TIMES_NS, SPAN_NS = 1 << 53, 1 << 62, 1 << 42
 """Bounds of tick, simulated time and sample interval."""
-FASTEST, AT_ONCE = 200_000, 1_000
-"""Messages per second of the fastest topic, and messages lost at one instant, that a jump of numbers may stand for."""
 _SENDERS, _TOPICS, _OF_A_GUEST = 32, 1024, 16
-_STRINGS = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 _BOUNDS = {"tick": TICKS, "t_ns": TIMES_NS, "t0_ns": TIMES_NS, "dt_ns": SPAN_NS}
 
 T = TypeVar("T")
 A = TypeVar("A", bound="Arrived")
-
-
-class Refused(BusError):
-    """Something that is not let in. `kind` is the reason in two or three words."""
-
-    def __init__(self, kind: str, text: str = "") -> None:
-        self.kind = kind
-        super().__init__(text or kind)
-
-
-class Message(NamedTuple):
-    """One message as it arrived. `arrived_ns` is the monotonic clock at arrival, 0 unless the receiver stamps."""
-
-    topic: str
-    payload: bytes
-    seq: int
-    t_ns: int
-    arrived_ns: int = 0
-    said: Any = None
-    """The payload, decoded; None for a `state` of a scene that this session has not asked for."""
-    user: str = ""
-    """The user of the connection that it came over."""
-
-
-class Presence(NamedTuple):
-    """Someone joined (`here`) or left."""
-
-    role: str
-    name: str
-    here: bool
-
-
-class Arrived(NamedTuple):
-    """What a transport delivers, unread. `user` speaks on `topic`; `put` is false for a deletion."""
-
-    user: str
-    topic: str
-    payload: bytes = b""
-    header: bytes | None = None
-    put: bool = True
-    encoding: str = ""
-    arrived_ns: int = 0
-
-
-@dataclass
-class Count:
-    """What has been seen of one topic."""
-
-    received: int = 0
-    lost: int = 0
-    """Numbers missing between the first and the last message received."""
-    first: int = -1
-    last: int = -1
-    tick: int = -1
-    at: float = 0.0
-    """When the last message was read [s on the monotonic clock]."""
-
-    def see(self, seq: int) -> None:
-        """Count a message; a number that is not above the last one means that the publisher started anew."""
-        if seq > self.last >= 0:
-            self.lost += seq - self.last - 1
-        elif self.last < 0:
-            self.first = seq
-        self.last = seq
-        self.received += 1
-
-    def plausible(self, steps: int, now: float) -> bool:
-        """Whether a publisher can have sent `steps` messages since the last one that was read."""
-        return steps <= AT_ONCE + FASTEST * (now - self.at)
-
-    def tail(self, sent: int) -> int:
-        """Messages lost after the last one received, once it is known that `sent` were sent."""
-        return max(sent - 1 - self.last, 0)
 
 
 def speaks(user: str, topic: str, reserved: frozenset[str]) -> bool:
@@ -122,55 +38,6 @@ def speaks(user: str, topic: str, reserved: frozenset[str]) -> bool:
 def is_guest(user: str) -> bool:
     """Whether a user is one of those that stand ready for processes that the run does not know beforehand."""
     return user.startswith("guest-")
-
-
-def read_json(data: bytes, limit: int = QUESTION, *, finite: bool = True) -> dict[str, Any]:
-    """The JSON object in `data`; raises Refused for what is too long, too deep, ambiguous or no finite number."""
-    if len(data) > limit:
-        raise Refused("too long", f"{len(data)} bytes; at most {limit} are read")
-    try:
-        text = data.decode()
-        depth = deepest = 0
-        for mark in re.findall(r"[\[\]{}]", _STRINGS.sub("", text)):
-            depth += 1 if mark in "[{" else -1
-            deepest = max(deepest, depth)
-        if deepest > DEPTH:
-            raise Refused("too deep", f"nested {deepest} deep; at most {DEPTH} is read")
-        found = json.loads(
-            text,
-            object_pairs_hook=_unambiguous,
-            parse_constant=_not_finite if finite else None,
-            parse_float=_finite if finite else None,
-        )
-        json.dumps(found, ensure_ascii=False).encode()  # half a surrogate pair is no text
-    except Refused:
-        raise
-    except (ValueError, RecursionError) as fault:
-        raise Refused("not JSON", f"{_shown(data)} is not JSON: {fault}") from None
-    if not isinstance(found, dict):
-        raise Refused("not JSON", f"{_shown(data)} is no JSON object")
-    return found
-
-
-def _unambiguous(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        keys = [key for key, _ in pairs]
-        raise Refused("not JSON", f"{next(key for key in keys if keys.count(key) > 1)!r} is given twice")
-    return found
-
-
-def _finite(text: str) -> float:
-    number = float(text)
-    return number if math.isfinite(number) else _not_finite(text)
-
-
-def _not_finite(text: str) -> NoReturn:
-    raise Refused("not finite", f"{text[:40]} is no finite number")
-
-
-def _shown(data: bytes) -> str:
-    return repr(data[:40]) + ("..." if len(data) > 40 else "")
 
 
 class _Granted(NamedTuple):

@@ -1,4 +1,4 @@
-"""What a process sees of the bus: publishers, receivers, signs of life, questions and answers.
+"""What a process sees of the bus: publishers, receivers, signs of life, and the session that has them.
 
 The classes here count; how bytes travel is the business of `rig.bus.session` (Zenoh, between processes) and
 `rig.bus.twin` (within one process). Every message carries 16 bytes beside its payload: its number on this topic,
@@ -9,35 +9,21 @@ what was lost after the last one it got shows when the sender tells its totals.
 from __future__ import annotations
 
 import json
-import queue
-import signal
-import threading
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from contextlib import suppress
-from functools import partial
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from rig.bus import messages, topics
-from rig.bus.inbound import HEADER, PAYLOAD, Arrived, Count, Door, Message, Presence, Refused, read_json, speaks
-from rig.errors import BusError, RigError
-
-__all__ = ["Count", "Message", "Presence", "Publisher", "Receiver", "Request", "Server", "Session", "Watch"]
+from rig.bus.arrivals import HEADER, Arrived, Count, Message, Presence, Refused
+from rig.bus.inbound import PAYLOAD, Door, speaks
+from rig.bus.json_text import read_json
+from rig.bus.questions import Answer, Server
+from rig.errors import BusError
 
 _MOST = 256
 """Most things that one call takes in, so that a flood cannot hold it."""
-_QUESTIONS = 16
-"""Most questions that one call answers."""
-PRESENCES, QUESTIONS = 1 << 14, 1 << 8
-"""Most signs of life, and most questions, that wait."""
-
-_SLICE_S = 0.1
-"""Longest time that a signal waits. # chosen"""
-_MASK = getattr(signal, "pthread_sigmask", None)
-_SIGNALS = {s for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU") if (s := getattr(signal, name, None)) is not None}
-
-T = TypeVar("T")
+PRESENCES = 1 << 14
+"""Most signs of life that wait."""
 
 
 class Publisher(ABC):
@@ -54,53 +40,6 @@ class Publisher(ABC):
 
     @abstractmethod
     def _send(self, payload: bytes, header: bytes) -> None: ...
-
-
-def patiently(waiting: queue.SimpleQueue[T], timeout: float) -> T:
-    """The next of a queue, waited for at most `timeout` seconds. Raises queue.Empty.
-
-    In the main thread signals wait until a slice of the time is over: a handler that outlasts the timeout would make
-    `SimpleQueue.get` wait for ever (CPython 3.11: the time that is left is negative then).
-    """
-    if _MASK is None or threading.current_thread() is not threading.main_thread():
-        return waiting.get(timeout=timeout)
-    deadline = time.monotonic() + timeout
-    while True:
-        left = deadline - time.monotonic()
-        before = _MASK(signal.SIG_BLOCK, _SIGNALS)
-        try:
-            return waiting.get(timeout=min(max(left, 0.0), _SLICE_S))
-        except queue.Empty:
-            if left <= _SLICE_S:
-                raise
-        finally:
-            _MASK(signal.SIG_SETMASK, before)
-
-
-class Inbox(Generic[T]):
-    """What waits to be read: at most `depth` things, beyond which the oldest go. Filled and emptied by any thread."""
-
-    def __init__(self, depth: int) -> None:
-        self._queue: queue.SimpleQueue[T] = queue.SimpleQueue()
-        self._depth = depth
-
-    def put(self, one: T) -> None:
-        """Add the newest."""
-        self._queue.put(one)
-        if self._queue.qsize() > self._depth:
-            with suppress(queue.Empty):
-                self._queue.get_nowait()
-
-    def take(self, timeout: float) -> T | None:
-        """The oldest, waited for at most `timeout` seconds; None if there is none."""
-        try:
-            return patiently(self._queue, timeout) if timeout > 0.0 else self._queue.get_nowait()
-        except queue.Empty:
-            return None
-
-    def qsize(self) -> int:
-        """How many wait."""
-        return self._queue.qsize()
 
 
 class Receiver(ABC):
@@ -205,80 +144,6 @@ class Watch(ABC):
         while (role, name) not in self.present and (left := deadline - time.monotonic()) > 0.0:
             self.poll(left)
         return (role, name) in self.present
-
-
-class Request(ABC):
-    """A question from another process; must be answered or refused, once."""
-
-    asked: Arrived
-
-    @abstractmethod
-    def reply(self, text: bytes) -> None:
-        """Answer with JSON text."""
-
-    @abstractmethod
-    def refuse(self, why: str) -> None:
-        """Answer that it cannot be done."""
-
-
-Later = Callable[[], "dict[str, Any] | None"]
-"""An answer that takes a while: asked again at every poll until it is there."""
-Answer = Callable[[dict[str, Any]], "dict[str, Any] | bytes | Later"]
-
-
-class Server(ABC):
-    """Answers the questions on one topic, in the thread that calls `poll`."""
-
-    def __init__(self, door: Door, answer: Answer) -> None:
-        self.door, self._answer = door, answer
-        self.asker = ""
-        """The user whose question is being answered."""
-        self._later: list[tuple[Request, dict[str, Any], Later]] = []
-
-    @abstractmethod
-    def _next(self, timeout: float) -> Request | None: ...
-
-    def poll(self, timeout: float = 0.0) -> int:
-        """Answer what has been asked, waiting at most `timeout` seconds for the first; how many were answered.
-
-        A question that cannot be read or carried out is refused, whatever it breaks; the asker is told why.
-        """
-        answered, waiting = 0, self._later
-        self._later = []
-        for asked, body, later in waiting:
-            self._serve(asked, body, later)
-        while answered < _QUESTIONS and (request := self._next(0.0 if answered else timeout)) is not None:
-            answered += 1
-            found = self.door.let_in(self.door.question, request.asked)
-            if found is None:
-                request.refuse(f"{self.door.last.kind}: {self.door.last}")
-            else:
-                self._serve(request, found, partial(self._answer, found))
-        return answered
-
-    def give_up(self, why: str) -> None:
-        """Refuse what was put off: nobody polls any more."""
-        for request, _, _ in self._later:
-            request.refuse(why)
-        self._later = []
-
-    def _serve(self, request: Request, body: dict[str, Any], answer: Callable[[], Any]) -> None:
-        """Answer or refuse a request, or put it off."""
-        self.asker = request.asked.user
-        try:
-            found = answer()
-            if found is None or callable(found):
-                self._later.append((request, body, found or answer))
-                return
-            text = found if isinstance(found, bytes) else json.dumps(found).encode()
-        except (RigError, ValueError) as fault:
-            request.refuse(str(fault))
-        except KeyError as fault:
-            request.refuse(f"{body.get('do', 'the request')} needs {fault}")
-        except Exception as fault:  # what was asked makes no sense: that must not end the one who is asked
-            request.refuse(f"{body!r:.200} cannot be done: {type(fault).__name__}: {fault}")
-        else:
-            request.reply(text)
 
 
 class Session(ABC):

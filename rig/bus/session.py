@@ -18,20 +18,11 @@ import zenoh
 from rig.bus import messages, topics
 from rig.bus.access import Seat
 from rig.bus.address import Claim, is_live
-from rig.bus.inbound import Arrived, Door
-from rig.bus.port import (
-    PRESENCES,
-    QUESTIONS,
-    Answer,
-    Inbox,
-    Publisher,
-    Receiver,
-    Request,
-    Server,
-    Session,
-    Watch,
-    patiently,
-)
+from rig.bus.arrivals import Arrived
+from rig.bus.inbound import Door
+from rig.bus.port import PRESENCES, Publisher, Receiver, Session, Watch
+from rig.bus.questions import WAITING, Answer, Request, Server
+from rig.bus.waiting import Inbox, patiently
 from rig.errors import BusError
 
 _CLOSING_S = 2.0
@@ -160,7 +151,7 @@ class _Server(Server):
     def __init__(self, door: Door, answer: Answer, key: str, topic: str) -> None:
         super().__init__(door, answer)
         self._key, self._topic = key, topic
-        self._inbox = Inbox[zenoh.Query](QUESTIONS)
+        self._inbox = Inbox[zenoh.Query](WAITING)
         self.take = self._inbox.put  # one that falls out is dropped, which tells its asker that nobody answers
 
     def _next(self, timeout: float) -> Request | None:

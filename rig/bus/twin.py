@@ -6,8 +6,11 @@ import threading
 import time
 
 from rig.bus import messages, topics
-from rig.bus.inbound import Arrived, Door
-from rig.bus.port import PRESENCES, QUESTIONS, Answer, Inbox, Publisher, Receiver, Request, Server, Session, Watch
+from rig.bus.arrivals import Arrived
+from rig.bus.inbound import Door
+from rig.bus.port import PRESENCES, Publisher, Receiver, Session, Watch
+from rig.bus.questions import WAITING, Answer, Request, Server
+from rig.bus.waiting import Inbox
 
 
 class Twin:
@@ -128,7 +131,7 @@ class _Request(Request):
 class _Server(Server):
     def __init__(self, door: Door, answer: Answer) -> None:
         super().__init__(door, answer)
-        self.queue = Inbox[_Request](QUESTIONS)
+        self.queue = Inbox[_Request](WAITING)
 
     def _next(self, timeout: float) -> Request | None:
         return self.queue.take(timeout)

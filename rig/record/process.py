@@ -17,7 +17,8 @@ from typing import Any
 
 from rig import bus
 from rig.bus import messages, setup
-from rig.bus.port import Count, Message, Receiver, Session, Watch
+from rig.bus.arrivals import Count, Message
+from rig.bus.port import Receiver, Session, Watch
 from rig.bus.setup import Setup
 from rig.errors import BusError, LogError
 from rig.process import stopping

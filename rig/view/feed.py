@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.bus import messages
-from rig.bus.port import Message
+from rig.bus.arrivals import Message
 from rig.bus.setup import Setup
 from rig.view.drawing import HEALTH, Drawing
 from rig.view.parts import Columns

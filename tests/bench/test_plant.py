@@ -19,7 +19,7 @@ from rig.bench.simulate import simulate
 from rig.bench.stand import Stand
 from rig.bench.supervise import Team
 from rig.bus import encode, messages
-from rig.bus.inbound import HEADER, Arrived, Count
+from rig.bus.arrivals import HEADER, Arrived, Count
 from rig.bus.setup import fetch
 from rig.bus.twin import Twin
 from rig.errors import BusError, UsageError

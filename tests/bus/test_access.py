@@ -10,7 +10,7 @@ import zenoh
 
 from rig import bus
 from rig.bus import access, address, encode, messages
-from rig.bus.inbound import HEADER
+from rig.bus.arrivals import HEADER
 from rig.bus.link import _configuration
 from rig.errors import BusError
 

@@ -14,8 +14,9 @@ from rig import scenes
 from rig.bench.job import Job
 from rig.bench.plant_process import Plant
 from rig.bus import encode, messages
-from rig.bus.inbound import DEPTH, FASTEST, HEADER, Arrived, Door, Refused, read_json
-from rig.bus.port import Count
+from rig.bus.arrivals import FASTEST, HEADER, Arrived, Count, Refused
+from rig.bus.inbound import Door
+from rig.bus.json_text import DEPTH, read_json
 from rig.bus.setup import Setup, fetch
 from rig.bus.twin import Twin
 from rig.errors import BusError

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from rig.bus import encode, messages
-from rig.bus.port import Count
+from rig.bus.arrivals import Count
 from rig.bus.setup import Setup, fetch
 from rig.errors import BusError
 

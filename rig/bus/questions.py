@@ -1,0 +1,92 @@
+"""Questions from other processes and their answers, at once or later, in the thread of the one who is asked."""
+
+from __future__ import annotations
+
+import json
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+from rig.bus.arrivals import Arrived
+from rig.bus.inbound import Door
+from rig.errors import RigError
+
+_QUESTIONS = 16
+"""Most questions that one call answers."""
+WAITING = 1 << 8
+"""Most questions that wait."""
+
+
+class Request(ABC):
+    """A question from another process; must be answered or refused, once."""
+
+    asked: Arrived
+
+    @abstractmethod
+    def reply(self, text: bytes) -> None:
+        """Answer with JSON text."""
+
+    @abstractmethod
+    def refuse(self, why: str) -> None:
+        """Answer that it cannot be done."""
+
+
+Later = Callable[[], "dict[str, Any] | None"]
+"""An answer that takes a while: asked again at every poll until it is there."""
+Answer = Callable[[dict[str, Any]], "dict[str, Any] | bytes | Later"]
+
+
+class Server(ABC):
+    """Answers the questions on one topic, in the thread that calls `poll`."""
+
+    def __init__(self, door: Door, answer: Answer) -> None:
+        self.door, self._answer = door, answer
+        self.asker = ""
+        """The user whose question is being answered."""
+        self._later: list[tuple[Request, dict[str, Any], Later]] = []
+
+    @abstractmethod
+    def _next(self, timeout: float) -> Request | None: ...
+
+    def poll(self, timeout: float = 0.0) -> int:
+        """Answer what has been asked, waiting at most `timeout` seconds for the first; how many were answered.
+
+        A question that cannot be read or carried out is refused, whatever it breaks; the asker is told why.
+        """
+        answered, waiting = 0, self._later
+        self._later = []
+        for asked, body, later in waiting:
+            self._serve(asked, body, later)
+        while answered < _QUESTIONS and (request := self._next(0.0 if answered else timeout)) is not None:
+            answered += 1
+            found = self.door.let_in(self.door.question, request.asked)
+            if found is None:
+                request.refuse(f"{self.door.last.kind}: {self.door.last}")
+            else:
+                self._serve(request, found, partial(self._answer, found))
+        return answered
+
+    def give_up(self, why: str) -> None:
+        """Refuse what was put off: nobody polls any more."""
+        for request, _, _ in self._later:
+            request.refuse(why)
+        self._later = []
+
+    def _serve(self, request: Request, body: dict[str, Any], answer: Callable[[], Any]) -> None:
+        """Answer or refuse a request, or put it off."""
+        self.asker = request.asked.user
+        try:
+            found = answer()
+            if found is None or callable(found):
+                self._later.append((request, body, found or answer))
+                return
+            text = found if isinstance(found, bytes) else json.dumps(found).encode()
+        except (RigError, ValueError) as fault:
+            request.refuse(str(fault))
+        except KeyError as fault:
+            request.refuse(f"{body.get('do', 'the request')} needs {fault}")
+        except Exception as fault:  # what was asked makes no sense: that must not end the one who is asked
+            request.refuse(f"{body!r:.200} cannot be done: {type(fault).__name__}: {fault}")
+        else:
+            request.reply(text)

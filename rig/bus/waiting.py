@@ -1,0 +1,64 @@
+"""Waiting for what arrives: queues that are bounded, and a wait that no signal makes endless."""
+
+from __future__ import annotations
+
+import queue
+import signal
+import threading
+import time
+from contextlib import suppress
+from typing import Generic, TypeVar
+
+_SLICE_S = 0.1
+"""Longest time that a signal waits. # chosen"""
+_MASK = getattr(signal, "pthread_sigmask", None)
+_SIGNALS = {s for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU") if (s := getattr(signal, name, None)) is not None}
+
+T = TypeVar("T")
+
+
+def patiently(waiting: queue.SimpleQueue[T], timeout: float) -> T:
+    """The next of a queue, waited for at most `timeout` seconds. Raises queue.Empty.
+
+    In the main thread signals wait until a slice of the time is over: a handler that outlasts the timeout would make
+    `SimpleQueue.get` wait for ever (CPython 3.11: the time that is left is negative then).
+    """
+    if _MASK is None or threading.current_thread() is not threading.main_thread():
+        return waiting.get(timeout=timeout)
+    deadline = time.monotonic() + timeout
+    while True:
+        left = deadline - time.monotonic()
+        before = _MASK(signal.SIG_BLOCK, _SIGNALS)
+        try:
+            return waiting.get(timeout=min(max(left, 0.0), _SLICE_S))
+        except queue.Empty:
+            if left <= _SLICE_S:
+                raise
+        finally:
+            _MASK(signal.SIG_SETMASK, before)
+
+
+class Inbox(Generic[T]):
+    """What waits to be read: at most `depth` things, beyond which the oldest go. Filled and emptied by any thread."""
+
+    def __init__(self, depth: int) -> None:
+        self._queue: queue.SimpleQueue[T] = queue.SimpleQueue()
+        self._depth = depth
+
+    def put(self, one: T) -> None:
+        """Add the newest."""
+        self._queue.put(one)
+        if self._queue.qsize() > self._depth:
+            with suppress(queue.Empty):
+                self._queue.get_nowait()
+
+    def take(self, timeout: float) -> T | None:
+        """The oldest, waited for at most `timeout` seconds; None if there is none."""
+        try:
+            return patiently(self._queue, timeout) if timeout > 0.0 else self._queue.get_nowait()
+        except queue.Empty:
+            return None
+
+    def qsize(self) -> int:
+        """How many wait."""
+        return self._queue.qsize()
