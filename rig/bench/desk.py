@@ -25,7 +25,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rig.bench.hub import Hub
 from rig.bench.variant import Build, Variant, Wanted
-from rig.bus.port import Later
+from rig.bus.questions import Later
 from rig.errors import RigError, UsageError
 
 
@@ -126,21 +126,22 @@ class Desk:
         return later
 
     def _tuned(self, body: dict[str, Any]) -> Later:
-        operation, changes = self._operation, body.get("set")
+        tuning, changes = self._operation.tuning, body.get("set")
         if body.get("list"):
-            units = operation.tunable()
-            values = {key: operation.value(key) for key in units}
+            units = tuning.tunable()
+            values = {key: tuning.value(key) for key in units}
             return lambda: {"values": json.loads(json.dumps(values, default=_plain)), "units": units}
 
         def told(values: dict[str, Any]) -> dict[str, Any]:
-            found = values | {key: operation.value(key) for key in body.get("get", ())}
-            overruled = {key: owner for key in found if (owner := operation.exchange.overruler(key))}
+            found = values | {key: tuning.value(key) for key in body.get("get", ())}
+            overruled = {key: owner for key in found if (owner := tuning.exchange.overruler(key))}
             return {"values": json.loads(json.dumps(found, default=_plain)), "overruled": overruled}
 
         if changes is None:
             return lambda: told({})
         return self._rebuilt(
-            lambda: operation.wanted(changes), lambda variant: told(operation.change(changes, variant=variant))
+            lambda: tuning.wanted(changes),
+            lambda variant: told(tuning.change(changes, variant=variant)),
         )
 
     def _carried_out(self, body: dict[str, Any]) -> Later:

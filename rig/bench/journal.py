@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+OPERATOR = "operator"
+"""Who did it, where somebody from outside did."""
+
 
 class Event(NamedTuple):
     """One line: when, who, what kind, in words, and as data."""

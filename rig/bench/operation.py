@@ -19,20 +19,20 @@ from typing import Any
 import numpy as np
 
 from rig.bench.exchange import Exchange, Playback
-from rig.bench.journal import Journal
+from rig.bench.journal import OPERATOR, Journal
 from rig.bench.line import Line
 from rig.bench.protocol import Apply, Change, Finish, Move, Note, Progress, Protocol, Strike, Switch
 from rig.bench.stand import Stand
+from rig.bench.tuning import Tuning
 from rig.bench.variant import Variant, Wanted
 from rig.errors import RigError, UsageError
-from rig.quantities import finite, si
-from rig.scenes.faults import near
+from rig.quantities import finite
 from rig.scenes.protocol import Connect, flat
-from rig.scenes.scene import Scene, controller_drives, leaves
+from rig.scenes.scene import Scene, controller_drives
 
 RUN_DOWN_NS = 500_000_000
 """Time that the drive gets to stop when a limit has ended the experiment. # chosen"""
-BEGIN, OPERATOR, PLANT = "begin", "operator", "plant"
+BEGIN, PLANT = "begin", "plant"
 
 Retune = Callable[[str, dict[str, Any]], None]
 
@@ -63,6 +63,7 @@ class Operation:
             if type(step) is Connect:
                 self.exchange.connect(step.controller, False)
         units = dict(zip(stand.bank.names, stand.bank.units))
+        self.tuning = Tuning(scene, stand, self.exchange, self.journal)
         self.protocol = Protocol(scene.protocol, stand.frame_ns, units, stand.inputs)
         self.over = ""
         """Why the experiment has ended; empty while it goes on."""
@@ -151,84 +152,6 @@ class Operation:
             self.over = why
             self.journal.note("stop", why)
 
-    def wanted(self, changes: Mapping[str, Any]) -> Wanted:
-        """What the rig must have before `change` can make these changes. Raises UsageError with every fault.
-
-        What is not `tunable` is refused here and not by `change`: recordings hold such changes, from before.
-        """
-        actuators, parameters = self._sorted(changes)
-        tunable = self.tunable()
-        if fixed := [key for key in parameters if key not in tunable]:
-            known = f"what can be tuned: {', '.join(tunable)}"
-            raise UsageError("\n".join([*(f"{key}: is fixed while the rig runs" for key in fixed), known]))
-        return self._wanted(actuators, parameters)
-
-    def change(self, changes: Mapping[str, Any], by: str = OPERATOR, variant: Variant | None = None) -> dict[str, Any]:
-        """Change actuators and parameters of the rig at this tick: all, or with a RigError none. The new values.
-
-        `variant`: the rig as `wanted` for these changes, if it has been built already.
-        """
-        actuators, parameters = self._sorted(changes)
-        self._go_on(self._wanted(actuators, parameters), variant)
-        for key, number in actuators.items():
-            self.exchange.ask(key, number)
-        new = {key: self.value(key) for key in parameters} | actuators
-        self.journal.note("parameter", ", ".join(f"{k} = {v}" for k, v in new.items()), by=by, set=new)
-        return new
-
-    def _wanted(self, actuators: Mapping[str, float], parameters: Mapping[str, Any]) -> Wanted:
-        """Command states for the actuators that lack one; the values of those that can have none are matrices."""
-        stand, lacking = self.stand, self.stand.lacking(actuators)
-        matrices = {
-            key: value
-            for key, value in actuators.items()
-            if key not in lacking and stand.rebuilds(key, value) and not self.exchange.overruler(key)
-        }
-        return Wanted({**parameters, **matrices}, lacking)
-
-    def _sorted(self, changes: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
-        """Changes of actuators, in SI, and of parameters; UsageError with every fault."""
-        inputs, known = self.stand.inputs, dict(leaves(self.scene.parameters))
-        actuators: dict[str, float] = {}
-        parameters: dict[str, Any] = {}
-        faults = []
-        for key, value in changes.items():
-            if key not in inputs:
-                parameters[key] = value
-                if key not in known:
-                    faults.append(f"{key}: unknown key; {near(key, self.tunable())}")
-                continue
-            one = inputs[key]
-            try:
-                actuators[key] = si(value, one.unit)
-            except ValueError as fault:
-                faults.append(f"{key} {fault}")
-                continue
-            if not one.low <= actuators[key] <= one.high:
-                faults.append(f"{key} = {value}: must be {one.low:g} to {one.high:g} {one.unit}")
-        if faults:
-            raise UsageError("\n".join(faults))
-        return actuators, parameters
-
-    def tunable(self) -> dict[str, str]:
-        """Actuators, then parameters of the rig, that `change` can change -> their units."""
-        stand = self.stand
-        known = {
-            key: unit for key, (_, unit) in leaves(stand.scene.parameters) if unit and not key.startswith("start.")
-        }
-        return {name: one.unit for name, one in stand.inputs.items()} | {
-            key: unit for key, unit in known.items() if key not in stand.inputs
-        }
-
-    def value(self, key: str) -> Any:
-        """An actuator or a parameter of the rig as it is now."""
-        return self.stand.values[key] if key in self.stand.inputs else self.stand.parameter(key)
-
-    def _go_on(self, wanted: Wanted, variant: Variant | None) -> None:
-        """Go on with the rig as it is wanted."""
-        if wanted:
-            self.stand.take(variant or self.stand.variant(wanted))
-
     def knock(self, impulse: float, by: str = OPERATOR) -> None:
         """Strike the body at this tick [N s]."""
         try:
@@ -281,7 +204,7 @@ class Operation:
             variant = self.stand.variant(wanted)
         for other in gone:  # nothing is refused from here on
             self.dismiss(other)
-        self._go_on(wanted, variant)
+        self.stand.go_on(wanted, variant)
         if controller in self.exchange.lines:
             self.exchange.dismiss(controller)
         self.exchange.admit(controller, drives, period_ns)
@@ -297,7 +220,7 @@ class Operation:
     def _repeat(self, event: Mapping[str, Any]) -> None:
         data = event["data"]
         if event["kind"] == "parameter":
-            self.change(data["set"])
+            self.tuning.change(data["set"])
         elif event["kind"] == "knock":
             self.knock(data["impulse"])
         elif event["kind"] in ("connected", "disconnected"):
@@ -331,7 +254,7 @@ class Operation:
                 self._retune(controller, {key: action.value})
                 self.journal.note("parameter", f"{action.key} = {action.value:g}", by="protocol")
             else:
-                self.change({action.key: action.value}, "protocol")
+                self.tuning.change({action.key: action.value}, "protocol")
         except RigError as fault:  # the experiment goes on, and its record says that this did not happen
             self.journal.note("refused", f"{action.key} = {action.value:g}: {fault}", by="protocol")
 

@@ -204,6 +204,11 @@ class Stand:
         self.inputs.update(variant.assembly.inputs)
         self._index = {name: i for i, name in enumerate(self.motion.system.names)}
 
+    def go_on(self, wanted: Wanted, variant: Variant | None = None) -> None:
+        """Go on with the rig as it is `wanted` from this tick on: as `variant`, if that has been built already."""
+        if wanted:
+            self.take(variant or self.variant(wanted))
+
     def rebuilds(self, name: str, value: float) -> bool:
         """Whether `apply` makes a new matrix of this value: the actuator has no command state and another value."""
         one = self.inputs[name]
@@ -211,7 +216,7 @@ class Stand:
 
     def set_parameter(self, key: str, value: Any) -> None:
         """Change a parameter of the rig (`friction.mu_static`) at this tick. Raises SceneError when it cannot be."""
-        self.take(self.variant(Wanted({key: value})))
+        self.go_on(Wanted({key: value}))
 
     def parameter(self, key: str) -> Any:
         """The value of a parameter of the rig now. Raises SceneError for an unknown key."""

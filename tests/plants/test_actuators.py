@@ -185,6 +185,6 @@ def test_an_operator_is_told_the_range(key, value):
     scene = scenes.load("belt")
     operation = Operation(scene, Stand(scene), None, lambda *_: None)
     with pytest.raises(UsageError, match=f"{key} = .*: must be -?[0-9]+ to 100"):
-        operation.change({key: value})
+        operation.tuning.change({key: value})
     with pytest.raises(UsageError, match="1e\\+300 N s cannot be struck: it must be"):
         operation.knock(1e300)
