@@ -65,11 +65,11 @@ class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
     def _load_index(self) -> dict[Any, str]:
         try:
             content = io.BytesIO(_whole(self._index_path))
-        except OSError:
+            if pickle.load(content) != self._version:
+                return {}
+            stamp, overloads = pickle.load(content)
+        except (OSError, ImportError, AttributeError):  # it may name a type of a module that is nowhere to be found
             return {}
-        if pickle.load(content) != self._version:
-            return {}
-        stamp, overloads = pickle.load(content)
         return overloads if stamp == self._source_stamp else {}
 
     def _load_data(self, name: str) -> Any:

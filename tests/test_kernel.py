@@ -65,6 +65,22 @@ def test_kernels_that_many_compile_at_once_are_all_kept(tmp_path):
     assert [kept.load(("key", number)) for number in range(40)] == list(range(40))
 
 
+def test_a_kernel_for_a_type_of_a_module_that_is_gone_hinders_nobody(tmp_path, monkeypatch):
+    (tmp_path / "gone.py").write_text("class Gone: pass")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    key = __import__("gone").Gone
+    index = CheckedFile(str(tmp_path), "one", "stamp")
+    index.save((key, 1), 1)
+    assert index.load((key, 1)) == 1
+    (tmp_path / "gone.py").unlink()
+    monkeypatch.delitem(sys.modules, "gone")
+    shutil.rmtree(tmp_path / "__pycache__", ignore_errors=True)
+    index = CheckedFile(str(tmp_path), "one", "stamp")
+    assert index.load(("other", 2)) is None
+    index.save(("other", 2), 2)
+    assert index.load(("other", 2)) == 2
+
+
 def damaged(path, how):
     """A file of compiled code as a crash, a full disk or a careless hand leaves it."""
     content = bytearray(path.read_bytes())
