@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.study.crossing import Bracket, brackets, edge, refined, stretches
+from rig.study.crossing import RELATIVE, Bracket, Growth, Hole, brackets, edge, looked, root, stretches
 from rig.study.modes import energy_shares, shape
 from rig.study.spectrum import Spectra, Spectrum
 
@@ -24,7 +24,6 @@ Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 NEUTRAL = 1e-9  # of |lambda|: growth that is none
 ROUNDING = 1e-12  # of the largest |lambda|
-RELATIVE = 4.0 * float(np.finfo(float).eps)  # the finest that a root is asked for
 JUMP = 1e-3  # of the growth beside it: what is left at a root of a continuous function is far less
 _SAME = 1e-9  # of the axis: critical values of one kind this close are those of one motion, a pair of eigenvalues
 
@@ -101,22 +100,22 @@ def search(values: Sequence[float], rates: Complex, spectra: Spectra) -> Found:
     """Everything critical between the ends of `values`. `rates` [value, branch] tell the branches of the sweep."""
 
     @lru_cache(maxsize=4096)
-    def growths(value: float) -> Array | None:
+    def growths(value: float) -> Growth | None:
         one = spectra(value)
-        if not one.counts:
-            return None
-        return np.where(np.abs(one.rates.real) <= none(one), 0.0, one.rates.real)
+        return Growth(one.rates.real, none(one)) if one.counts else None
 
-    grid = refined(values, growths)
-    known: list[Critical] = list(_jamming(values, spectra))
-    for stretch in stretches(grid, growths):
-        for bracket in brackets(stretch, growths):
-            one = _root(spectra, bracket, values, rates)
-            span = _SAME * abs(values[-1] - values[0])
-            if not any(abs(c.value - one.value) <= span and c.kind == one.kind for c in known):
-                known.append(one)
-    known.sort(key=lambda one: one.value)
-    return Found(tuple(_with_sides(known, grid, spectra)), tuple(_gaps(grid, spectra)), _resolution(grid))
+    def look(grid: list[float]) -> Found:
+        known: list[Critical] = list(_jamming(grid, spectra))
+        for stretch in stretches(grid, growths):
+            for bracket in brackets(stretch, growths):
+                one = _at(spectra, bracket, root(bracket, growths), values, rates)
+                span = _SAME * abs(values[-1] - values[0])
+                if not any(abs(c.value - one.value) <= span and c.kind == one.kind for c in known):
+                    known.append(one)
+        known.sort(key=lambda one: one.value)
+        return Found(tuple(_with_sides(known, grid, spectra)), tuple(_gaps(grid, spectra)), _resolution(grid))
+
+    return looked(values, growths, look)
 
 
 def _resolution(grid: Sequence[float]) -> float:
@@ -129,13 +128,22 @@ def _with_sides(known: list[Critical], grid: Sequence[float], spectra: Spectra) 
     for one in known:
         at = places.index(one.value)
         below, above = places[:at][-1:], places[at + 1 :][:1]
-        sides = [growing(spectra(0.5 * (one.value + near[0]))) if near else None for near in (below, above)]
+        sides = [_beside(one.value, near[0], spectra) if near else None for near in (below, above)]
         yield replace(one, below=sides[0], above=sides[1])
+
+
+def _beside(value: float, near: float, spectra: Spectra) -> int | None:
+    """The number of eigenvalues that grow half-way to the next value. Raises Hole where only there nothing slides."""
+    middle = 0.5 * (value + near)
+    found = growing(spectra(middle))
+    if found is None and spectra(value).counts and spectra(near).counts:
+        raise Hole(middle)
+    return found
 
 
 def _gaps(grid: Sequence[float], spectra: Spectra) -> Iterator[Gap]:
     """Where nothing slides steadily, and why."""
-    notes = [spectra(value).note for value in grid]
+    notes, span = [spectra(value).note for value in grid], abs(grid[-1] - grid[0])
     starts = [i for i in range(len(grid)) if i == 0 or notes[i] != notes[i - 1]]
     for first, beyond in pairwise([*starts, len(grid)]):
         if not (note := notes[first]):
@@ -145,39 +153,30 @@ def _gaps(grid: Sequence[float], spectra: Spectra) -> Iterator[Gap]:
             return spectra(value).note == note
 
         last = beyond - 1
-        start = edge(grid[first], grid[first - 1], holds)[0] if first else grid[first]
-        end = edge(grid[last], grid[beyond], holds)[0] if beyond < len(grid) else grid[last]
+        start = edge(grid[first], grid[first - 1], holds, span)[0] if first else grid[first]
+        end = edge(grid[last], grid[beyond], holds, span)[0] if beyond < len(grid) else grid[last]
         yield Gap(start, end, note, spectra(grid[(first + last) // 2]).why)
 
 
-def _jamming(values: Sequence[float], spectra: Spectra) -> Iterator[Critical]:
+def _jamming(grid: Sequence[float], spectra: Spectra) -> Iterator[Critical]:
     """Where the mass matrix with friction in it stops or begins to be one."""
     from scipy.optimize import brentq
 
-    for a, b in pairwise(values):
+    for a, b in pairwise(grid):
         one, other = spectra(a), spectra(b)
-        if one.inertia * other.inertia < 0.0:
+        if one.inertia * other.inertia < 0.0 or (one.inertia and not other.inertia):
             ends = sorted((a, b))
             root = float(brentq(lambda value: spectra(value).inertia, *ends, xtol=1e-300, rtol=RELATIVE))
             rises = (other.inertia > one.inertia) == (b > a)
             yield Critical(root, "jamming", "stable" if rises else "unstable", 0.0, -1, {}, {})
 
 
-def _root(spectra: Spectra, bracket: Bracket, values: Sequence[float], rates: Complex) -> Critical:
-    """The critical value of a bracket."""
-    from scipy.optimize import brentq
-
+def _at(spectra: Spectra, bracket: Bracket, root: float, values: Sequence[float], rates: Complex) -> Critical:
+    """The critical value at the root of a bracket."""
     k, a, b, how = bracket
-
-    def growth(value: float) -> float:
-        one = spectra(value)
-        return float(one.rates[k].real - (none(one)[k] if how == "begins" else 0.0))
-
-    xtol = 1e-15 * max(abs(a), abs(b))
-    root = b if how == "ends" else float(brentq(growth, a, b, xtol=xtol, rtol=RELATIVE, maxiter=200))
     low, high = sorted((a, b))
-    at, sides = spectra(root), (growth(low), growth(high))
-    jumps = how == "passes" and abs(growth(root)) > JUMP * min(map(abs, sides))
+    at, sides = spectra(root), [float(spectra(value).rates[k].real) for value in (low, high)]
+    jumps = how == "passes" and abs(at.rates[k].real) > JUMP * min(map(abs, sides))
     grown = spectra(high if sides[1] > 0.0 else low) if jumps else at
     i = k if grown.rates[k].imag >= 0.0 else int(np.abs(grown.rates - grown.rates[k].conj()).argmin())
     rate, vector = grown.rates[i], grown.right[: grown.own, i]

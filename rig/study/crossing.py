@@ -1,26 +1,58 @@
-"""Where growth rates pass zero along a parameter, and where they end: brackets for a root finder, found on a grid.
+"""Where growth rates pass zero along a parameter, and where they end: brackets on a grid, and the roots in them.
 
-    growths(value)   growth rates in falling order [1/s], zero where growth is none; None where nothing slides steadily
+    growths(value)   growth rates in falling order [1/s], and up to which each is none; None where nothing slides
+                     steadily
 
 The grid is refined where a rate bends so much that it could reach zero between two values, and up to the edges of
-stretches in which something slides. Two crossings of one rate closer together than the grid can still be missed.
+stretches in which something slides. Whoever looks between two values of a stretch and finds that nothing slides there
+raises a `Hole`: the grid is refined up to its edges and looked at again, so that no root lies in a range without steady
+sliding. Two crossings of one rate closer together than the grid can still be missed, and so can a hole.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
-from typing import Literal, NamedTuple
+from typing import Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Growths = Callable[[float], Array | None]
+Found = TypeVar("Found")
+RELATIVE = 4.0 * float(np.finfo(float).eps)  # the finest that a root is asked for
 EDGE = 1e-9  # of the gap between two values: how closely the end of a stretch is found
 _DEPTH = 6  # halvings of a gap in which a rate could reach zero
 _CUSP = 4.0  # times the steps to both sides, growth may rise to a peak between: it bends like a root where modes meet
 _LEVEL = 1e-9
+_FIRST = 2.0**-10  # of the way from a hole to the next value of the grid: the first step
+
+
+class Growth(NamedTuple):
+    """Growth rates in falling order [1/s], and the size of each up to which rounding makes it: it is none."""
+
+    rates: Array
+    none: Array
+
+    def sign(self, k: int) -> int:
+        """Of rate number k; 0 where it is none or not there."""
+        return int(np.sign(self.rates[k])) if k < len(self.rates) and abs(self.rates[k]) > self.none[k] else 0
+
+    @property
+    def clear(self) -> Array:
+        """The rates, zero where growth is none."""
+        return np.where(np.abs(self.rates) <= self.none, 0.0, self.rates)
+
+
+Growths = Callable[[float], Growth | None]
+
+
+class Hole(Exception):
+    """Nothing slides steadily at `value`, which lies between two values of a stretch."""
+
+    def __init__(self, value: float) -> None:
+        super().__init__(value)
+        self.value = value
 
 
 class Bracket(NamedTuple):
@@ -35,6 +67,59 @@ class Bracket(NamedTuple):
     a: float
     b: float
     how: Literal["passes", "begins", "ends"] = "passes"
+
+
+def looked(values: Sequence[float], growths: Growths, look: Callable[[list[float]], Found]) -> Found:
+    """What `look` finds on the refined grid of `values`; where it raises a `Hole`, the grid is cut there first."""
+    grid = refined(values, growths)
+    while True:
+        try:
+            return look(grid)
+        except Hole as hole:
+            grid = _cut(grid, hole.value, growths)
+
+
+def _cut(grid: Sequence[float], hole: float, growths: Growths) -> list[float]:
+    """A grid with the edges of the range around `hole` in which nothing slides."""
+    falls = grid[0] > grid[-1]
+    i = next(i for i, value in enumerate(grid) if (value < hole if falls else value > hole))
+    a, b = grid[i - 1 : i + 1]
+    new = [a, _beside(hole, a, growths), hole, _beside(hole, b, growths), b]
+    return [*grid[: i - 1], *refined(list(dict.fromkeys(new)), growths), *grid[i + 1 :]]
+
+
+def _beside(hole: float, end: float, growths: Growths) -> float:
+    """The first value from a hole towards `end` at which something slides, in steps that double.
+
+    The edge is then looked for close to the hole: between it and the end there may be other holes.
+    """
+    share = _FIRST
+    while share < 1.0 and growths(value := hole + share * (end - hole)) is None:
+        share *= 2.0
+    return value if share < 1.0 else end
+
+
+def there(value: float, growths: Growths) -> Growth:
+    """The growth at a value inside of a stretch. Raises Hole where nothing slides steadily."""
+    found = growths(value)
+    if found is None:
+        raise Hole(value)
+    return found
+
+
+def root(bracket: Bracket, growths: Growths) -> float:
+    """The value in a bracket at which its rate passes zero, to rounding (Brent). Raises Hole."""
+    from scipy.optimize import brentq
+
+    k, a, b, how = bracket
+    if how == "ends":
+        return b
+
+    def growth(value: float) -> float:
+        found = there(value, growths)
+        return float(found.rates[k] - (found.none[k] if how == "begins" else 0.0))
+
+    return float(brentq(growth, a, b, xtol=1e-15 * max(abs(a), abs(b)), rtol=RELATIVE, maxiter=200))
 
 
 def refined(values: Sequence[float], growths: Growths) -> list[float]:
@@ -68,8 +153,8 @@ def _between(a: float, b: float, growths: Growths, depth: int) -> list[float]:
     here = growths(middle)
     left = right = (at_a is None) != (here is None)
     if at_a is not None and at_b is not None and here is not None and depth > 0:
-        count = min(len(at_a), len(here), len(at_b))
-        first, half, last = at_a[:count], here[:count], at_b[:count]
+        count = min(len(one.rates) for one in (at_a, here, at_b))
+        first, half, last = (one.clear[:count] for one in (at_a, here, at_b))
         bend = np.abs(half - 0.5 * (first + last))
         left, right = _could(first, half, bend), _could(half, last, bend)
     return [
@@ -84,28 +169,25 @@ def _could(a: Array, b: Array, bend: Array) -> bool:
     return bool(np.any((a * b > 0.0) & (np.minimum(np.abs(a), np.abs(b)) <= bend)))
 
 
-def edge(inside: float, outside: float, holds: Callable[[float], bool]) -> tuple[float, float]:
-    """The last value on the way from `inside` to `outside` where `holds` is true, and the first where it is not."""
-    least = EDGE * abs(outside - inside)
+def edge(inside: float, outside: float, holds: Callable[[float], bool], span: float = 0.0) -> tuple[float, float]:
+    """The last value on the way from `inside` to `outside` where `holds` is true, and the first where it is not.
+
+    To `EDGE` of the way, or of `span` where that is longer.
+    """
+    least = EDGE * max(abs(outside - inside), span)
     while abs(outside - inside) > least and (middle := 0.5 * (inside + outside)) not in (inside, outside):
         inside, outside = (middle, outside) if holds(middle) else (inside, middle)
     return inside, outside
 
 
 def brackets(stretch: Sequence[float], growths: Growths) -> Iterator[Bracket]:
-    """Every sign change of every rate along a stretch."""
+    """Every sign change of every rate along a stretch. Raises Hole."""
     if len(stretch) < 2:
         return
-    tables = [growths(value) for value in stretch]
-    count = min(len(one) for one in tables if one is not None)
+    count = min(len(there(value, growths).rates) for value in stretch)
     for k in range(count):
         x = sorted({*stretch, *_islands(stretch, k, growths)}, reverse=stretch[0] > stretch[-1])
-        yield from _passing(k, x, [_sign(growths, value, k) for value in x])
-
-
-def _sign(growths: Growths, value: float, k: int) -> int:
-    rates = growths(value)
-    return int(np.sign(rates[k])) if rates is not None and k < len(rates) else 0
+        yield from _passing(k, x, [there(value, growths).sign(k) for value in x])
 
 
 def _islands(x: Sequence[float], k: int, growths: Growths) -> Iterator[float]:
@@ -113,8 +195,8 @@ def _islands(x: Sequence[float], k: int, growths: Growths) -> Iterator[float]:
     from scipy.optimize import minimize_scalar
 
     def growth(value: float) -> float:
-        rates = growths(value)
-        return float(rates[k]) if rates is not None and k < len(rates) else 0.0
+        rates = there(value, growths).clear
+        return float(rates[k]) if k < len(rates) else 0.0
 
     at = [growth(value) for value in x]
     for i in range(1, len(x) - 1):

@@ -328,3 +328,14 @@ def test_nonsense_is_refused_in_words(capsys, arguments, told):
     code, _, err = command(capsys, "modes", "belt", *arguments)
     assert code == 2
     assert all(one in err for one in told)
+
+
+@pytest.mark.slow
+def test_nothing_critical_is_told_where_nothing_slides():
+    """Between two values of this sweep the contact would have to pull; a fine sweep tells the same values."""
+    found = rig.sweep(rig.load("disc_slider", {"load.force": 110.0}), "drive.speed", [780.2, 1040.1])
+    (first, *_) = found.gaps
+    assert (first.start, first.end) == (pytest.approx(911.968, abs=1e-3), pytest.approx(917.689, abs=1e-3))
+    assert "would have to pull" in first.why
+    assert not [one.value for one in found.critical for gap in found.gaps if gap.start < one.value < gap.end]
+    assert [one.value for one in found.critical][:3] == pytest.approx([911.862394, 917.979715, 918.267465], abs=1e-6)
