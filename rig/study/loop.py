@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 import controllers
 from controllers.feedback import VelocityFeedback
-from rig.errors import SceneError
+from rig.errors import SceneError, Singular
 from rig.quantities import unit_of
 from rig.scenes.faults import near
 from rig.scenes.scene import Scene
@@ -232,8 +232,8 @@ class Loop:
         if not self.gain_ranges:
             yield "  stable with no gain of either sign"
         elif self.gain_range is None:
-            signs = {math.copysign(1.0, low + high) for low, high in self.gain_ranges}
-            wrong = self.gain and math.copysign(1.0, self.gain) not in signs
+            sign = math.copysign(1.0, self.gain)
+            wrong = self.gain and not any(max(sign * low, sign * high) > 0.0 for low, high in self.gain_ranges)
             yield f"  its own gain, {self.gain:g}{unit}, {'has the wrong sign' if wrong else 'lies outside'}"
 
 
@@ -288,5 +288,7 @@ def sweep_loop(scene: Scene, axis: Axis, name: str) -> Sweep:
             return loop(axis.at(scene, value), name).spectrum
         except SceneError as error:
             return absent("no loop", "; ".join(error.faults))
+        except Singular as error:
+            return absent("no loop", error.why)
 
     return along(scene.name, axis, spectrum, name)

@@ -6,6 +6,7 @@ Rightmost roots with a pure delay: Kroeger, Neubauer, Popp (2008), equations 4.6
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import control
@@ -226,6 +227,16 @@ def test_a_gain_of_the_wrong_sign_is_named():
     assert "stable with a gain from 132.266 to 36180.4 N*s/m" in wrong.text()
     assert "its own gain, -200 N*s/m, has the wrong sign" in wrong.text()
     assert "wrong sign" not in right.text()
+
+
+@pytest.mark.parametrize(
+    ("gain", "ranges", "wrong"),
+    [(9.0, [(-2.0, 5.0)], False), (-9.0, [(-2.0, 5.0)], False), (-9.0, [(1.0, 5.0)], True), (9.0, [(-5.0, 0.0)], True)],
+)
+def test_a_gain_outside_has_the_wrong_sign_only_if_no_gain_of_its_sign_is_stable(gain, ranges, wrong):
+    loop = replace(rig.loop("belt_normal_force", "nf"), gain=gain)
+    vars(loop)["gain_ranges"] = ranges
+    assert ("wrong sign" in "\n".join(loop._ranges())) is wrong
 
 
 def test_a_negative_gain_has_its_range_and_margins():
