@@ -4,6 +4,7 @@ RigError
 ├── SceneError        a scene, a key or a value that cannot be used; carries every fault found
 ├── UsageError        a command that cannot be carried out as given
 ├── Interrupted       a command that was ended before it had begun
+├── Singular          equations of motion of a mode set that have no single solution
 ├── NumericsError     the integration had to stop; carries time, mode and state
 │   ├── Diverged      the state left the stated limit or is not finite
 │   ├── Jammed        no contact mode is consistent with the equations (Painleve)
@@ -44,6 +45,16 @@ class Interrupted(RigError):
     """A command that was ended before it had done what it was asked for."""
 
     exit_code = 130
+
+
+class Singular(RigError):
+    """The equations of motion of a mode set have no single solution: `why`. `jams`: friction takes up the inertia."""
+
+    exit_code = 4
+
+    def __init__(self, why: str, mode: str, jams: bool = False) -> None:
+        self.why, self.mode, self.jams = why, mode, jams
+        super().__init__(f"{why}\n  in mode {mode}")
 
 
 class NumericsError(RigError):

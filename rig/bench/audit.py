@@ -180,7 +180,7 @@ def share(kept: Sequence[Visited], other: System, own: dict[int, Told]) -> float
 
 
 def _pair(system: System, other: System, key: int) -> tuple[ModeSet, ModeSet] | None:
-    """The same mode set of both rigs, as far as the other one knows it; None where it jams there."""
+    """The same mode set of both rigs, as far as the other one knows it; None where that is singular."""
     names = [[p.name for p in parts] for parts in _parts(system)]
     modes = [dict(zip(n, m)) for n, m in zip(names, system.modes(key))]
     at = [

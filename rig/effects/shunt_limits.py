@@ -16,8 +16,8 @@ import numpy as np
 
 from rig.effects.stack import Stack
 from rig.solve.finding import Finding, Judge
-from rig.solve.formulation import assemble
 from rig.solve.linear import sliding_key
+from rig.solve.singular import assembled
 from rig.solve.system import System
 
 TOLERANCE = 0.1
@@ -34,7 +34,7 @@ def stiffness_seen(system: System, stack: Stack) -> float:
     push = np.zeros_like(system.coupling)
     push[:, system.one] = ends
     key = sliding_key(system)
-    plain, pushed = (assemble(replace(system, coupling=c), key).A[nq : 2 * nq] for c in (0.0 * push, push))
+    plain, pushed = (assembled(replace(system, coupling=c), key).A[nq : 2 * nq] for c in (0.0 * push, push))
     given = ends @ np.linalg.solve(plain[:, :nq], (plain - pushed)[:, system.one])
     return 1.0 / float(given) if given else math.inf
 
@@ -82,7 +82,7 @@ def _fast(system: System, states: Sequence[str], step: float) -> Iterator[Findin
     key = sliding_key(system)
     patches, normals, limiters, sectors, thrown = system.modes(key)
     closed = [max(position, 1) for position in thrown]
-    A = assemble(system, system.key(patches, normals, limiters, sectors, closed)).A[np.ix_(at, at)]
+    A = assembled(system, system.key(patches, normals, limiters, sectors, closed)).A[np.ix_(at, at)]
     values = np.linalg.eigvals(A)
     fastest = max(values, key=abs)
     if abs(fastest) == 0.0:

@@ -2,6 +2,7 @@
 
 assembly     rows by name: what plants and effects write
 formulation  the matrices of one mode set
+singular     why a mode set has none
 tables       what a kernel reads, stacked by mode set
 slots        the mode sets a run has visited, built when they are met
 signals      what sensors read, as rows over the state

@@ -16,8 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.errors import Singular
 from rig.solve import products
-from rig.solve.formulation import ModeSet, assemble
+from rig.solve.formulation import ModeSet
+from rig.solve.singular import JAMS, assembled
 from rig.solve.system import CLOSED, SLIP_MINUS, SLIP_PLUS, STICK, System
 
 Array = NDArray[np.float64]
@@ -34,8 +36,9 @@ _ROUNDING = 2.0**-52
 class Steady:
     """Steady sliding in one mode set, and the matrix of small motions about it.
 
-    `exists`: the equilibrium was found and agrees with the modes; if not, `x` is where the search ended.
+    `exists`: the equilibrium was found, agrees with the modes and does not jam; if not, `x` is where the search ended.
     `moving`: states whose eigenvalues count. Of each patch: slip `speed`, `load` and `friction` force. `T`: the inputs.
+    `inertia`: determinant of the mass matrix with friction in it, over that without; at zero and below the rig jams.
     """
 
     system: System
@@ -48,6 +51,21 @@ class Steady:
     load: Array
     friction: Array
     T: Array
+    inertia: float
+
+    @property
+    def slides(self) -> bool:
+        """Whether every contact slips in the direction of its mode."""
+        return bool(np.all(self.modes.sigma * self.speed > 0.0))
+
+    @property
+    def counts(self) -> bool:
+        """Whether the eigenvalues say something.
+
+        Under constant friction coefficients the matrix is the same wherever the equilibrium lies: they count also where
+        that would pull the contact open, as it does beyond a divergence. They never count where the rig jams.
+        """
+        return self.exists or (self.inertia > 0.0 and self.slides and not bool(self.modes.nonlinear.any()))
 
     def eigenvalues(self) -> NDArray[np.complex128]:
         """Of the moving states, the least stable first [1/s]."""
@@ -83,7 +101,7 @@ def sliding_key(system: System, x: Array | None = None) -> int:
 def _settled(system: System, x: Array) -> Array:
     """`x` at rest, with the lags among its signals settled, limiters in their range."""
     stick = system.key([STICK] * len(system.patches), [1] * len(system.normals), [0] * len(system.limiters))
-    A = assemble(system, stick).A
+    A = assembled(system, stick).A
     out = x.copy()
     out[: system.one] = 0.0
     free = settling(system, A, moving_states(system, A))
@@ -130,9 +148,9 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
     """Steady sliding in mode set `key`, by Newton's method from the unloaded structure at rest.
 
     In a stuck mode set only the matrix counts. `contact`: the friction force of patches with a law over speed, where
-    it is not the law's own (an average over a fast vibration). Raises numpy.linalg.LinAlgError at jamming.
+    it is not the law's own (an average over a fast vibration). Raises rig.errors.Singular.
     """
-    modes = assemble(system, key)
+    modes = assembled(system, key)
     moving = moving_states(system, modes.A)
     x = system.start.copy()
     x[: system.one] = 0.0
@@ -164,8 +182,20 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
     speed = system.slip_rows @ x
     friction = modes.friction @ x + modes.friction_t @ T
     agrees = bool(np.all(modes.sigma * speed > 0.0)) and bool(np.all(load[modes.sigma != 0.0] > 0.0))
-    exists = not stuck and residual <= 1e-9 * scale and agrees
-    return Steady(system, modes, exists, x, A, moving, speed, load, friction, T)
+    inertia = _inertia(system, modes, speed, load, law)
+    exists = not stuck and residual <= 1e-9 * scale and agrees and inertia > 0.0
+    return Steady(system, modes, exists, x, A, moving, speed, load, friction, T, inertia)
+
+
+def _inertia(system: System, modes: ModeSet, speed: Array, load: Array, contact: Contact) -> float:
+    """det(M with friction)/det(M): what constant coefficients leave of it, and those over speed."""
+    P, by_force = len(system.patches), loads(system, modes)[1][:, : len(system.patches)]
+    if not np.any(by_force):
+        return modes.jam
+    by_load = np.array(
+        [contact(p, float(speed[p]), float(load[p]))[2] if modes.nonlinear[p] else 0.0 for p in range(P)]
+    )
+    return modes.jam * float(np.linalg.det(np.eye(P) - by_load[:, None] * by_force))
 
 
 def _rest(system: System, modes: ModeSet, free: NDArray[np.int64], x: Array, T: Array) -> tuple[float, float]:
@@ -240,6 +270,9 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
         if np.allclose(T, before, rtol=1e-14, atol=0.0):
             break
     change = by_speed[:, None] * system.slip_rows + by_load[:, None] * (load + load_t[:, P:] @ dT[P:])
-    dT[:P] = np.linalg.solve(np.eye(P) - by_load[:, None] * load_t[:, :P], change) if P else change
+    try:
+        dT[:P] = np.linalg.solve(np.eye(P) - by_load[:, None] * load_t[:, :P], change) if P else change
+    except np.linalg.LinAlgError:
+        raise Singular(JAMS, system.describe(modes.key), jams=True) from None
     multiply(2)
     return T, dT

@@ -43,6 +43,7 @@ from rig.solve.carry import (
 from rig.solve.emit import empty_segments
 from rig.solve.method import seen
 from rig.solve.settle import BEGUN, CHATTER, DONE, JAM, LOOK, LOST, NEED, OVERFULL, SETTLE, START
+from rig.solve.singular import singular
 from rig.solve.slots import Slots
 from rig.solve.springs import Springs
 from rig.solve.system import System
@@ -380,15 +381,23 @@ class Motion:
         status = self._carry(shape, self.slots.handle, self._lent, True, first, last, *how)
         while status == NEED or (status == OVERFULL and 2 * len(self.segments.start) <= MOST_SEGMENTS):
             if status == NEED:
-                self.slots.add(self.key)
+                try:
+                    self.slots.add(self.key)
+                except np.linalg.LinAlgError:
+                    self._reached(first, int(self.state.ic[REACHED]))
+                    error = singular(self.system, self.key)
+                    raise (Jammed if error.jams else NumericsError)(error.why, *self._where()) from None
             else:
                 self._more_segments()
             status = self._carry(shape, self.slots.handle, self._lent, False, first, last, *how)
-        self.kept = last if status == DONE else int(self.state.ic[REACHED])
-        self.tick += self.kept - first
+        self._reached(first, last if status == DONE else int(self.state.ic[REACHED]))
         if status not in (DONE, LOOK):
             self._stop(status)
         return status == LOOK  # type: ignore[no-any-return]
+
+    def _reached(self, first: int, last: int) -> None:
+        self.kept = last
+        self.tick += last - first
 
     def _more_segments(self) -> None:
         """Double the room for the segments of a frame; those that are there stay."""

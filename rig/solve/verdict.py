@@ -14,11 +14,12 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.errors import Singular
 from rig.solve.finding import Finding
-from rig.solve.formulation import assemble
 from rig.solve.growth import stopped
 from rig.solve.laws import Law
 from rig.solve.linear import Steady, moving_states, steady
+from rig.solve.singular import assembled, bearing_mass
 from rig.solve.system import (
     CLOSED,
     LINEAR,
@@ -69,8 +70,8 @@ def verdict(system: System, method: str, step: float, substeps: int = 1, toleran
             continue
         try:
             at = steady(system, key)
-        except np.linalg.LinAlgError:
-            found.append(_jammed(name, 0.0))
+        except Singular as error:
+            found.append(_jammed(name, 0.0) if error.jams else _undefined(error, name))
             continue
         sets.append((float(np.abs(np.linalg.eigvals(at.modes.A)).max()), name, at))
     fastest, where, _ = max(sets, key=lambda one: one[0], default=(0.0, "", None))
@@ -86,7 +87,7 @@ def verdict(system: System, method: str, step: float, substeps: int = 1, toleran
 
 def blame(system: System, method: str, h: float) -> str:
     """What a step of `h` s has to do with a run by rk4 or kick that has diverged, and what would help."""
-    fastest = max(float(np.abs(np.linalg.eigvals(assemble(system, key).A)).max()) for key in mode_sets(system))
+    fastest = max(float(np.abs(np.linalg.eigvals(assembled(system, key).A)).max()) for key in mode_sets(system))
     fastest = max(fastest, steepest(system))
     size, limit = fastest * h, RK4_LIMIT if method == "rk4" else KICK_LIMIT
     told = f"{method} took steps of {h:g} s: |lambda| h = {size:.3g}"
@@ -103,7 +104,7 @@ def steepest(system: System) -> float:
     found = 0.0
     speeds = [0.0, *np.geomspace(1e-9, 1.0, _SPEEDS).tolist()]
     for key in mode_sets(system):
-        modes, sectors = assemble(system, key), system.modes(key)[3]
+        modes, sectors = assembled(system, key), system.modes(key)[3]
         for p in np.flatnonzero(modes.sigma).tolist():
             law = system.law(p, sectors)
             if law.constant:
@@ -177,7 +178,7 @@ def _matrices(system: System) -> Iterator[Finding]:
 
 def _drivers(system: System) -> Iterator[Finding]:
     """Growth among the signals that nothing of the rig drives."""
-    A = assemble(
+    A = assembled(
         system, system.key([STICK] * len(system.patches), [OPEN] * len(system.normals), [0] * len(system.limiters))
     ).A
     rest = np.setdiff1d(np.arange(system.one, system.n), moving_states(system, A))
@@ -191,21 +192,13 @@ def _drivers(system: System) -> Iterator[Finding]:
 
 def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
     """det(Me)/det(M) with the coefficients from rest to fast sliding, whichever is worst."""
-    patch_modes, normal_modes, _, sector_modes, _ = system.modes(key)
-    M, worst = system.mass, 1.0
+    sectors, M, worst = system.modes(key)[3], system.mass, 1.0
     if not len(M) or not any(np.any(k.inertia) for k in system.normals):
         return
+    speeds = [abs(float(patch.surface @ system.start)) for patch in system.patches]
     for share in np.linspace(0.0, _FAST, _SPEEDS).tolist():
-        Me = M.copy()
-        for k, normal in enumerate(system.normals):
-            if normal_modes[k] == OPEN:
-                continue
-            d, patch, mode = normal.direction.copy(), system.patches[normal.patch], patch_modes[normal.patch]
-            if mode != STICK:
-                law = system.law(normal.patch, sector_modes)
-                mu = law.mu(share * abs(float(patch.surface @ system.start)))
-                d += (1.0 if mode == SLIP_PLUS else -1.0) * mu * patch.direction
-            Me -= np.outer(d, normal.inertia)
+        mu = [float(system.law(p, sectors).mu(share * speed)) for p, speed in enumerate(speeds)]
+        Me = bearing_mass(system, key, mu.__getitem__)
         worst = min(worst, float(np.linalg.det(Me) / np.linalg.det(M)))
     if worst <= 0.0:
         yield _jammed(name, worst)
@@ -225,6 +218,11 @@ def _jammed(name: str, jam: float) -> Finding:
         jam,
         "lower the friction coefficient or the tilt, or give the body that slides more mass",
     )
+
+
+def _undefined(error: Singular, name: str) -> Finding:
+    remedy = "give every body a mass, and every contact a coordinate that moves along it"
+    return Finding("error", f"no motion is defined in {name}: {error.why}", 0.0, remedy)
 
 
 def _growth(at: Steady, name: str, fastest: float) -> Iterator[Finding]:

@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve.formulation import assemble
 from rig.solve.linear import inputs, moving_states, own_law
+from rig.solve.singular import assembled
 from rig.solve.system import STICK
 from rig.study.orbit import Orbit, Round
 
@@ -89,7 +89,7 @@ class Return:
 def returned(orbit: Orbit, x: Array, period: float, span: Array) -> Return | None:
     """The return of `x` after `period` [s]; `span`: how far each state comes in it. None where it is not smooth."""
     system = orbit.system
-    modes = assemble(system, orbit.key_at(x))
+    modes = assembled(system, orbit.key_at(x))
     moving = moving_states(system, modes.A)
     moving = moving[np.any(modes.landing[:, moving] != 0.0, axis=0)]  # not the current of an open circuit: it is zero
     size = _sizes(span, len(system.coordinates))

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.bench.findings import findings
-from rig.errors import SceneError
+from rig.errors import SceneError, Singular
 from rig.scenes.scene import Scene, plant_module
 from rig.solve.assembly import Assembly
 from rig.solve.finding import Finding
@@ -177,11 +177,11 @@ def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assem
 
 
 def modes(scene: Scene) -> Modes:
-    """The eigenvalues of `scene` at its sliding equilibrium. Raises SceneError exactly where it jams."""
+    """The eigenvalues of `scene` at its sliding equilibrium. Raises SceneError where its equations are singular."""
     try:
         assembly, at = at_rest(scene)
-    except np.linalg.LinAlgError:
-        raise SceneError(scene.name, ["jams: friction takes up all of the inertia at just these values"]) from None
+    except Singular as error:
+        raise SceneError(scene.name, [error.why]) from None
     system = at.system
     found = Modes(
         scene=scene.name,
@@ -215,11 +215,11 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
     values[np.abs(values) <= np.maximum(rounding, _REST * largest)] = 0.0
     rates, shapes = at.eigenvectors()
     zero = _REST * float(np.abs(rates).max(initial=0.0))
-    slides, form = bool(np.all(at.modes.sigma * at.speed > 0.0)), energy_form(at)
+    form = energy_form(at)
     return Sliding(
         exists=at.exists,
         why="" if at.exists else missing(at),
-        counts=at.exists or (slides and at.modes.jam > 0.0 and not at.modes.nonlinear.any()),
+        counts=at.counts,
         equilibrium=dict(zip(assembly.outputs, values.tolist())),
         coefficient={
             p.name: abs(float(T)) / float(N) if N > 0.0 else math.nan
@@ -242,6 +242,8 @@ def missing(at: Steady) -> str:
             return f"nothing presses {patch.name}"
         if load < 0.0:
             return f"where all forces balance, {patch.name} would have to pull (normal force {load:.4g} N)"
+    if at.inertia <= 0.0:
+        return "friction takes up all of the inertia"
     return "no such equilibrium is found"
 
 

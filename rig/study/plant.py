@@ -19,7 +19,7 @@ from rig.scenes.scene import Scene, plant_module
 from rig.solve.assembly import Assembly
 from rig.solve.linear import Steady, inputs, own_law
 from rig.solve.signals import signal_rows
-from rig.study.modes import at_rest, energy_form
+from rig.study.modes import at_rest, energy_form, missing
 
 if TYPE_CHECKING:
     from control import StateSpace
@@ -55,7 +55,8 @@ def plant(scene: Scene) -> Plant:
     actuators = module.assemble(scene.parameters).inputs
     assembly, at = at_rest(scene, dict.fromkeys(actuators, "held"))
     if not at.exists:
-        raise SceneError(scene.name, ["nothing slides steadily at these values: there is nothing to linearise about"])
+        why = f"nothing slides steadily at these values ({missing(at)}): there is nothing to linearise about"
+        raise SceneError(scene.name, [why])
     return linear(assembly, at)
 
 

@@ -20,20 +20,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.bench.variant import with_values
+from rig.errors import Singular
 from rig.scenes.scene import Scene
 from rig.solve.linear import Steady, sliding_key, steady
 from rig.study.averaged import averaged
 from rig.study.axis import Axis
 from rig.study.columns import columns
 from rig.study.critical import NEUTRAL
-from rig.study.crossing import brackets, refined, stretches
+from rig.study.crossing import Growth, brackets, looked, root, stretches
 from rig.study.modes import GENERATOR, missing
 from rig.study.spectrum import NOTHING
 from rig.view.put import put
 
 Array = NDArray[np.float64]
 _GREY = "#b9b9b9"
-_CLOSE = 1e-9  # of the value: how closely an edge is found
 
 
 @dataclass(frozen=True)
@@ -72,7 +72,10 @@ class Regions:
             at = (
                 f"{self.x.key} = {self.x.tell(self.x.values[column])}, {self.y.key} = {self.y.tell(self.y.values[row])}"
             )
-            why = missing(sliding(self.scene, {self.y.key: self.y.values[row], self.x.key: self.x.values[column]}))
+            try:
+                why = missing(sliding(self.scene, {self.y.key: self.y.values[row], self.x.key: self.x.values[column]}))
+            except Singular as error:
+                why = error.why
             count = int(np.isnan(self.growth).sum())
             lines += ["", f"  no steady sliding at {count} of {self.growth.size} points; first at {at}: {why}"]
         return "\n".join(lines)
@@ -136,50 +139,48 @@ def put_together(scene: Scene, x: Axis, y: Axis, rows: Mapping[int, Mapping[str,
 
 def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
     """One row: growth, frequency, exists [x], and edges [edge, (value, unstable sliding begins)]."""
-    from scipy.optimize import brentq
 
     @cache
     def at(value: float) -> tuple[complex, bool]:
-        found = sliding(scene, {x.key: value})
+        try:
+            found = sliding(scene, {x.key: value})
+        except Singular:
+            return complex(math.nan, math.nan), False
         return complex(found.eigenvalues()[0]) if _counts(found) else complex(math.nan, math.nan), found.exists
 
-    def growth(value: float) -> float:
-        return at(value)[0].real
-
-    def clear(value: float) -> float:
-        """Growth beyond what rounding makes of a motion without damping."""
+    def growths(value: float) -> Growth | None:
         rate, _ = at(value)
-        return rate.real - NEUTRAL * abs(rate)
+        return None if math.isnan(rate.real) else Growth(np.array([rate.real]), np.array([NEUTRAL * abs(rate)]))
 
-    def growths(value: float) -> Array | None:
-        rate, _ = at(value)
-        return None if math.isnan(rate.real) else np.array([rate.real if abs(rate.real) > NEUTRAL * abs(rate) else 0.0])
+    def grows(value: float) -> bool:
+        found = growths(value)
+        return found is not None and found.sign(0) > 0
 
-    edges: list[tuple[float, bool]] = []
-    grid = refined(x.values, growths)
-    order = sorted(grid)
-    for stretch in stretches(grid, growths):
-        low, high = sorted((stretch[0], stretch[-1]))
-        edges += [(order[order.index(low) - 1], True)] if low > order[0] and clear(low) > 0.0 else []
-        edges += [(order[order.index(high) + 1], False)] if high < order[-1] and clear(high) > 0.0 else []
-        for _, a, b, how in brackets(stretch, growths):
-            if how != "ends":
-                of, close = growth if how == "passes" else clear, _CLOSE * max(abs(a), abs(b))
-                edges.append((float(brentq(of, a, b, xtol=close)), (of(b) > of(a)) == (b > a)))
+    def look(grid: list[float]) -> list[tuple[float, bool]]:
+        edges: list[tuple[float, bool]] = []
+        order = sorted(grid)
+        for stretch in stretches(grid, growths):
+            low, high = sorted((stretch[0], stretch[-1]))
+            edges += [(order[order.index(low) - 1], True)] if low > order[0] and grows(low) else []
+            edges += [(order[order.index(high) + 1], False)] if high < order[-1] and grows(high) else []
+            for bracket in brackets(stretch, growths):
+                if bracket.how != "ends":
+                    edges.append((root(bracket, growths), grows(max(bracket.a, bracket.b))))
+        return sorted(edges)
+
+    edges = looked(x.values, growths, look)
     rates = np.array([at(value)[0] for value in x.values])
     return {
         "growth": rates.real,
         "frequency": np.abs(rates.imag) / (2.0 * math.pi),
         "exists": np.array([at(value)[1] for value in x.values]),
-        "edges": np.array(sorted(edges), dtype=np.float64).reshape(-1, 2),
+        "edges": np.array(edges, dtype=np.float64).reshape(-1, 2),
     }
 
 
 def _counts(at: Steady) -> bool:
-    """Whether the eigenvalues say something: under a coefficient that is constant also where the contact would open."""
-    slides = bool(np.all(at.modes.sigma * at.speed > 0.0)) and at.modes.jam > 0.0
-    dithered = GENERATOR[0] in at.system.names
-    return at.exists or (slides and (dithered or not at.modes.nonlinear.any()))
+    """Whether the eigenvalues say something: under dither also where the contact would open."""
+    return at.counts or (GENERATOR[0] in at.system.names and at.slides and at.inertia > 0.0)
 
 
 def sliding(scene: Scene, values: dict[str, float]) -> Steady:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.errors import Singular
 from rig.scenes.scene import Scene
 from rig.solve.linear import Steady
 from rig.study.modes import at_rest, energy_form, missing
@@ -60,33 +61,13 @@ def of_matrix(A: Array) -> tuple[Complex, Complex, Complex]:
 
 
 def sliding(at: Steady) -> Spectrum:
-    """The spectrum of steady sliding.
-
-    Under constant friction coefficients the matrix is the same wherever the equilibrium lies: its rates count also
-    where that would pull the contact open, as it does beyond a divergence.
-    """
+    """The spectrum of steady sliding."""
     rates, right, left = of_matrix(at.A[np.ix_(at.moving, at.moving)])
-    slides = bool(np.all(at.modes.sigma * at.speed > 0.0))
-    inertia = _inertia(at)
-    counts = inertia > 0.0 and (at.exists or (slides and not at.modes.nonlinear.any()))
-    note = JAMS if inertia <= 0.0 else "" if at.exists else OPENS if counts else NOTHING
+    note = JAMS if at.inertia <= 0.0 else "" if at.exists else OPENS if at.counts else NOTHING
     names, nq = tuple(at.system.names[i] for i in at.moving), len(at.system.coordinates)
     why = "" if at.exists else missing(at)
-    exists, energy = at.exists and counts, energy_form(at)[np.ix_(at.moving, at.moving)]
-    return Spectrum(rates, right, left, names, nq, len(names), exists, counts, note, inertia, why, energy)
-
-
-def _inertia(at: Steady) -> float:
-    """det(M with friction)/det(M): what constant coefficients leave of it, and those over speed."""
-    share = at.modes.jam
-    if np.any(at.modes.normal_t):
-        patches, sigma = at.system.patches, at.modes.sigma
-        by_force = np.zeros((len(patches), len(patches)))
-        for k, normal in enumerate(at.system.normals):
-            by_force[normal.patch] += at.modes.normal_t[k][: len(patches)]
-        mu = np.array([s * patch.law.mu(max(s * w, 0.0)) for patch, s, w in zip(patches, sigma, at.speed)])
-        share *= float(np.linalg.det(np.eye(len(patches)) - mu[:, None] * by_force))
-    return share
+    energy = energy_form(at)[np.ix_(at.moving, at.moving)]
+    return Spectrum(rates, right, left, names, nq, len(names), at.exists, at.counts, note, at.inertia, why, energy)
 
 
 def pairs(a: Spectrum, b: Spectrum) -> tuple[NDArray[np.int64], bool]:
@@ -125,8 +106,8 @@ def equilibrium(scene: Scene) -> Spectrum:
     """The spectrum of a scene at its sliding equilibrium, dither off, controllers left out."""
     try:
         return sliding(at_rest(scene)[1])
-    except np.linalg.LinAlgError:  # the mass matrix has no inverse: exactly where it jams
-        return absent(JAMS, "friction takes up all of the inertia", 0.0)
+    except Singular as error:
+        return absent(JAMS, "friction takes up all of the inertia", 0.0) if error.jams else absent(NOTHING, error.why)
 
 
 def absent(note: str, why: str, inertia: float = 1.0) -> Spectrum:

@@ -14,8 +14,22 @@ from rig.study.axis import Axis
 from rig.study.map import crew
 from rig.study.map.chart import REGIONS
 from rig.study.map.job import RUNS, Job, Settings, compute
-from rig.study.map.judge import NAMES, SLIDING, STICK_SLIP, STUCK, VIBRATION, Judge, Window, extremes, sticking
+from rig.study.map.judge import (
+    BLANK,
+    NAMES,
+    SLIDING,
+    STICK_SLIP,
+    STUCK,
+    UNDECIDED,
+    VIBRATION,
+    Judge,
+    Point,
+    Window,
+    extremes,
+    sticking,
+)
 from rig.study.map.store import Store
+from rig.study.map.track import Track
 
 KROGER = json.loads((Path(__file__).parents[1] / "reference" / "kroger.json").read_text())
 SPEEDS = "drive.speed=0.05:0.8:16"
@@ -40,7 +54,10 @@ def whole(job):
 
 
 def same(a, b):
-    return a.keys() == b.keys() and all(np.array_equal(a[u][n], b[u][n], equal_nan=True) for u in a for n in a[u])
+    def equal(one, other):
+        return np.array_equal(one, other, equal_nan=one.dtype.kind == "f")
+
+    return a.keys() == b.keys() and all(equal(a[u][n], b[u][n]) for u in a for n in a[u])
 
 
 def test_regions_over_the_speed_are_those_of_the_reference(belt):
@@ -106,6 +123,34 @@ def test_a_pin_leaves_sliding_beyond_its_limit_of_friction(tmp_path):
     assert near[0] == SLIDING
     assert near[2] in (STICK_SLIP, VIBRATION)
     assert found.onsets[0] == pytest.approx([0.727389], abs=6e-7)
+
+
+def test_points_at_which_a_pin_jams_are_told_and_the_map_goes_on(tmp_path):
+    """From 0.988 on it jams; the lowest value of the other axis is one at which it does not begin to move at all."""
+    found = rig.map("pin", "friction.mu=0.7:1.1:3", folder=tmp_path)
+    jammed = found.job.x.values.index(1.1)
+    assert [NAMES[state] for state in found.state[:, 0, jammed]] == ["stopped", "stopped", "none", "stopped"]
+    assert "jam" in found.why[RUNS.index("up"), 0, jammed]
+    assert REGIONS[found.regions[0, 0]] == "I"
+    assert "a run had to stop at 1 of 3 points; first at friction.mu = 1.1: " in found.text()
+    [point] = [one for one in found.to_json()["points"] if one["up_state"] == "stopped"]
+    assert "jam" in point["up_why"]
+
+
+def test_an_axis_that_begins_where_the_rig_jams_has_a_map_too(tmp_path):
+    """A pin of 0.05 kg jams at mu = 0.75: below 0.109 kg friction takes up all of the inertia."""
+    found = rig.map("pin", "pin.mass=0.05:0.25:3", runs=("up", "near"), folder=tmp_path)
+    first, *_, last = (NAMES[state] for state in found.state[RUNS.index("up"), 0])
+    assert first == "stopped"
+    assert last in ("sliding", "stick-slip")
+
+
+def test_time_windows_do_not_grow_from_point_to_point_where_nothing_settles():
+    track = Track(rig.load("pin"), Axis.of("friction.mu", (0.7, 0.8), rig.load("pin")), Settings("displacement"))
+    track._judged = lambda *_: Point(UNDECIDED, BLANK, 0.0)
+    before = track._window
+    track.settle()
+    assert track._window == before
 
 
 def test_a_boundary_next_to_a_point_without_sliding_is_found(tmp_path):

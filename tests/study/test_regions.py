@@ -95,3 +95,22 @@ def test_workers_find_the_same_and_a_folder_keeps_it(tmp_path):
     assert where == folder
     assert again == [(6, 6)]
     assert np.array_equal(same.frequency, alone.frequency)
+
+
+@pytest.mark.slow
+def test_a_range_without_sliding_between_two_values_ends_the_bands():
+    got = found("disc_slider", "drive.speed=780.2:1040.1:2", "load.force=110:111:2")
+    edges = [edge for edge, _ in got.edges[0]]
+    assert edges[:3] == pytest.approx([911.862394, 911.968, 917.689], abs=1e-3)
+    assert [unstable for _, unstable in got.edges[0]][:3] == [True, False, True]
+
+
+def test_where_a_rig_jams_nothing_slides():
+    """The pin: friction takes up its inertia at mu = (m2/m1 + sin^2) / (sin cos)."""
+    got = found("pin", "friction.mu=0.5:1.5:5", "load.force=5:50:2")
+    limit = rig.modes(rig.load("pin")).limits["mass"]
+    for row in range(2):
+        assert np.isnan(got.growth[row]).tolist() == [mu > limit for mu in got.x.values]
+        assert got.edges[row][-1] == (pytest.approx(limit, abs=1e-8), False)
+    assert not got.exists[:, -1].any()
+    assert "friction takes up all of the inertia" in got.text()

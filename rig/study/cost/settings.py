@@ -15,9 +15,9 @@ import numpy as np
 
 from rig.scenes.scene import Scene
 from rig.solve import kick
-from rig.solve.formulation import assemble
 from rig.solve.method import METHODS, chosen
 from rig.solve.motion import SEGMENTS, Motion
+from rig.solve.singular import assembled
 from rig.solve.system import System
 from rig.solve.verdict import RK4_LIMIT, mode_sets
 
@@ -90,7 +90,7 @@ def _refused(system: System, step_ns: int, method: str) -> str:
 
 def fastest(system: System) -> float:
     """The largest eigenvalue [1/s] of the mode sets that are looked at before a run."""
-    return max(float(np.abs(np.linalg.eigvals(assemble(system, key).A)).max()) for key in mode_sets(system))
+    return max(float(np.abs(np.linalg.eigvals(assembled(system, key).A)).max()) for key in mode_sets(system))
 
 
 def ladder(method: str, scene: Scene, rate: float) -> list[Setting]:

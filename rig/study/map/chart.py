@@ -34,6 +34,7 @@ class Map:
     state      verdicts of rig.study.map.judge, [run, row, point], runs in the order of `RUNS`; NONE where not asked for
     tables     low, high, rms of the output; share, period of sticking; spent: simulated seconds; the same shape.
                section: local maxima of the output, [run, row, point, number]
+    why        why a motion had to stop, in words, of the same shape as `state`; "" where it did not
     growth     largest growth rate at the sliding equilibrium [1/s], nan where there is none; frequency [Hz] of it
     onsets     of each row: where the growth rate passes through zero
     ends       [run-up and run-down, row, 2]: last value at which the carried vibration lived, first without it
@@ -43,6 +44,7 @@ class Map:
     unit: str
     state: NDArray[np.int8]
     tables: dict[str, Array]
+    why: NDArray[np.str_]
     growth: Array
     frequency: Array
     onsets: tuple[Array, ...]
@@ -95,8 +97,20 @@ class Map:
             told = f"  near starts and eigenvalues differ at {wrong.sum()} of {both.sum()} points"
             worst = f"; largest growth rate there {np.abs(self.growth[wrong]).max():.2g} 1/s" if wrong.any() else ""
             lines += ["", told + worst]
+        lines += self._stopped()
         lines += ["", *self._boundaries()]
         return "\n".join(lines)
+
+    def _stopped(self) -> list[str]:
+        """At how many points a motion had to stop, and at the first of them why."""
+        where = np.argwhere((self.state == STOPPED).any(axis=0))
+        if not len(where):
+            return []
+        (row, column), x, y = where[0].tolist(), self.job.x, self.job.y
+        at = f"{x.key} = {x.tell(x.values[column])}" + (f", {y.key} = {y.tell(y.values[row])}" if y else "")
+        why = next(text for text in self.why[:, row, column].tolist() if text)
+        count = self.regions.size
+        return ["", f"  a run had to stop at {len(where)} of {count} points; first at {at}: {why}"]
 
     def _boundaries(self) -> Iterator[str]:
         y, x = self.job.y, self.job.x
@@ -153,6 +167,7 @@ class Map:
             for number, run in asked:
                 at = number, row, column
                 record |= {f"{run}_state": NAMES[self.state[at]], f"{run}_amplitude": float(amplitude[at])}
+                record[f"{run}_why"] = str(self.why[at])
                 names = ("low", "high", "rms", "share", "period", "spent")
                 record |= {f"{run}_{name}": float(self.tables[name][at]) for name in names}
             yield record
@@ -196,6 +211,7 @@ def gathered(job: Job, found: dict[int, Arrays], folder: Path) -> Map:
         unit=job.scene.assemble().outputs[job.settings.output].unit,
         state=table("state"),
         tables={name: table(name) for name in names},
+        why=table("why"),
         growth=line("growth"),
         frequency=line("frequency"),
         onsets=tuple(np.array(values) for values in onsets),

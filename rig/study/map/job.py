@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig import kernel
-from rig.errors import SceneError, UsageError
+from rig.errors import NumericsError, SceneError, Singular, UsageError
 from rig.scenes.faults import near
 from rig.scenes.scene import Scene
 from rig.study.axis import Axis
@@ -37,6 +37,7 @@ _SOURCES = (
     "study/crossing",
     "study/cycle",
     "study/regions",
+    "study/rounds",
 )
 
 
@@ -99,6 +100,12 @@ class Job:
         """The scene of a row. Raises SceneError where there is no such scene."""
         return self.y.at(self.scene, self.y.values[row]) if self.y and not self.dithered else self.scene
 
+    def told(self, unit: Unit) -> str:
+        """Which part of the map a unit is, for a reader."""
+        x, y = self.x, self.y
+        ends = f"{x.key} from {x.tell(x.values[unit.first])} to {x.tell(x.values[unit.last - 1])}"
+        return ends + (f", {y.key} = {y.tell(y.values[unit.row])}" if y else "")
+
     @cached_property
     def digest(self) -> str:
         """Hash (12 hex digits) of everything that the numbers depend on, sources included."""
@@ -139,7 +146,10 @@ def compute(job: Job, units: Sequence[int], said: Callable[[int], object] | None
 
             found[number] = boundary(job, unit.first)
         else:
-            found[number] = Row(Track(job.at(unit.row), job.x, job.settings), unit.first, unit.last).run()
+            try:
+                found[number] = Row(Track(job.at(unit.row), job.x, job.settings), unit.first, unit.last).run()
+            except (NumericsError, Singular) as error:
+                raise SceneError(job.told(unit), [str(error)]) from None
         if said is not None:
             said(number)
     return found

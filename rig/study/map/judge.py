@@ -5,6 +5,7 @@
     vibration    the same, and nothing sticks
     stuck        the surfaces stand still and so does the rig
     undecided    none of this within the stated longest time
+    stopped      the motion could not be carried on, and why
 
 Over sectors of other friction nothing comes to rest: every edge pushes. A window is a turn there at least, and
 
@@ -23,6 +24,8 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+
+from rig.errors import NumericsError, RigError
 
 Array = NDArray[np.float64]
 
@@ -60,17 +63,23 @@ class Window(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A verdict, and the last window. `spent`: simulated seconds it took."""
+    """A verdict, and the last window. `spent`: simulated seconds it took. `why` it had to stop, in words."""
 
     state: int
     window: Window
     spent: float
+    why: str = ""
 
 
 _INSTANT = 1e-9  # of a window
 _NO = float("nan")
 BLANK = Window(_NO, _NO, _NO, _NO, _NO, _NO, 0, _NO, False)
 NOTHING = Point(NONE, BLANK, 0.0)
+
+
+def stopped(error: RigError, spent: float = 0.0) -> Point:
+    """The verdict on a motion that had to stop."""
+    return Point(STOPPED, BLANK, spent, error.what if isinstance(error, NumericsError) else str(error))
 
 
 def extremes(values: Array) -> tuple[float, float]:

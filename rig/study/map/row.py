@@ -16,9 +16,10 @@ from collections.abc import Callable, Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import NumericsError
-from rig.study.crossing import brackets, refined, stretches
-from rig.study.map.judge import BLANK, NONE, NOTHING, SLIDING, STICK_SLIP, STOPPED, VIBRATION, Point
+from rig.errors import NumericsError, Singular
+from rig.solve.linear import Steady
+from rig.study.crossing import Growth, brackets, looked, root, stretches
+from rig.study.map.judge import BLANK, NONE, NOTHING, SLIDING, STICK_SLIP, STOPPED, VIBRATION, Point, stopped
 from rig.study.map.track import Place, Track
 
 Array = NDArray[np.float64]
@@ -26,7 +27,7 @@ Arrays = dict[str, NDArray[np.generic]]
 RUNS = ("up", "down", "near", "far")
 ALIVE = (STICK_SLIP, VIBRATION)
 WINDOW = ("low", "high", "rms", "share", "period")
-_ROOT = 1e-9  # of the gap between two points
+_LONG = 160  # letters that are kept of why a motion had to stop
 
 
 class Row:
@@ -36,17 +37,19 @@ class Row:
         self.track, self.settings = track, track.settings
         self.x = track.axis.values[first:last]
         self._next = track.axis.values[first : last + 1]  # with the first of the part behind this one
-        self._sliding = [track.sliding(value) for value in self._next]
+        self._singular: dict[int, Singular] = {}
+        self._sliding = [self._steady(i, value) for i, value in enumerate(self._next)]
         self._least = np.array([track.least(value, at) for value, at in zip(self._next, self._sliding)])
-        self._near: dict[int, tuple[Point, Place, Array]] = {}
+        self._near: dict[int, tuple[Point, Place | None, Array]] = {}
         count, runs = len(self.x), len(RUNS)
         self.tables: Arrays = {
             "state": np.full((runs, count), NONE, dtype=np.int8),
             **{name: np.full((runs, count), np.nan) for name in (*WINDOW, "spent")},
+            "why": np.full((runs, count), "", dtype=f"<U{_LONG}"),
             "section": np.full((runs, count, self.settings.section), np.nan),
             "growth": np.full(count, np.nan),
             "frequency": np.full(count, np.nan),
-            "onset": np.array(list(self._onsets())),
+            "onset": np.array(self._onsets(), dtype=np.float64),
             "end": np.full((2, 2), np.nan),
         }
 
@@ -62,26 +65,56 @@ class Row:
             self._carry("down", numbers[::-1], None if "up" in asked else self._standing)
         for i in numbers:
             if "near" in asked:
-                self._write("near", i, *self._at_near(i)[::2])
+                self._write("near", i, *self._at_near(i))
             if "far" in asked:
                 self._write("far", i, *self._standing(i))
         return self.tables
 
-    def _standing(self, i: int) -> tuple[Point, Array]:
-        self.track.put(self.x[i], self.track.far(self._sliding[i]))
-        return self.track.settle(), self._maxima()
+    def _steady(self, i: int, value: float) -> Steady | None:
+        """Steady sliding at a point; None where the equations of the rig are singular."""
+        try:
+            return self.track.sliding(value)
+        except Singular as error:
+            self._singular[i] = error
+            return None
 
-    def _at_near(self, i: int) -> tuple[Point, Place, Array]:
+    def _tried(self, carried: Callable[[], Point]) -> tuple[Point, Array]:
+        """What the motion settles to, and its maxima; a motion that has to stop says why, and the map goes on."""
+        try:
+            point = carried()
+        except (NumericsError, Singular) as error:
+            point = stopped(error)
+        return point, self._none() if point.state == STOPPED else self._maxima()
+
+    def _standing(self, i: int) -> tuple[Point, Array]:
+        at = self._sliding[i]
+        if at is None:
+            return stopped(self._singular[i]), self._none()
+
+        def start() -> Point:
+            self.track.put(self.x[i], self.track.far(at))
+            return self.track.settle()
+
+        return self._tried(start)
+
+    def _at_near(self, i: int) -> tuple[Point, Array]:
         """The near start of a point; the rig is left where it has settled."""
         if i in self._near:
-            self.track.back(self._near[i][1])
-            return self._near[i]
+            point, place, maxima = self._near[i]
+            if place is not None:
+                self.track.back(place)
+            return point, maxima
         at = self._sliding[i]
-        if not at.exists:
-            return NOTHING, self.track.here(), self._maxima()
-        self.track.put(self.x[i], self.track.near(at))
-        self._near[i] = self.track.settle(near=True), self.track.here(), self._maxima()
-        return self._near[i]
+        if at is None or not at.exists:
+            return NOTHING, self._none()
+
+        def start() -> Point:
+            self.track.put(self.x[i], self.track.near(at))
+            return self.track.settle(near=True)
+
+        point, maxima = self._tried(start)
+        self._near[i] = point, None if point.state == STOPPED else self.track.here(), maxima
+        return point, maxima
 
     def _carry(self, name: str, numbers: Iterable[int], start: Callable[[int], tuple[Point, Array]] | None) -> None:
         """One carried run over the points; `start` None: it goes on where the run before has ended."""
@@ -90,8 +123,10 @@ class Row:
         for i in numbers:
             if before < 0:
                 point, maxima = start(i) if start else self._again(i)
-            elif point.state in (SLIDING, STOPPED) and self._sliding[i].exists:
-                point, _, maxima = self._at_near(i)
+            elif point.state in (SLIDING, STOPPED) and (at := self._sliding[i]) is not None and at.exists:
+                point, maxima = self._at_near(i)
+            elif point.state == STOPPED:  # nothing is left to be carried on
+                point, maxima = self._standing(i)
             else:
                 point, maxima = self._step(name, self.x[before], self.x[i], point.state in ALIVE)
             self._write(name, i, point, maxima)
@@ -102,7 +137,7 @@ class Row:
         up, t = RUNS.index("up"), self.tables
         low, high, rms, share, period = (float(t[name][up, i]) for name in WINDOW)
         window = BLANK._replace(low=low, high=high, rms=rms, share=share, period=period)
-        return Point(int(t["state"][up, i]), window, 0.0), t["section"][up, i]
+        return Point(int(t["state"][up, i]), window, 0.0, str(t["why"][up, i])), t["section"][up, i]
 
     def _step(self, name: str, start: float, to: float, alive: bool) -> tuple[Point, Array]:
         """On to the next point. A vibration that is lost on the way is carried there again in ever smaller steps.
@@ -132,11 +167,14 @@ class Row:
         return found, maxima
 
     def _go(self, value: float) -> tuple[Point, Array]:
-        try:
+        def on() -> Point:
             self.track.move(value)
-        except NumericsError:
-            return Point(STOPPED, BLANK, 0.0), self._maxima()
-        return self.track.settle(), self._maxima()
+            return self.track.settle()
+
+        return self._tried(on)
+
+    def _none(self) -> Array:
+        return np.full(self.settings.section, np.nan)
 
     def _maxima(self) -> Array:
         """The last local maxima of the output."""
@@ -151,30 +189,26 @@ class Row:
         run, t = RUNS.index(name), self.tables
         t["state"][run, i] = point.state
         t["spent"][run, i] = point.spent
+        t["why"][run, i] = point.why
         t["section"][run, i] = maxima
         for column in WINDOW:
             t[column][run, i] = getattr(point.window, column)
 
-    def _onsets(self) -> Iterable[float]:
+    def _onsets(self) -> list[float]:
         """Where the growth rate of sliding passes through zero, in every gap in which its sign changes.
 
         One at the first value of the part behind this one is told by that part.
         """
-        from scipy.optimize import brentq
-
         known: dict[float, float] = dict(zip(self._next, self._least.real.tolist()))
 
-        def rate(value: float) -> float:
+        def growths(value: float) -> Growth | None:
             if value not in known:
                 known[value] = float(self.track.least(value).real)
-            return known[value]
+            return None if math.isnan(known[value]) else Growth(np.array([known[value]]), np.zeros(1))
 
-        def growths(value: float) -> Array | None:
-            return None if math.isnan(rate(value)) else np.array([rate(value)])
+        def look(grid: list[float]) -> list[float]:
+            return [
+                root(bracket, growths) for stretch in stretches(grid, growths) for bracket in brackets(stretch, growths)
+            ]
 
-        width = abs(self._next[-1] - self._next[0]) / len(self._next)
-        for stretch in stretches(refined(self._next, growths), growths):
-            for _, a, b, how in brackets(stretch, growths):
-                at = b if how == "ends" else float(brentq(rate, a, b, xtol=_ROOT * width))
-                if at != self._next[-1] or self._next[-1] == self.x[-1]:
-                    yield at
+        return [at for at in looked(self._next, growths, look) if at != self._next[-1] or at == self.x[-1]]

@@ -7,6 +7,7 @@ and all runs of the row share the tables of their contact modes. Any other param
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
@@ -14,7 +15,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import NumericsError
+from rig.errors import NumericsError, Singular
 from rig.scenes.scene import Scene, plant_module
 from rig.solve.carry import EVENTS, KEY
 from rig.solve.linear import Steady, sliding_key, steady
@@ -24,7 +25,7 @@ from rig.solve.system import CLOSED, STICK, System
 from rig.study.axis import Axis
 from rig.study.cycle import stuck
 from rig.study.map.job import PERIODS, Settings
-from rig.study.map.judge import BLANK, STOPPED, UNDECIDED, Judge, Point, Window, extremes, sticking
+from rig.study.map.judge import BLANK, STOPPED, UNDECIDED, Judge, Point, Window, extremes, sticking, stopped
 
 Array = NDArray[np.float64]
 WINDOW = 8.0  # periods of the slowest motion about sliding
@@ -60,7 +61,8 @@ class Track:
     def __init__(self, scene: Scene, axis: Axis, settings: Settings) -> None:
         self.scene, self.axis, self.settings = scene, axis, settings
         self._plant = plant_module(scene.plant)
-        first = axis.at(scene, axis.values[0]).parameters
+        self.value = axis.values[0]
+        first = axis.at(scene, self.value).parameters
         one = self._plant.assemble(first, {axis.key: "ramped"}).inputs.get(axis.key)
         self._command = one.state if one is not None else ""
         self._slope = one.slope if one is not None else ""
@@ -73,8 +75,9 @@ class Track:
         self._at = (
             {self._slope: names.index(self._slope), self._command: names.index(self._command)} if self._slope else {}
         )
-        self.value = axis.values[0]
-        turning = np.abs(self.sliding(axis.values[len(axis.values) // 2]).eigenvalues())
+        self.value, typical = self._typical()
+        self._system = self.system(self.value)
+        turning = np.abs(typical.eigenvalues())
         self.slowest = 2.0 * math.pi / float(turning[turning > 1e-6 * turning.max()].min())
         frame, fastest = scene.frame_ns, 2.0 * math.pi / float(turning.max())
         self.step_ns = frame // math.ceil(frame * 1e-9 * _SAMPLES / fastest)
@@ -82,6 +85,15 @@ class Track:
         self._short = max(8, round(WINDOW * self.slowest / self.step))
         self._window = self._short
         self._held: dict[int, bool] = {}
+
+    def _typical(self) -> tuple[float, Steady]:
+        """Steady sliding at the value nearest to the middle of the axis at which there is some; else at the middle."""
+        values, middle = self.axis.values, len(self.axis.values) // 2
+        for i in sorted(range(len(values)), key=lambda i: abs(i - middle)):
+            with suppress(Singular):
+                if (at := self.sliding(values[i])).counts:
+                    return values[i], at
+        return values[middle], self.sliding(values[middle])
 
     @cached_property
     def _motion(self) -> Motion:
@@ -114,7 +126,7 @@ class Track:
         return replace(self._system, start=start)
 
     def sliding(self, value: float) -> Steady:
-        """Steady sliding there, and the matrix of small motions about it."""
+        """Steady sliding there, and the matrix of small motions about it. Raises rig.errors.Singular."""
         system = self.system(value)
         return steady(system, sliding_key(system))
 
@@ -123,12 +135,15 @@ class Track:
 
         `at`: steady sliding there, if it is known.
         """
-        at = at or self.sliding(value)
-        found = [at]
-        if at.system.sectors:
-            patches, normals, limiters, _, thrown = at.system.modes(at.modes.key)
-            paths = product(*(range(len(sector.edges)) for sector in at.system.sectors))
-            found = [steady(at.system, at.system.key(patches, normals, limiters, path, thrown)) for path in paths]
+        try:
+            at = at or self.sliding(value)
+            found = [at]
+            if at.system.sectors:
+                patches, normals, limiters, _, thrown = at.system.modes(at.modes.key)
+                paths = product(*(range(len(sector.edges)) for sector in at.system.sectors))
+                found = [steady(at.system, at.system.key(patches, normals, limiters, path, thrown)) for path in paths]
+        except Singular:
+            return complex(math.nan, math.nan)
         rates = [one.eigenvalues()[0] for one in found if one.exists]
         return complex(max(rates, key=lambda rate: float(rate.real))) if rates else complex(math.nan, math.nan)
 
@@ -154,9 +169,12 @@ class Track:
         self._window = self._short
 
     def _go(self, value: float) -> None:
-        if not self._slope and value != self.value:
-            self._motion.replace(self._motion.ready(self.system(value)))
-        self.value = value
+        if self._slope or value == self.value:
+            self.value = value
+            return
+        ready = self._motion.ready(self.system(value))
+        self.value = value  # the motion is that of this value from here on, even if it has to stop at once
+        self._motion.replace(ready)
 
     def here(self) -> Place:
         """The state now."""
@@ -193,6 +211,7 @@ class Track:
         Where none is stated, a motion that still drifts then is watched for twice as long, by windows twice as long.
         """
         turn = self._turn()
+        begun = self._window
         longest = self.settings.longest or max(PERIODS * self.slowest, _LATEST * turn * self.step)
         rounds = 1 if self.settings.longest else _ROUNDS
         point = Point(UNDECIDED, BLANK, 0.0)
@@ -203,6 +222,8 @@ class Track:
             if point.state != UNDECIDED:
                 break
             longest, self._window = 2.0 * longest, 2 * self._window
+        if point.state in (UNDECIDED, STOPPED):  # no window has fitted: the next point does not begin with a longer one
+            self._window = begun
         return point
 
     def _judged(self, judge: Judge, longest: float, turn: int) -> Point:
@@ -219,8 +240,8 @@ class Track:
                 if 0.0 < window.share and window.sticks < _FEW and 4 * span * self.step < longest:
                     self._window = 2 * span
                     judge.windows.clear()
-        except NumericsError:
-            return Point(STOPPED, BLANK, spent)
+        except NumericsError as error:
+            return stopped(error, spent)
         return Point(judge.at_last(), window, spent)
 
     def _turn(self) -> int:

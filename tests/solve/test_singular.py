@@ -1,0 +1,86 @@
+"""Mode sets without a single solution are told for what they are, and contacts that hold one motion twice share it."""
+
+import numpy as np
+import pytest
+
+from rig.errors import Singular
+from rig.solve import laws
+from rig.solve.assembly import Assembly
+from rig.solve.formulation import assemble
+from rig.solve.singular import assembled
+from rig.solve.system import SLIP_PLUS, STICK
+from rig.solve.verdict import verdict
+
+MASS, STIFFNESS, PUSH = 2.0, 50.0, 3.0
+
+
+def body(mass=MASS, inertia=0.0, mu=0.5):
+    """One mass pressed on a belt, N = 20 N + inertia x''."""
+    a = Assembly(title="test")
+    a.coordinate("x", mass, 0.0, STIFFNESS)
+    a.patch("contact", {"x": 1.0}, {"one": 0.1}, laws.coulomb(mu, mu))
+    a.normal("load", "contact", {"one": 20.0}, inertia={"x": inertia} if inertia else {})
+    return a
+
+
+def clamped(tilt=0.0):
+    """A mass between two pads that both hold x; the second one sees a share `tilt` of y as well."""
+    a = Assembly(title="test")
+    a.coordinate("x", MASS, 0.0, STIFFNESS)
+    a.coordinate("y", 1.0, 0.0, 10.0)
+    a.push("x", {"one": PUSH})
+    for name, along in (("inner", {"x": 1.0}), ("outer", {"x": 1.0, "y": tilt} if tilt else {"x": 1.0})):
+        a.patch(name, along, {"one": 0.1}, laws.coulomb(0.5, 0.5))
+        a.normal(f"{name} load", name, {"one": 20.0})
+    return a.system()
+
+
+def test_friction_that_takes_up_all_of_the_inertia_jams():
+    """Me = m - mu g = 2 - 0.5 * 4 = 0, in slip+ alone."""
+    system = body(inertia=4.0).system()
+    with pytest.raises(Singular, match="jams: friction takes up all of the inertia") as raised:
+        assembled(system, system.key([SLIP_PLUS], [0], []))
+    assert raised.value.jams
+    assert [one for one in verdict(system, "exact", 1e-3) if "jams in contact slip" in one.what]
+
+
+def test_a_body_without_mass_is_no_jamming():
+    system = body(mass=0.0).system()
+    with pytest.raises(Singular, match="some motion has no inertia") as raised:
+        assembled(system, system.key([SLIP_PLUS], [0], []))
+    assert not raised.value.jams
+
+
+def test_a_contact_along_which_nothing_moves_is_no_jamming():
+    a = body()
+    a.patch("rail", {}, {"one": 0.1}, laws.coulomb(0.5, 0.5))
+    a.normal("rail load", "rail", {"one": 5.0})
+    system = a.system()
+    with pytest.raises(Singular, match="no coordinate moves along rail") as raised:
+        assembled(system, system.key([SLIP_PLUS, STICK], [0, 0], []))
+    assert not raised.value.jams
+
+
+@pytest.mark.parametrize("tilt", [0.0, 1e-12, -1e-12])
+def test_contacts_that_hold_the_same_motion_share_the_force(tilt):
+    """0 = F - c x + T1 + T2 with T1 = T2, the least of all forces that hold it; nothing moves, whatever rounds."""
+    system = clamped(tilt)
+    modes = assemble(system, system.key([STICK, STICK], [0, 0], []))
+    x = np.zeros(system.n)
+    x[system.names.index("x")], x[system.one] = 0.02, 1.0
+    need = STIFFNESS * 0.02 - PUSH
+    assert np.abs(modes.friction @ x) == pytest.approx([abs(need) / 2.0] * 2, rel=1e-9)
+    rate = modes.A @ x
+    assert rate[system.names.index("x'")] == pytest.approx(0.0, abs=1e-9)
+    assert np.abs(rate[system.names.index("y'")]) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("tilt", [0.0, 1e-12])
+def test_landing_on_both_contacts_takes_the_slip_speed_and_nothing_else(tilt):
+    system = clamped(tilt)
+    modes = assemble(system, system.key([STICK, STICK], [0, 0], []))
+    x = np.zeros(system.n)
+    x[system.names.index("x'")], x[system.names.index("y'")], x[system.one] = 0.7, 0.3, 1.0
+    landed = modes.landing @ x
+    assert landed[system.names.index("x'")] == pytest.approx(0.1, rel=1e-9)
+    assert landed[system.names.index("y'")] == pytest.approx(0.3, rel=1e-9)
