@@ -28,7 +28,7 @@ from rig.study.cycle_report import Cycle
 from rig.study.floquet import floquet
 from rig.study.orbit import Orbit
 from rig.study.rest import NEAR, Rest
-from rig.study.rounds import MOST, REPEAT, repeating, stick_times, time_of
+from rig.study.rounds import MOST, REPEAT, all_round, repeating, stick_times, time_of, turn_of
 from rig.study.shooting import Shot, shoot
 from rig.study.turns import Turns
 
@@ -40,7 +40,6 @@ QUIET = 40.0  # periods of the slowest mode without an event, after which it is 
 _AGAIN = 1.01  # times the time at which it was asked last whether the motion repeats
 _FIRST = 64  # mode changes after which Newton's method is tried, and again after twice as many
 _NEARLY = 1e-2  # of the period: rounds that differ by less may lie near a cycle
-_TURN = 0.999  # of a turn of the surface: the shortest period where it is not alike everywhere
 _CALM = 2  # turns of such a surface without a change of contact, after which the rig slides
 _TURNS = 5.0  # turns of it that are waited for
 _SLOW = 0.9  # a multiplier above which a cycle attracts slowly
@@ -101,7 +100,7 @@ class _Search:
         self.turns = Turns(self.orbit, sliding)
         turning = np.abs(sliding.eigenvalues())
         self.slowest = 2.0 * math.pi / float(turning[turning > 1e-6 * turning.max()].min())
-        self.step, self.round_s = scene.step_ns * 1e-9, _round(sliding)
+        self.step, self.round_s = scene.step_ns * 1e-9, turn_of(sliding)
         self.longest = longest or (LONGEST if math.isinf(self.round_s) else max(LONGEST, _TURNS * self.round_s))
         self.events: list[Event] = []  # the last, as many as are compared
         self.changes = 0
@@ -157,7 +156,7 @@ class _Search:
             return None
         last = self.events[-count - 1 :]
         times = [time_of(event, last[0].tick, self.step) for event in last]
-        if not self._whole(times[-1] - times[0]):
+        if not all_round(times[-1] - times[0], self.round_s):
             return None
         if self.drift <= self.repeat:
             return self._read(times[-1] - times[0], self.drift, stick_times(self.orbit, last[1:], times))
@@ -181,10 +180,6 @@ class _Search:
         if self.now - since > QUIET * self.slowest and self.rest.stable and self.turns.dying(since):
             return self._none(self.rest.text())
         return None
-
-    def _whole(self, period: float) -> bool:
-        """Whether a period is one of the whole surface: else the motion repeats only up to the next sector."""
-        return math.isinf(self.round_s) or period >= _TURN * self.round_s
 
     def _read(self, period: float, drift: float, sticks: dict[str, float]) -> Cycle | None:
         """The cycle; None where it attracts so slowly that what is left of the way to it counts: go on from there."""
@@ -245,12 +240,6 @@ def _surfaces(sliding: Steady) -> Array:
     x = sliding.x.copy()
     x[: 2 * len(sliding.system.coordinates)] = 0.0
     return np.asarray(sliding.system.slip_rows @ x)
-
-
-def _round(sliding: Steady) -> float:
-    """Time [s] in which the surface comes round, where it is not alike everywhere; else infinite."""
-    rates = [sector.row @ sliding.modes.A @ sliding.x / sector.period for sector in sliding.system.sectors]
-    return 1.0 / max((abs(float(rate)) for rate in rates), default=0.0) if any(rates) else math.inf
 
 
 def _uneven(round_s: float, changes: int) -> str:

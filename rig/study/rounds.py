@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rig.solve.linear import Steady
 from rig.solve.motion import Event
 from rig.study.orbit import Orbit
 
@@ -14,6 +15,7 @@ REPEAT = 1e-9
 MOST = 24
 """Mode changes in one cycle."""
 _BETTER = 1e-2
+_TURN = 0.999  # of a turn of the surface: the shortest period where it is not alike everywhere
 
 
 def repeating(events: list[Event], step: float, repeat: float = REPEAT) -> tuple[int, float]:
@@ -38,6 +40,17 @@ def repeating(events: list[Event], step: float, repeat: float = REPEAT) -> tuple
         if best[1] <= repeat:
             break
     return best
+
+
+def turn_of(sliding: Steady) -> float:
+    """Time [s] in which the surface comes round, where it is not alike everywhere; else infinite."""
+    rates = [sector.row @ sliding.modes.A @ sliding.x / sector.period for sector in sliding.system.sectors]
+    return 1.0 / max((abs(float(rate)) for rate in rates), default=0.0) if any(rates) else math.inf
+
+
+def all_round(period: float, turn: float) -> bool:
+    """Whether a period is one of the whole surface: else the motion repeats only up to the next sector."""
+    return math.isinf(turn) or period >= _TURN * turn
 
 
 def time_of(event: Event, origin: int, step: float) -> float:

@@ -4,7 +4,8 @@ Actuators have the values that the protocol of the scene holds for the longest. 
 starts stuck to its surface, outside of a limit cycle; else as the scene says. A first run, by the method of the scene,
 tells what kind of motion it is and how long it has to be watched:
 
-    cycle       mode changes repeat: watched until some rounds after they do
+    cycle       mode changes repeat: watched until some rounds after they do; over a surface that is not alike all
+                round they must do so over a whole turn of it
     vibration   mode changes that do not repeat (yet)
     smooth      none in the last third: growth, decay, forced motion
 
@@ -15,6 +16,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -36,7 +38,7 @@ from rig.solve.system import System
 from rig.study.cost.settings import Setting, of
 from rig.study.cycle import stuck
 from rig.study.orbit import Orbit
-from rig.study.rounds import repeating
+from rig.study.rounds import all_round, repeating, turn_of
 
 Array = NDArray[np.float64]
 ROUNDS = 4  # cycles that are watched
@@ -134,7 +136,7 @@ def digest(scene: Scene) -> str:
 def _own_sources() -> str:
     """The sources that say what is measured."""
     here = Path(__file__).parent
-    names = ("cost/problem", "cost/measures", "cost/reference", "dense", "orbit")
+    names = ("cost/problem", "cost/measures", "cost/reference", "dense", "orbit", "rounds")
     return "".join((here.parent / f"{name}.py").read_text() for name in names)
 
 
@@ -189,7 +191,8 @@ def _watched(first: Problem) -> Problem:
     scene, step = first.scene, first.step
     setting = of(scene, first.system)
     orbit = first.orbit(replace(setting, tolerance=TIGHT) if setting.tolerance else setting)
-    longest = min(scene.duration_ns or int(1e10), int(_LONGEST * 1e9)) // scene.step_ns
+    turn = turn_of(steady(first.system, sliding_key(first.system)))
+    longest = min(max(scene.duration_ns or 10**10, _turns(turn)), int(_LONGEST * 1e9)) // scene.step_ns
     events: list[Event] = []
     count, enough, asked = 0, longest, 0
     end = time.perf_counter() + _WALL
@@ -202,9 +205,9 @@ def _watched(first: Problem) -> Problem:
             continue
         asked = len(events)
         found, drift = repeating(events, step, _REPEATS)
-        if drift <= _REPEATS:
+        period = (events[-1].tick - events[-1 - found].tick) * step if found else 0.0
+        if drift <= _REPEATS and all_round(period, turn):
             count = found
-            period = (events[-1].tick - events[-1 - count].tick) * step
             enough = min(longest, orbit.motion.tick + int((ROUNDS + 0.5) * period / step))
     length = orbit.motion.tick
     whole = scene.frame_ns // scene.step_ns
@@ -220,6 +223,11 @@ def _watched(first: Problem) -> Problem:
     frames = min(length // whole, int((last + _dies(first.system)) / (scene.frame_ns * 1e-9)))
     length = max(frames, 3) * whole
     return replace(first, kind="smooth", length=length, window=_third(length, whole))
+
+
+def _turns(turn: float) -> int:
+    """Time [ns] of as many turns of `turn` [s] as it takes for the last third to be a whole one; 0 without turns."""
+    return 0 if math.isinf(turn) else int(3.1e9 * turn)
 
 
 def _third(length: int, whole: int) -> int:
