@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.study.crossing import RELATIVE, Bracket, Growth, Hole, brackets, edge, looked, root, stretches
-from rig.study.modes import energy_shares, shape
+from rig.study.modes import motion
 from rig.study.spectrum import Spectra, Spectrum
 
 Array = NDArray[np.float64]
@@ -182,12 +182,14 @@ def _at(spectra: Spectra, bracket: Bracket, root: float, values: Sequence[float]
     rate, vector = grown.rates[i], grown.right[: grown.own, i]
     near = int(np.abs(np.array(values) - root).argmin())
     here = np.where(np.isfinite(rates[near]), np.abs(rates[near] - rate), np.inf)
+    rests = not jumps and not rate.imag  # a divergence: what is left of its rate is rounding
+    shape, energy = motion(grown.names[: grown.own], vector, grown.energy, 0.0 if rests else rate, grown.coordinates)
     return Critical(
         value=root,
         kind="jump" if jumps else "flutter" if rate.imag else "divergence",
         becomes="unstable" if sides[1] > sides[0] else "stable",
         frequency=float(rate.imag / (2.0 * np.pi)),
         branch=int(here.argmin()),
-        shape=shape(grown.names[: grown.own], vector, grown.energy),
-        energy=energy_shares(grown.names, vector, grown.energy),
+        shape=shape,
+        energy=energy,
     )

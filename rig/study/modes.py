@@ -248,12 +248,13 @@ def missing(at: Steady) -> str:
 
 
 def _mode(system: System, rate: complex, vector: Any, form: Array) -> Mode:
+    amplitudes, energy = motion(system.names, vector, form, rate, len(system.coordinates))
     return Mode(
         growth=float(rate.real),
         frequency=float(rate.imag / (2.0 * math.pi)),
         damping=float(-rate.real / abs(rate)) if rate else 0.0,
-        shape=shape(system.names, vector, form),
-        energy=energy_shares(system.names, vector, form),
+        shape=amplitudes,
+        energy=energy,
     )
 
 
@@ -267,26 +268,30 @@ def energy_form(at: Steady) -> Array:
     return form
 
 
-def energy_shares(names: Sequence[str], vector: Any, form: Array) -> dict[str, float]:
-    """Share of each coordinate and network state in the energy of an eigenvector; empty where there is none.
+def motion(
+    names: Sequence[str], vector: Any, form: Array, rate: complex, coordinates: int
+) -> tuple[dict[str, complex], dict[str, float]]:
+    """Amplitudes of an eigenvector by name, and the share of each coordinate and network state in its energy.
 
-    `form`: of the first of the states (`energy_form`). Joule weighs metres, radians and volts alike.
+    `form`: of the first of the states (`energy_form`), the first of these being the `coordinates`. Joule weighs metres,
+    radians and volts alike. At a rate of zero nothing moves: there the masses weigh the displacements, as they do in
+    the limit of a rate that goes to zero. The amplitude with most of the energy is 1; where there is no energy, the
+    largest, and no share is told.
     """
-    amplitudes = np.asarray(vector[: len(form)])
+    amplitudes = np.array(vector, dtype=np.complex128)
+    weighed, velocities = amplitudes.copy(), slice(coordinates, 2 * coordinates)
+    if not rate:
+        weighed[velocities], amplitudes[velocities] = amplitudes[:coordinates], 0.0
+    energy = _shares(names, weighed[: len(form)], form)
+    first = names.index(max(energy, key=lambda name: energy[name])) if energy else int(np.abs(amplitudes).argmax())
+    return {name: complex(v) for name, v in zip(names, amplitudes / amplitudes[first]) if v}, energy
+
+
+def _shares(names: Sequence[str], amplitudes: Any, form: Array) -> dict[str, float]:
     parts = np.abs(amplitudes.conj() * (form @ amplitudes))
     weighed = np.flatnonzero(form.any(axis=0)).tolist()
     total = float(parts.sum())
     return {names[i].removesuffix("'"): float(parts[i]) / total for i in weighed} if total > 0.0 else {}
-
-
-def shape(names: Sequence[str], vector: Any, form: Array) -> dict[str, complex]:
-    """Amplitudes of an eigenvector by name; that of the coordinate or network state with most of the energy is 1.
-
-    Where there is no energy in it, the largest amplitude is 1.
-    """
-    shares = energy_shares(names, vector, form)
-    first = names.index(max(shares, key=lambda name: shares[name])) if shares else int(np.abs(vector).argmax())
-    return {name: complex(v) for name, v in zip(names, vector / vector[first]) if v}
 
 
 def told(shape: Mapping[str, complex], energy: Mapping[str, float]) -> str:

@@ -14,7 +14,7 @@ import pytest
 import rig
 from rig.solve import laws
 from rig.study.averaged import mean_friction
-from rig.study.modes import modes
+from rig.study.modes import modes, motion
 
 COULOMB = laws.coulomb(0.4, 0.25)
 STRIBECK = laws.stribeck(0.5, 0.18, 0.05)
@@ -141,6 +141,14 @@ def test_a_shape_is_told_by_energy_which_weighs_metres_and_radians_alike():
     assert abs(first.shape["tilt"]) > 30.0  # rad/m: far larger as a number, a sixth of the energy
     assert sum(first.energy.values()) == pytest.approx(1.0)
     assert "x 83.4 % at 0 deg, tilt 16.6 % at 100 deg" in modes(rig.load("north")).text()
+
+
+def test_a_motion_that_stays_has_no_velocity_and_is_weighed_by_displacement():
+    """A free body beside a spring: rates 0 and +-i omega; the masses weigh what moves for nothing."""
+    form = np.diag([0.0, 0.0, 2.0, 3.0])
+    amplitudes, energy = motion(("x", "y", "x'", "y'"), np.array([1.0, 1e-17, 1e-30, 4e-17]), form, 0.0, 2)
+    assert energy == pytest.approx({"x": 1.0, "y": 0.0}, abs=1e-30)
+    assert amplitudes == {"x": 1.0, "y": 1e-17}
 
 
 def test_a_resonance_of_the_network_is_no_motion_of_the_structure():

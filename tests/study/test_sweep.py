@@ -83,6 +83,18 @@ def test_norths_body_flutters_and_tips_over_at_limits_of_their_own():
     assert divergence[0].frequency == 0.0
 
 
+def test_the_energy_of_a_divergence_is_weighed_by_displacement():
+    """m x^2 + J tilt^2: at its critical value nothing moves; beside it the velocities have the same shares."""
+    [one] = rig.sweep("north_divergence", "friction.mu", np.linspace(0.5, 1.5, 8)).critical
+    mass, inertia = rig.load("north_divergence").assemble().system().mass.diagonal()
+    x, tilt = mass * abs(one.shape["x"]) ** 2, inertia * abs(one.shape["tilt"]) ** 2
+    assert one.energy == pytest.approx({"x": x / (x + tilt), "tilt": tilt / (x + tilt)}, rel=1e-9)
+    assert not {"x'", "tilt'"} & one.shape.keys()
+    beside = rig.modes(rig.load("north_divergence", {"friction.mu": one.value + 1e-4})).sliding.modes[0]
+    assert beside.kind == "divergence"
+    assert beside.energy == pytest.approx(one.energy, abs=1e-3)
+
+
 def test_without_damping_flutter_begins_where_two_frequencies_meet():
     """(m k22 + J k11)^2 = 4 m J det K; before it growth is none, after it a square root."""
     m, J, c1, c2, c_phi, h, s = 0.5, 7.2e-5, 2e7, 8e7, 1.5e4, 0.012, 0.003
