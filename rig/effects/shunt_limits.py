@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from rig.effects.stack import Stack
-from rig.solve.finding import Finding, Judge
+from rig.solve.finding import Finding, Judge, at_least
 from rig.solve.linear import sliding_key
 from rig.solve.singular import assembled
 from rig.solve.system import System
@@ -62,18 +62,17 @@ def judge(stack: Stack, delta: float, states: Sequence[str], dropped: Sequence[s
 def _static(system: System, stack: Stack, delta: float) -> Iterator[Finding]:
     k_b, kappa = stiffness_seen(system, stack), stack.kappa
     limit = static_limit(system, stack)
+    safe = limit / (1.0 + TOLERANCE)
     where = f"the limit is -k_b/(k_b + kappa) = {limit:.4f} (k_b {k_b:.4g} N/m, kappa {kappa:.4g} N/m)"
     if delta <= limit:
         held = delta <= -1.0
         left = "even held at its ends" if held else f"stiffness left {k_b + kappa * delta / (1.0 + delta):.4g} N/m"
         what = f"shunt: with delta {delta:g} the stack gives way statically, {left}; {where}"
-        yield Finding(
-            "error", what, delta - limit, f"delta above {limit:.4f}, {limit / (1.0 + TOLERANCE):.2f} to be safe"
-        )
+        yield Finding("error", what, delta - limit, f"delta above {at_least(limit, 4)}, {at_least(safe)} to be safe")
     elif delta * (1.0 + TOLERANCE) <= limit:
         more = delta * (1.0 + TOLERANCE)
         what = f"shunt: a stack {TOLERANCE:.0%} above its capacitance makes delta {delta:g} to {more:.3f}"
-        yield Finding("warning", f"{what}; {where}", delta - limit, f"delta above {limit / (1.0 + TOLERANCE):.2f}")
+        yield Finding("warning", f"{what}; {where}", delta - limit, f"delta above {at_least(safe)}")
 
 
 def _fast(system: System, states: Sequence[str], step: float) -> Iterator[Finding]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import Singular
-from rig.solve.finding import Finding
+from rig.solve.finding import Finding, at_most
 from rig.solve.growth import stopped
 from rig.solve.laws import Law
 from rig.solve.linear import Steady, moving_states, steady
@@ -94,7 +94,7 @@ def blame(system: System, method: str, h: float) -> str:
     if size <= _COARSE:
         return f"{told}, which is short enough; what grows is the motion itself"
     why = f"unstable beyond {limit}" if size > limit else f"coarse beyond {_COARSE}"
-    return f"{told}, {why}. Set clock.rk4_step to {0.1 / fastest:.2g} s or less" + (
+    return f"{told}, {why}. Set clock.rk4_step to {at_most(0.1 / fastest)} s or less" + (
         ", or clock.method to dopri5" if method == "rk4" else ""
     )
 
@@ -263,7 +263,7 @@ def _narrow(system: System, tolerance: float) -> Iterator[Finding]:
                 f"tolerance {tolerance:g} is too coarse for the friction law of {patch.name}, which changes within "
                 f"{min(widths):.3g} m/s: errors of {error:.2g} m/s may count as events of stick and slip",
                 error / min(widths),
-                f"clock.tolerance of {0.5 * _FINE * min(widths) / speed:.1g} or less",
+                f"clock.tolerance of {at_most(0.5 * _FINE * min(widths) / speed, 1)} or less",
             )
 
 
@@ -283,7 +283,7 @@ def _bends(system: System, h: float) -> Iterator[Finding]:
             "warning",
             f"rk4 is coarse at a step of {h:g} s: |lambda| h = {fastest * h:.3g} where the friction law is steepest",
             fastest * h,
-            f"rk4_step of {0.1 / fastest:.2g} s or less, or method dopri5",
+            f"rk4_step of {at_most(0.1 / fastest)} s or less, or method dopri5",
         )
 
 
@@ -296,14 +296,14 @@ def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -
             "error",
             f"rk4 is unstable at a step of {h:g} s: |lambda| h = {size:.3g} in {name}, at most {RK4_LIMIT}",
             size,
-            f"rk4_step below {0.9 * RK4_LIMIT / fastest:.2g} s, or method exact or dopri5",
+            f"rk4_step below {at_most(0.9 * RK4_LIMIT / fastest)} s, or method exact or dopri5",
         )
     elif method == "kick" and size > KICK_LIMIT:
         yield Finding(
             "error",
             f"kick is unstable at a step of {h:g} s: |lambda| h = {size:.3g} in {name}, at most {KICK_LIMIT}",
             size,
-            f"rk4_step below {0.9 * KICK_LIMIT / fastest:.2g} s",
+            f"rk4_step below {at_most(0.9 * KICK_LIMIT / fastest)} s",
         )
     elif method == "smooth":
         yield Finding(
@@ -317,7 +317,7 @@ def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -
             "warning",
             f"{method} is coarse at a step of {h:g} s: |lambda| h = {size:.3g} in {name}",
             size,
-            f"rk4_step of {0.1 / fastest:.2g} s or less",
+            f"rk4_step of {at_most(0.1 / fastest)} s or less",
         )
     elif method == "dopri5" and size > _STIFF:
         yield Finding(

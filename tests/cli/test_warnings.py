@@ -7,7 +7,7 @@ from rig.errors import UsageError
 
 WARNING = (
     "warning: shunt: a stack 10% above its capacitance makes delta -0.9 to -0.990; "
-    "the limit is -k_b/(k_b + kappa) = -0.9524 (k_b 1000 N/m, kappa 50 N/m)\n  delta above -0.87\n"
+    "the limit is -k_b/(k_b + kappa) = -0.9524 (k_b 1000 N/m, kappa 50 N/m)\n  delta above -0.86\n"
 )
 STOPPED = "no further in this test"
 COMMANDS = {

@@ -15,6 +15,7 @@ import rig
 from rig import scenes
 from rig.solve import laws
 from rig.solve.assembly import Assembly
+from rig.solve.finding import at_least, at_most
 from rig.solve.linear import sliding_key, steady
 from rig.solve.verdict import RK4_LIMIT, blame, verdict
 
@@ -264,6 +265,13 @@ def test_rk4_that_has_diverged_names_its_step_and_one_that_does():
     assert "short enough" in blame(belt().system(), "rk4", 1e-3)
     [warned] = [one for one in verdict(system, "rk4", STEP, 10) if "steepest" in one.what]
     assert warned.number == pytest.approx(1.28, rel=1e-3)
+
+
+@pytest.mark.parametrize(("value", "below", "above"), [(7.89e-6, "7.8e-06", "7.9e-06"), (-0.8658, "-0.87", "-0.86")])
+def test_a_limit_that_is_told_is_itself_allowed(value, below, above):
+    assert (at_most(value), at_least(value)) == (below, above)
+    assert float(at_most(value)) <= value <= float(at_least(value))
+    assert at_most(0.25) == at_least(0.25) == "0.25"
 
 
 @pytest.mark.slow  # compiles a kernel of its own for two minutes
