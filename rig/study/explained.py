@@ -8,7 +8,7 @@ has for it, one of the same plant if there is one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from rig.errors import RigError
@@ -60,9 +60,9 @@ def parts(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], objec
             [paired] = compared(bare(more), {name: base}, values, rounds)
             own = "with limits at twice the value" if name.endswith(" limits") else "as it is, for it has no numbers"
             source = f"as in {like}" if like else own
-            found.append(Part(name, False, f"{why}; measured {source}", paired))
+            found.append(Part(name, False, f"{why}; measured {source}", replace(paired, on=False)))
         except RigError as error:
-            found.append(Part(name, False, why, Paired(name, fault=" ".join(str(error).split()))))
+            found.append(Part(name, False, why, Paired(name, fault=" ".join(str(error).split()), on=False)))
         say()
     return found
 

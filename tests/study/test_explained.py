@@ -3,6 +3,7 @@
 import pytest
 
 import rig
+from rig.errors import SceneError
 from rig.scenes.shelf import names
 from rig.scenes.variants import absent, added, dropped
 from rig.study import explained
@@ -49,6 +50,17 @@ def test_an_absent_effect_is_measured_with_the_values_of_another_scene(monkeypat
     assert part.paired.worst.size > 0.0
     draw([part], scene, tmp_path / "effects.png")
     assert (tmp_path / "effects.png").stat().st_size > 10_000
+
+
+def test_an_absent_effect_that_does_not_fit_cannot_be_added(monkeypatch):
+    def refuse(*_, **__):
+        raise SceneError("belt", ["it does not fit"])
+
+    monkeypatch.setattr(explained, "added", refuse)
+    monkeypatch.setattr(explained, "absent", lambda scene: {"dither": ["dither"]})
+    monkeypatch.setattr(explained, "effects", lambda scene, rounds: [])
+    [part] = explained.parts(rig.load("belt"), rounds=3)
+    assert part.paired.change() == "cannot be added: belt: it does not fit"
 
 
 def test_methods_are_those_that_serve_the_scene():

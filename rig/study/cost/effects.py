@@ -44,8 +44,9 @@ class Paired:
     """One effect: `states` it adds, `tick` [ns] it adds to a sample step, `changes` if it is left out.
 
     `whole` [ns]: a step of the plant with every effect. `noise` [ns]: costs below it cannot be told here and now.
-    `note`: what else is to be known of the two motions. `fault`: why there is no plant without it. `switch`: who closes
-    it, of an effect that starts open; `closed`: the same effect measured closed, where it has been measured open.
+    `note`: what else is to be known of the two motions. `fault`: why there is no other plant. `switch`: who closes it,
+    of an effect that starts open; `closed`: the same effect measured closed, where it has been measured open. `on`: the
+    scene names it and the other plant is without it; else the other plant has it added.
     """
 
     name: str
@@ -58,6 +59,7 @@ class Paired:
     fault: str = ""
     switch: str = ""
     closed: Paired | None = None
+    on: bool = True
 
     @property
     def errors(self) -> dict[str, float]:
@@ -93,7 +95,7 @@ class Paired:
     def change(self) -> str:
         """What its absence changes, in words."""
         if self.fault:
-            return f"cannot be left out alone: {self.fault}"
+            return f"cannot be {'left out alone' if self.on else 'added'}: {self.fault}"
         worst = self.worst
         if worst is not None:
             said = worst.text()
@@ -179,7 +181,7 @@ def compared(
         whole = problem(base, values)
         contenders = {"": Contender(whole, of(whole.scene, whole.system), whole.later(of(whole.scene, whole.system)))}
     except NumericsError as error:
-        yield from (Paired(name, note=f"the plant as it is stops: {error.what}") for name in others)
+        yield from (Paired(name, note=f"the plant with it stops: {error.what}") for name in others)
         return
     told: dict[str, Paired] = {}
     for name, scene in others.items():
