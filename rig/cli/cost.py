@@ -67,8 +67,7 @@ def cost(
         pick, why = recommended(found.rows, by, wanted, most), ""
     except UsageError as error:
         pick, why = None, str(error)
-    draw(found, by, pick, most, folder / "cost.png")
-    loops, parts = _loops(loaded, found, folder), _effects(loaded, found, folder)
+    loops, parts = _loops(loaded, folder), _effects(loaded, folder)
     if as_json:
         told = {**vars(found), "rows": [row.flat() for row in found.rows], "folder": str(folder)}
         told |= {"recommended": None if pick is None else pick.flat(), "why": why}
@@ -79,6 +78,9 @@ def cost(
         for line in [*notes(found, by), *(one.text() for one in loops), *map(text, parts)]:
             tell.line(f"  {line}")
         tell.line(f"\nrecommended for {wanted:g}: {why or pick.told(by)}")  # type: ignore[union-attr]
+    draw(found, by, pick, most, folder / "cost.png")
+    _draw(found, loops, parts, folder)
+    if not as_json:
         tell.line(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
     if pick is None:
         raise typer.Exit(1)
@@ -94,36 +96,44 @@ def _race(scene: Scene, target: float, folder: Path, as_json: bool) -> None:
         found = race(scene, report=progress)
     folder.mkdir(parents=True, exist_ok=True)
     write(found, folder / "peers.csv")
-    draw(found, scene.title, provenance(scene.seed), target, folder / "peers.png")
     if as_json:
         tell.report([vars(one) for one in found])
-        return
-    tell.table(f"{scene.name}: the quickest setting that meets {target:g}", COLUMNS, lines(found, target))
-    tell.line(f"\n{folder}/peers.png, peers.csv; what is not installed: pip install friction-rig[peers]")
+    else:
+        tell.table(f"{scene.name}: the quickest setting that meets {target:g}", COLUMNS, lines(found, target))
+        tell.line(f"\n{folder}/peers.png, peers.csv; what is not installed: pip install friction-rig[peers]")
+    draw(found, scene.title, provenance(scene.seed), target, folder / "peers.png")
 
 
-def _loops(scene: Scene, found: Table, folder: Path) -> list[Delayed]:
+def _loops(scene: Scene, folder: Path) -> list[Delayed]:
     """What delay and sampling of its loops cost."""
-    from rig.study.cost.delay import delayed, draw, write
+    from rig.study.cost.delay import delayed, write
 
     loops = delayed(scene)
     if loops:
         write(loops, folder / "delay.csv")
-        draw(loops, found, folder / "delay.png")
     return loops
 
 
-def _effects(scene: Scene, found: Table, folder: Path) -> list[Paired]:
+def _effects(scene: Scene, folder: Path) -> list[Paired]:
     """What its effects cost and change."""
     from rig.study.cost.effects import effects
-    from rig.study.cost.waterfall import draw, write
+    from rig.study.cost.waterfall import write
 
     with tell.bar("effects") as progress:
         parts = effects(scene, report=progress)
     if parts:
         write(parts, folder / "effects.csv")
-        draw(parts, found, folder / "effects.png")
     return parts
+
+
+def _draw(found: Table, loops: list[Delayed], parts: list[Paired], folder: Path) -> None:
+    """The figures of loops and effects, where there are any."""
+    from rig.study.cost import delay, waterfall
+
+    if loops:
+        delay.draw(loops, found, folder / "delay.png")
+    if parts:
+        waterfall.draw(parts, found, folder / "effects.png")
 
 
 COMMANDS = {"cost": (cost, "rig cost belt_c --target 1e-4 --budget 40%")}

@@ -160,14 +160,14 @@ def sound(
     run = opened(log)
     heard = hear(run, channel)
     full = None if out is None else write(heard, out)
-    if figure is not None:
-        draw(heard, run, figure)
     if as_json:
         tell.report(heard.to_json() | {"wav": out, "full_scale": full, "figure": figure})
-        return
-    tell.line(heard.text())
-    if full is not None:
-        tell.line(f"{out}: 24 bit, full scale is {full:.4g} {heard.unit}")
+    else:
+        tell.line(heard.text())
+        if full is not None:
+            tell.line(f"{out}: 24 bit, full scale is {full:.4g} {heard.unit}")
+    if figure is not None:
+        draw(heard, run, figure)
 
 
 def amplitude(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +15,7 @@ from rig.errors import UsageError
 
 if TYPE_CHECKING:
     from rig.scenes.scene import Scene
+    from rig.study.explained import Part, Told
 
 Measure = Annotated[bool, typer.Option("--measure", help="Measure each effect: ns of a step, what it changes.")]
 Figure = Annotated[
@@ -121,16 +123,23 @@ def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
     with tell.bar("effects") as progress:
         parts = explained.parts(scene, report=progress)
     methods, signals, topics = explained.methods(scene), [*explained.signals(scene)], [*explained.topics(scene)]
-    if figure is not None:
-        from rig.study.parts_figure import draw
-
-        draw(parts, scene, figure)
     if as_json:
         told = {"signals": [vars(one) for one in signals], "topics": [vars(one) for one in topics]}
         effects = [one.to_json() for one in parts]
         tell.report({"scene": scene.name, "states": scene.assemble().system().n - 1, "effects": effects,
                      "methods": methods, **told})  # fmt: skip
-        return
+    else:
+        _tell(scene, parts, methods, signals, topics)
+    if figure is not None:
+        from rig.study.parts_figure import draw
+
+        draw(parts, scene, figure)
+
+
+def _tell(
+    scene: Scene, parts: Sequence[Part], methods: Mapping[str, str], signals: Sequence[Told], topics: Sequence[Told]
+) -> None:
+    """What was measured, for a reader."""
     rows = []
     for one in parts:
         cost = "" if one.paired.fault else one.paired.cost()

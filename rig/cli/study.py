@@ -83,16 +83,16 @@ def modes(
         faults += error.faults
     if faults or found is None:
         raise SceneError(loaded.name, faults)
+    if as_json:
+        tell.report(found.to_json())
+    else:
+        tell.line(found.text())
     if figure is not None:
         from rig.study.locus import draw
         from rig.study.sweep import Sweep
 
         assert isinstance(found, Sweep)
         draw(found, figure)
-    if as_json:
-        tell.report(found.to_json())
-    else:
-        tell.line(found.text())
     _refused(loaded, found)
 
 
@@ -132,6 +132,8 @@ def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
 def cycle(scene: SceneName, p: Changes = None, longest: Settling = None, as_json: Json = False) -> None:
     """The limit cycle: period, time in stick, extremes, amplitude, energy in a round, Floquet multipliers.
 
+    Of the plant alone: actuators are held, no controller acts, no sensor measures.
+
     Exit code 1 where it is not decided within the longest time whether there is one.
     """
     from rig.study.cycle import limit_cycle
@@ -151,8 +153,16 @@ def cycle(scene: SceneName, p: Changes = None, longest: Settling = None, as_json
         tell.report(found.to_json())
     else:
         tell.line(found.text())
+        if loaded.controllers or loaded.sensors:
+            tell.line(f"  of the plant alone: without {_left_out(loaded)}")
     if not found.decided:
         raise typer.Exit(1)
+
+
+def _left_out(scene: Scene) -> str:
+    """The controllers and sensors of a scene, in words."""
+    parts = ("controller", scene.controllers), ("sensor", scene.sensors)
+    return " and ".join(f"{what}{'s' * (len(names) > 1)} {', '.join(names)}" for what, names in parts if names)
 
 
 def identify(scene: SceneName, p: Changes = None, as_json: Json = False) -> None:
@@ -177,11 +187,13 @@ def map_(
     workers: Workers = None,
     eigenvalues: Eigenvalues = False,
     out: Folder = Path("maps"),
+    force: Force = False,
     as_json: Json = False,
 ) -> None:
     """Which steady motions a rig has, over one parameter or two: sliding, stick-slip, both.
 
     One axis gives a bifurcation diagram. Results are kept as they come: the same command goes on where it was stopped.
+    A map that is finished is drawn again with --force.
     """
     from rig.study.map import Store, chart, job
     from rig.study.map.figure import draw
@@ -189,11 +201,12 @@ def map_(
     loaded = the_scene(scene, changes(p))
     tell.warnings(loaded)
     if eigenvalues:
-        _regions(loaded, x, y, out, workers, as_json)
+        _regions(loaded, x, y, out, workers, force, as_json)
         return
     wanted = tuple(run.strip() for run in runs.split(",") if run.strip())
     todo = job(loaded, x, y, output, wanted, seconds(longest, "--longest"))
     store = Store.of(todo, out)
+    refuse(store.folder, ("map.csv", "map.png"), force)
     try:
         with tell.bar("rows" if y else "parts") as progress:
             found = chart(todo, out, workers, progress)
@@ -201,32 +214,33 @@ def map_(
         tell.note(f"interrupted: {len(store.load())} of {len(todo.units)} parts are kept in {store.folder}; "
                   "the same command goes on from there")  # fmt: skip
         raise
-    found.write_csv(store.folder / "map.csv")
-    draw(found, store.folder / "map.png")
     if as_json:
         tell.report(found.to_json())
-        return
-    tell.line(found.text())
-    tell.line(f"\n{store.folder}/map.png, map.csv")
+    else:
+        tell.line(found.text())
+        tell.line(f"\n{store.folder}/map.png, map.csv")
+    found.write_csv(store.folder / "map.csv")
+    draw(found, store.folder / "map.png")
 
 
-def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None, as_json: bool) -> None:
+def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None, force: bool, as_json: bool) -> None:
     from rig.study.axis import axes
-    from rig.study.map import survey
+    from rig.study.map import Store, survey, surveyed
     from rig.study.regions import draw
 
     if y is None:
         raise UsageError("--eigenvalues: needs --y as well; over one parameter: rig modes SCENE --sweep KEY=A:B:N")
     across, along = axes(scene, {"--x": x, "--y": y})
+    refuse(Store.of(surveyed(scene, across, along), out).folder, ("regions.csv", "regions.png"), force)
     with tell.bar("rows") as progress:
         found, folder = survey(scene, across, along, out, workers, progress)
-    found.write_csv(folder / "regions.csv")
-    draw(found, folder / "regions.png")
     if as_json:
         tell.report(found.to_json() | {"folder": str(folder)})
-        return
-    tell.line(found.text())
-    tell.line(f"\n{folder}/regions.png, regions.csv")
+    else:
+        tell.line(found.text())
+        tell.line(f"\n{folder}/regions.png, regions.csv")
+    found.write_csv(folder / "regions.csv")
+    draw(found, folder / "regions.png")
 
 
 def reproduce(

@@ -389,7 +389,7 @@ def test_map_tells_regions_and_leaves_figure_and_table(rig, tmp_path):
     [folder] = tmp_path.iterdir()
     assert {"map.png", "map.csv"} <= {path.name for path in folder.iterdir()}
     assert (folder / "map.csv").read_text().startswith("drive.speed,region,growth,frequency,near_state")
-    code, out, _ = rig(*asked, "--json")
+    code, out, _ = rig(*asked, "--json", "--force")
     found = json.loads(out)
     assert [point["near_state"] for point in found["points"]] == ["stick-slip", "sliding"]
 

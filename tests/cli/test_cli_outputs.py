@@ -13,12 +13,12 @@ import pytest
 import rig as laboratory
 from rig.cli import app as program
 from rig.cli import cost, logs, processes, runs, scenes, study, torture
+from rig.errors import OutputError
 from rig.record.run import Run, Samples
 from rig.record.save import save
 from rig.record.writer import claim
 
 ROOMS = (cost, logs, processes, runs, scenes, study, torture)
-MAPS = study.map_  # its folder is named by the digest of all that the results depend on: made or found
 
 
 @pytest.fixture
@@ -266,4 +266,51 @@ def test_every_command_that_writes_files_takes_force():
             if any("Path" in str(hints.get(name)) for name in ("out", "figure", "save")):
                 writers[function] = "force" in inspect.signature(function).parameters
     assert len(writers) >= 10
-    assert {function.__name__ for function, forced in writers.items() if not forced} == {MAPS.__name__}
+    assert [function.__name__ for function, forced in writers.items() if not forced] == []
+
+
+@pytest.mark.parametrize(
+    ("command", "drawn"),
+    [
+        (("modes", "belt", "--sweep", "drive.speed=0.05:0.4:5", "--figure", "a.png"), "rig.study.locus.draw"),
+        (("explain", "belt", "--measure", "--figure", "a.png"), "rig.study.parts_figure.draw"),
+        (("sound", "log.mcap", "--channel", "s", "--figure", "a.png"), "rig.study.sound.figure.draw"),
+        (("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--runs", "near"), "rig.study.map.figure.draw"),
+        (
+            ("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--y", "load.force=10:20:2", "--eigenvalues"),
+            "rig.study.regions.draw",
+        ),
+    ],
+    ids=lambda one: one.split(".")[2] if isinstance(one, str) else one[0],
+)
+@pytest.mark.usefixtures("log")
+def test_a_figure_that_fails_does_not_take_the_report_with_it(capsys, tmp_path, monkeypatch, command, drawn):
+    def fail(*_, **__):
+        raise OutputError("no figure")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(drawn, fail)
+    monkeypatch.setattr("rig.study.explained.parts", lambda *_, **__: [])
+    with pytest.raises(SystemExit) as left:
+        program.run([*command])
+    out, err = capsys.readouterr()
+    assert left.value.code == 1
+    assert "no figure" in err
+    assert len(out) > 100
+
+
+def test_a_finished_map_is_drawn_again_by_force_only(rig, tmp_path):
+    asked = ("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--out", str(tmp_path))
+    for more, name in (
+        (("--runs", "near"), "map.png"),
+        (("--y", "load.force=10:20:2", "--eigenvalues"), "regions.png"),
+    ):
+        assert rig(*asked, *more)[0] == 0
+        [mine] = tmp_path.glob(f"*/{name}")
+        mine.write_text("mine")
+        code, err = rig(*asked, *more)
+        assert code == 2
+        assert "add --force" in err
+        assert mine.read_text() == "mine"
+        assert rig(*asked, *more, "--force")[0] == 0
+        assert mine.read_bytes().startswith(b"\x89PNG")

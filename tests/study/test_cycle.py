@@ -14,7 +14,6 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import rig
-from rig.cli import app
 from rig.solve.motion import Event
 from rig.study.cycle import limit_cycle
 from rig.study.rounds import repeating
@@ -220,24 +219,25 @@ def test_a_start_that_still_sticks_is_undecided_and_not_sliding():
     assert limit_cycle(scene, longest=1500.0).stick_time["contact"] == pytest.approx(stuck, rel=1e-5)
 
 
-def test_the_command_takes_the_longest_time_and_fails_where_nothing_is_decided(capsys):
-    def call(*arguments):
-        with pytest.raises(SystemExit) as left:
-            app.run(["cycle", *arguments])
-        said = capsys.readouterr()
-        return left.value.code or 0, said.out, said.err
-
-    slow = ("belt_c_damped", "-p", "drive.speed=1e-5")
-    code, out, _ = call(*slow, "--longest", "20 s")
+def test_the_command_takes_the_longest_time_and_fails_where_nothing_is_decided(rig):
+    slow = ("cycle", "belt_c_damped", "-p", "drive.speed=1e-5")
+    code, out, _ = rig(*slow, "--longest", "20 s")
     assert code == 1
     assert "undecided: the start still sticks within 20" in out
-    code, out, _ = call(*slow, "--longest", "20 s", "--json")
+    code, out, _ = rig(*slow, "--longest", "20 s", "--json")
     assert code == 1
     assert json.loads(out)["decided"] is False
-    assert call("seal_p", "-p", "drive.speed=17.5 mm/s")[0] == 0
-    code, _, err = call("belt", "--longest", "-1 s")
+    assert rig("cycle", "seal_p", "-p", "drive.speed=17.5 mm/s")[0] == 0
+    code, _, err = rig("cycle", "belt", "--longest", "-1 s")
     assert code == 2
     assert "--longest" in err
+
+
+def test_the_command_says_that_controllers_and_sensors_are_left_out(rig):
+    line = "  of the plant alone: without controller nf and sensor"
+    assert line in rig("cycle", "belt_normal_force")[1]
+    bare = ("-p", "sensors.vibrometer=none", "-p", "sensors.laser=none")
+    assert "of the plant alone" not in rig("cycle", "belt_c", *bare)[1]
 
 
 def test_the_speed_up_to_which_stick_slip_lives_is_the_closed_form_that_the_scene_tells():

@@ -15,7 +15,6 @@ import pytest
 
 import controllers
 import rig
-from rig.cli import app
 from rig.errors import SceneError
 from rig.study.axis import Axis
 from rig.study.design import numbers
@@ -294,17 +293,11 @@ def test_loops_that_cannot_be_are_refused(scene, name, changes, told):
     assert told in str(raised.value)
 
 
-def test_the_command_closes_the_loop_and_tells_all_faults(capsys):
-    def call(*arguments):
-        with pytest.raises(SystemExit) as left:
-            app.run([str(a) for a in arguments])
-        said = capsys.readouterr()
-        return left.value.code or 0, said.out, said.err
-
-    code, out, _ = call("modes", "belt_normal_force", "--controller", "nf")
+def test_the_command_closes_the_loop_and_tells_all_faults(rig):
+    code, out, _ = rig("modes", "belt_normal_force", "--controller", "nf")
     assert code == 0
     assert "stable with a gain from 132.266 to" in out
-    code, _, err = call("modes", "belt_normal_force", "--controller", "nff", "--sweep", "load.force=1:2:1")
+    code, _, err = rig("modes", "belt_normal_force", "--controller", "nff", "--sweep", "load.force=1:2:1")
     assert code == 2
     assert "did you mean nf?" in err
     assert "count = 1" in err

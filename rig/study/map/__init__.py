@@ -25,7 +25,7 @@ from rig.study.map.store import Store
 from rig.study.regions import Regions
 from rig.study.regions import put_together as put_rows_together
 
-__all__ = ["PERIODS", "RUNS", "Boundary", "Job", "Map", "Settings", "Store", "chart", "job", "survey"]
+__all__ = ["PERIODS", "RUNS", "Boundary", "Job", "Map", "Settings", "Store", "chart", "job", "survey", "surveyed"]
 ROOT = Path("maps")
 _SECTION = 24  # local maxima kept of each point of a bifurcation diagram
 
@@ -62,11 +62,16 @@ def chart(job: Job, root: Path = ROOT, workers: int | None = None, progress: Pro
     return (put_together if job.dithered else gathered)(job, found, store.folder)
 
 
+def surveyed(scene: Scene, x: Axis, y: Axis) -> Job:
+    """The job of `survey`."""
+    return Job(scene, x, y, Settings("", eigenvalues=True))
+
+
 def survey(
     scene: Scene, x: Axis, y: Axis, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None
 ) -> tuple[Regions, Path]:
     """What eigenvalues say of `scene` over two axes, and the folder of it; workers and errors as `chart` has them."""
-    todo = Job(scene, x, y, Settings("", eigenvalues=True))
+    todo = surveyed(scene, x, y)
     store = Store.of(todo, root)
     with store.open(todo):
         rows = make(todo, store, workers or cores(), progress or (lambda done, total: None))
