@@ -4,9 +4,11 @@ import json
 import re
 import tomllib
 
+import numpy as np
 import pytest
 
-from rig import scenes
+from rig import scenes, simulate
+from rig.bench.findings import findings
 from rig.quantities import ORIGINS
 from rig.scenes.scene import Scene
 from rig.scenes.shelf import card
@@ -83,6 +85,24 @@ def test_a_scene_says_what_one_sees(name):
     assert told["title"]
     assert told["about"]
     assert name.startswith((told["plant"], "seal"))  # the seal is a friction law, on the belt
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_nothing_speaks_against_a_run_of_a_scene(name):
+    """Assembled and looked at as before a run; nothing is compiled."""
+    scene = scenes.load(name)
+    errors = [one.what for one in findings(scene) if one.level == "error"]
+    assert errors == [] or scene.clock.unstable == "run"
+
+
+@pytest.mark.slow  # compiles every kind of rig
+@pytest.mark.parametrize("name", scenes.names())
+def test_a_scene_runs_for_a_frame(name):
+    scene = scenes.load(name)
+    run = simulate(scene, 2e-9 * scene.frame_ns)
+    assert run.fault == ""
+    assert run.time[-1] == pytest.approx(2e-9 * scene.frame_ns)
+    assert all(np.isfinite(values).all() for values in run.signals.values())
 
 
 def test_a_scene_that_cannot_keep_up_with_the_clock_says_why():
