@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
-from rig.errors import Singular
+import rig
+from rig.errors import Jammed, Singular
+from rig.scenes.scene import Scene
 from rig.solve import laws
 from rig.solve.assembly import Assembly
 from rig.solve.formulation import assemble
+from rig.solve.motion import Motion
 from rig.solve.singular import assembled
 from rig.solve.system import SLIP_PLUS, STICK
 from rig.solve.verdict import verdict
@@ -42,6 +45,15 @@ def test_friction_that_takes_up_all_of_the_inertia_jams():
         assembled(system, system.key([SLIP_PLUS], [0], []))
     assert raised.value.jams
     assert [one for one in verdict(system, "exact", 1e-3) if "jams in contact slip" in one.what]
+
+
+def test_a_run_a_cycle_and_modes_of_such_a_rig_end_in_a_named_error(monkeypatch):
+    a = body(inertia=4.0)
+    with pytest.raises(Jammed, match="takes up all of the inertia"):
+        Motion(a.system(), 1_000_000, "exact")
+    monkeypatch.setattr(Scene, "assemble", lambda *_: a)
+    with pytest.raises(Singular, match="jams"):
+        rig.limit_cycle(rig.load("belt"))
 
 
 def test_a_body_without_mass_is_no_jamming():

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.errors import UsageError, WorkerError
+from rig.errors import Singular, UsageError, WorkerError
 from rig.study import map as maps
 from rig.study.axis import Axis
 from rig.study.map import crew
@@ -135,6 +135,21 @@ def test_points_at_which_a_pin_jams_are_told_and_the_map_goes_on(tmp_path):
     assert "a run had to stop at 1 of 3 points; first at friction.mu = 1.1: " in found.text()
     [point] = [one for one in found.to_json()["points"] if one["up_state"] == "stopped"]
     assert "jam" in point["up_why"]
+
+
+def test_a_point_with_singular_equations_is_told_and_the_map_goes_on(tmp_path, monkeypatch):
+    own = Track.sliding
+
+    def sliding(track, value):
+        if value == 0.7:
+            raise Singular("jams: just here", "contact slip+", jams=True)
+        return own(track, value)
+
+    monkeypatch.setattr(Track, "sliding", sliding)
+    found = rig.map("pin", "friction.mu=0.6:0.8:3", runs=("up", "near"), folder=tmp_path, workers=1)
+    assert NAMES[found.state[RUNS.index("near"), 0, 0]] == "sliding"
+    assert NAMES[found.state[RUNS.index("near"), 0, 1]] == "stopped"
+    assert "first at friction.mu = 0.7: jams: just here" in found.text()
 
 
 def test_an_axis_that_begins_where_the_rig_jams_has_a_map_too(tmp_path):

@@ -105,7 +105,9 @@ class Row:
                 self.track.back(place)
             return point, maxima
         at = self._sliding[i]
-        if at is None or not at.exists:
+        if at is None:
+            return stopped(self._singular[i]), self._none()
+        if not at.exists:
             return NOTHING, self._none()
 
         def start() -> Point:
