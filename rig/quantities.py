@@ -18,6 +18,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
+from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from functools import cache, partial
 from typing import Annotated, Any
 
@@ -263,3 +264,13 @@ PositiveHenry = quantity("H", Gt(0.0))
 Volt = quantity("V")
 PositiveVolt = quantity("V", Gt(0.0))
 Nanoseconds = duration()
+
+
+def at_most(value: float, digits: int = 2) -> str:
+    """An upper limit in so many digits, rounded down: the value that is told is itself allowed."""
+    return f"{float(Context(digits, ROUND_FLOOR).create_decimal_from_float(value)):.{digits}g}"
+
+
+def at_least(value: float, digits: int = 2) -> str:
+    """A lower limit in so many digits, rounded up: the value that is told is itself allowed."""
+    return f"{float(Context(digits, ROUND_CEILING).create_decimal_from_float(value)):.{digits}g}"

@@ -15,7 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from rig.effects.stack import Stack
-from rig.solve.finding import Finding, Judge, at_least
+from rig.quantities import at_least
+from rig.solve.finding import Finding, Judge
 from rig.solve.linear import sliding_key
 from rig.solve.singular import assembled
 from rig.solve.system import System

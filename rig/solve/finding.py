@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
@@ -29,13 +28,3 @@ class Finding:
 
 Judge = Callable[["System", float], Iterable[Finding]]
 """(system, sample step [s]) -> what an effect has to say."""
-
-
-def at_most(value: float, digits: int = 2) -> str:
-    """An upper limit in so many digits, rounded down: the value that is told is itself allowed."""
-    return f"{float(Context(digits, ROUND_FLOOR).create_decimal_from_float(value)):.{digits}g}"
-
-
-def at_least(value: float, digits: int = 2) -> str:
-    """A lower limit in so many digits, rounded up: the value that is told is itself allowed."""
-    return f"{float(Context(digits, ROUND_CEILING).create_decimal_from_float(value)):.{digits}g}"

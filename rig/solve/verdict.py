@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import Singular
-from rig.solve.finding import Finding, at_most
+from rig.quantities import at_most
+from rig.solve.finding import Finding
 from rig.solve.growth import stopped
 from rig.solve.laws import Law
 from rig.solve.linear import Steady, moving_states, steady

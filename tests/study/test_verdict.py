@@ -13,9 +13,9 @@ from hypothesis import strategies as st
 
 import rig
 from rig import scenes
+from rig.quantities import at_least, at_most
 from rig.solve import laws
 from rig.solve.assembly import Assembly
-from rig.solve.finding import at_least, at_most
 from rig.solve.linear import sliding_key, steady
 from rig.solve.verdict import RK4_LIMIT, blame, verdict
 
