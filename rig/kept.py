@@ -18,7 +18,7 @@ import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import platformdirs
 from numba.core import event
@@ -30,6 +30,7 @@ LIMIT = 1 << 30
 """Bytes that the kernels of all sources may take; those of the present ones always stay. # chosen"""
 _SUM = 4
 _TOLD_S, _WORTH_S = 0.5, 2.0  # between two lines about progress; least time that the next start is told of
+_ASK_S = 0.02  # between two looks at what another process compiles
 _log = logging.getLogger("rig")
 
 
@@ -133,6 +134,37 @@ class Folder:
         cache._impl.locator.ensure_cache_path = self._prune  # noqa: SLF001 (called before something is kept)
         cache._cache_file = CheckedFile(cache._cache_path, base, "")  # type: ignore[no-untyped-call]  # noqa: SLF001
 
+    @contextmanager
+    def claimed(self, part: str, longest: float = 0.0) -> Iterator[bool]:
+        """Whether this process may compile `part` now: not while another does, up to `longest` s.
+
+        When that has ended, what it compiled is found here. After `longest` it counts as hung, and yes is the answer.
+        """
+        if not self.keeps:
+            yield True
+            return
+        try:
+            lock = (self.path / f".{part}").open("ab")
+        except OSError:
+            yield True
+            return
+        with lock:
+            until = time.monotonic() + longest
+            mine = _taken(lock)
+            while not mine and time.monotonic() < until:
+                time.sleep(_ASK_S)
+                mine = _taken(lock)
+            yield mine or longest > 0.0
+            if mine and lock.tell() == 0:
+                lock.write(b"compiled")
+
+    def noted(self, part: str) -> bool:
+        """Whether `part` has been compiled before."""
+        try:
+            return self.keeps and (self.path / f".{part}").stat().st_size > 0
+        except OSError:
+            return False
+
     def _prune(self) -> None:
         """Once in a process that compiles: what was not used for longest makes room."""
         if self._pruned:
@@ -145,6 +177,13 @@ class Folder:
                 left -= _size(one)
                 if left < 0:
                     shutil.rmtree(one, ignore_errors=True)
+
+
+def _taken(lock: IO[bytes]) -> bool:
+    try:
+        return locks.take(lock)
+    except OSError:  # a file system without locks
+        return True
 
 
 def _size(folder: Path) -> int:

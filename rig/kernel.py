@@ -8,9 +8,7 @@ benchmarks do the same. Results are therefore bit-identical on one build and one
 
 from __future__ import annotations
 
-import functools
 import importlib
-import operator
 import os
 import platform
 import sys
@@ -19,12 +17,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core import cgutils, event, types
-from numba.core.datamodel import models
-from numba.core.imputils import lower_getattr_generic
-from numba.core.typing.templates import AttributeTemplate
-from numba.experimental import structref
-from numba.extending import infer_getattr, intrinsic, register_model
+from numba.core import event, types
 
 from rig import kept, sources
 
@@ -39,7 +32,6 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 _ROOT = Path(__file__).resolve().parent.parent
 _ROOMS = ("rig.kernel", *(room.replace("/", ".") for room in sources.ROOMS))
-ROWS = 7
 
 
 def source_key() -> str:
@@ -61,6 +53,10 @@ _OPTIONS: dict[str, Any] = {"cache": FOLDER.keeps, "nogil": True, "error_model":
 
 def _compiled(function: F, **options: Any) -> F:
     dispatcher = _njit(**_OPTIONS, **options)(function)
+    templates = dispatcher.get_call_template
+    # A number that is written in the source of a caller would be a type of its own, and a kernel compiled for it alone.
+    plain: Any = types.unliteral
+    dispatcher.get_call_template = lambda kinds, named: templates([plain(kind) for kind in kinds], named)
     if FOLDER.keeps:
         FOLDER.keep(dispatcher, beside_sources=not function.__module__.startswith(_ROOMS))
     return dispatcher  # type: ignore[no-any-return]
@@ -84,103 +80,12 @@ def inlined(function: F) -> F:
     return _compiled(function, _nrt=False, inline="always")
 
 
-class _BundleType(types.StructRef):  # type: ignore[misc]
-    pass
+def fused(function: F) -> F:
+    """An `inner` kernel that the optimiser writes into its callers: for a large one that is called several times.
 
-
-class Bundle(structref.StructRefProxy):  # type: ignore[misc]
-    """A handle on a tuple of arrays; a kernel reads `bundle.content`. The arrays are shared, not copied.
-
-    Passing fifty arrays to a kernel costs 6 us a call, passing a handle on them 0.5 us.
+    What is `inlined` is analysed anew for each call. It cannot return an array, not even one that is lent.
     """
-
-
-structref.register(_BundleType)  # type: ignore[no-untyped-call]
-structref.define_proxy(Bundle, _BundleType, ["content"])  # type: ignore[no-untyped-call]
-
-
-@kernel
-def bundle(content):  # type: ignore[no-untyped-def]
-    """A handle on `content`."""
-    return Bundle(content)  # type: ignore[no-untyped-call]
-
-
-class _Lent(types.Type):  # type: ignore[misc]
-    """A pointer to a named tuple that lives in the frame of a caller."""
-
-    def __init__(self, content: Any) -> None:
-        self.content = content
-        super().__init__(name=f"Lent({content})")
-
-
-register_model(_Lent)(models.OpaqueModel)
-
-
-def _lend(typing: Any, content: Any) -> Any:
-    """`content`, a named tuple of arrays, to be read by name in the kernels that it is passed on to.
-
-    Fifty arrays as arguments of every kernel are what compiling would spend its time on; this passes a pointer. It is
-    good until the kernel that made it returns.
-    """
-
-    def borrow(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        place = cgutils.alloca_once_value(builder, arguments[0])  # type: ignore[no-untyped-call]
-        return builder.bitcast(place, cgutils.voidptr_t)
-
-    return _Lent(content)(content), borrow
-
-
-lent: Any = intrinsic(_lend)
-
-
-def _place(typing: Any, shape: Any, like: Any) -> Any:
-    """An array of the kind of `like`, on the stack: its last axis is as long as the tuple `shape`, others as `ROWS`.
-
-    The compiler keeps what is in it in registers, as it does with a local array of C. Where `shape` is no tuple the
-    length is not known when compiling: `like` itself serves.
-    """
-    kind = types.Array(like.dtype, like.ndim, "C")
-
-    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        if not isinstance(shape, types.BaseTuple):
-            return arguments[1]
-        lengths = [ROWS] * (like.ndim - 1) + [len(shape)]
-        count = functools.reduce(operator.mul, lengths)
-        double = context.get_data_type(like.dtype)
-        data = cgutils.alloca_once(builder, double, size=count)  # type: ignore[no-untyped-call]
-        array = context.make_array(kind)(context, builder)
-        whole = functools.partial(context.get_constant, types.intp)
-        strides = [8 * functools.reduce(operator.mul, lengths[axis + 1 :], 1) for axis in range(like.ndim)]
-        context.populate_array(
-            array,
-            data=data,
-            shape=[whole(length) for length in lengths],
-            strides=[whole(stride) for stride in strides],
-            itemsize=whole(8),
-            meminfo=None,
-        )
-        return array._getvalue()  # noqa: SLF001
-
-    return kind(shape, like), lay
-
-
-local: Any = intrinsic(_place)
-
-
-@infer_getattr
-class _LentNames(AttributeTemplate):  # type: ignore[misc]
-    key = _Lent
-
-    def generic_resolve(self, kind: Any, name: str) -> Any:  # type: ignore[override]
-        """The type of a field."""
-        return kind.content.types[kind.content.fields.index(name)] if name in kind.content.fields else None
-
-
-@lower_getattr_generic(_Lent)  # type: ignore[no-untyped-call, untyped-decorator]
-def _lent_field(context: Any, builder: Any, kind: Any, pointer: Any, name: str) -> Any:
-    typed = builder.bitcast(pointer, context.get_value_type(kind.content).as_pointer())
-    at = cgutils.gep_inbounds(builder, typed, 0, kind.content.fields.index(name))  # type: ignore[no-untyped-call]
-    return builder.load(at)
+    return _compiled(function, _nrt=False, forceinline=True)
 
 
 def entry(function: Any, *examples: Any) -> Callable[..., Any]:

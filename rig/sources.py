@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 ROOMS = ("rig/solve", "sensors")
 """Folders whose kernels are kept for all processes, for as long as their sources stay as they are."""
-_DECORATORS = {"kernel", "inner", "inlined"}
+_DECORATORS = {"kernel", "inner", "inlined", "fused"}
 
 
 class Module(NamedTuple):

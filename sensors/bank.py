@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import SceneError
-from rig.kernel import bundle, entry
+from rig.kernel import entry
+from rig.loan import Loan
 from rig.solve.segments import DEGREE, Segments
 from sensors.front_end import FrontEnd
 from sensors.instants import SECOND, Integers, common_step
@@ -60,7 +61,7 @@ class Bank:
         self._poles = np.zeros((sum(max(len(e.poles), e.averages) for e in self._ends), COLUMNS), dtype=complex)
         self._most = most
         self._clock = np.zeros(2, dtype=np.int64)
-        self.rack = bundle(  # type: ignore[no-untyped-call]
+        self.rack = Loan(
             Rack(
                 self._fronts,
                 self._poles,
@@ -108,8 +109,8 @@ class Bank:
         if self.short:
             self.fill()
         if self._run is None:
-            self._run = entry(advance, self.rack, segments)
-        self._run(self.rack, segments)
+            self._run = entry(advance, self.rack, Loan(segments))
+        self._run(self.rack, Loan(segments))
 
     @property
     def short(self) -> bool:

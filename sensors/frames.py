@@ -7,36 +7,34 @@ listens at every tick, and a thousand frames in which nobody listens, are the sa
 
 from __future__ import annotations
 
-from rig.kernel import kernel, lent
-from rig.solve.carry import BEYOND, EVENTS, REACHED, carry, start
+from rig.kernel import kernel
+from rig.solve.carry import start
+from rig.solve.leaf import any_shape, call
+from rig.solve.records import BEYOND, EVENTS, REACHED
 from rig.solve.settle import DONE, LOOK
 from sensors.sampling import SHORT, sample
 
 
 @kernel
-def frames(shape, tables, loan, begin, first, last, wide, tolerance, substeps, booking, emitting, limit, steps, rack):
+def frames(tables, loan, begin, first, last, steps, rack):
     """Carry plant and instruments from row `first` of the log up to row `last`, `steps` rows a frame; like `advance`.
 
     LOOK where it has ended for somebody to look; ic[REACHED] tells how far it came.
     """
-    w, state, log, seg = loan.content
-    r = rack.content
-    t, work, now, written, read, sensors = lent(tables.content), lent(w), lent(state), lent(log), lent(seg), lent(r)
+    work, state, log, seg, plan = loan.work, loan.state, loan.log, loan.segments, loan.plan
     ic = state.ic
     origin = first if begin else ic[REACHED]
     while True:
         if begin:
-            start(t, work, now, read, origin)
+            start(tables, work, state, seg, origin)
         begin = True
         end = min(origin + steps, last)
-        status = carry(
-            shape, t, work, now, written, read, origin, end, wide, tolerance, substeps, booking, emitting, limit
-        )
+        status = call(plan.carry, any_shape(state.x.shape[0]), tables, work, state, log, seg, plan, end)
         if status != DONE or end == origin:
             return status
-        sample(sensors, seg)
+        sample(rack, seg)
         origin = end
-        if ic[EVENTS] or ic[BEYOND] >= 0 or r.clock[SHORT]:
+        if ic[EVENTS] or ic[BEYOND] >= 0 or rack.clock[SHORT]:
             return LOOK
         if origin == last:
             return DONE

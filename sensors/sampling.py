@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import inner, kernel, lent
+from rig.kernel import inner, kernel
 from sensors.response import PART, PEEK, RESIDUE, STATE, STEP, polynomial, settle, weigh
 
 # One instrument: what it is, then where it stands. Sample n is published at `instant` n and taken `delay` earlier.
@@ -149,15 +149,14 @@ def reading(s: Any, x: float, t: int, r: Any, i: int) -> float:
 @kernel
 def prepare(rack: Any) -> None:
     """Weigh all poles for a full segment."""
-    r = rack.content
-    for p in range(r.poles.shape[0]):
-        weigh(r.poles, p, STEP, r.step)
+    for p in range(rack.poles.shape[0]):
+        weigh(rack.poles, p, STEP, rack.step)
 
 
 @kernel
 def advance(rack: Any, segments: Any) -> None:
     """`sample` by itself: one frame of all instruments."""
-    sample(lent(rack.content), segments)
+    sample(rack, segments)
 
 
 @inner

@@ -4,6 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -158,7 +159,10 @@ def checkout(tmp_path_factory):
         ("rig/solve/settle.py", "_SLACK = 1e-9", "_SLACK = 1e-8", False),
         ("rig/solve/system.py", "G_NEXT", "G_NEXT_ONE", False),
         ("sensors/sampling.py", "", "\nX = 1\n", False),
-        ("rig/kernel.py", "ROWS = 7", "ROWS = 8", False),
+        ("rig/solve/leaf.py", "ROWS = 7", "ROWS = 8", False),
+        ("rig/loan.py", "frombuffer", "fromstring", False),
+        ("rig/kernel.py", '"nogil": True', '"nogil": False', False),
+        ("rig/solve/parts.py", "_HUNG = 120.0", "_HUNG = 60.0", True),
     ],
 )
 def test_only_what_compiled_code_depends_on_compiles_anew(checkout, file, old, new, same):
@@ -196,3 +200,22 @@ def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
     folder = kept.Folder("old")  # in use again
     folder._prune()
     assert {one.name for one in tmp_path.iterdir()} == {"old", "new", "older"}
+
+
+def test_what_one_process_compiles_no_other_does(tmp_path, monkeypatch):
+    """Until it has ended, or for so long that it counts as hung."""
+    monkeypatch.setenv("RIG_KERNELS", str(tmp_path))
+    folder = kept.Folder("key")
+    assert not folder.noted("part")
+    with folder.claimed("part") as first:
+        assert first
+        with folder.claimed("part") as second, folder.claimed("other") as other:
+            assert not second
+            assert other
+        begin = time.monotonic()
+        with folder.claimed("part", 0.2) as patient:
+            assert patient
+        assert 0.2 <= time.monotonic() - begin < 5.0
+    assert folder.noted("part")
+    with folder.claimed("part") as again:
+        assert again

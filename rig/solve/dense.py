@@ -10,7 +10,8 @@ import numpy as np
 
 from rig.kernel import inlined, inner
 from rig.solve.emit import quartic
-from rig.solve.forces import dot, forces, rounding
+from rig.solve.forces import dot, inputs, rounding
+from rig.solve.leaf import any_shape, states
 from rig.solve.roots import NONE, first_fall
 
 _EARLY = 0.5  # share of a step
@@ -22,7 +23,7 @@ _FAINT = 0.03  # of the bound on the rounding of a guard: its own
 @inlined
 def dense(shape, k, x, y, h, d):
     """Coefficients d[0..4] of the quartic through the step, in powers of theta."""
-    n = len(shape)
+    n = states(shape)
     for i in range(n):
         difference = y[i] - x[i]
         bulge = h * k[0, i] - difference
@@ -46,37 +47,37 @@ def dense(shape, k, x, y, h, d):
 @inlined
 def at(shape, d, theta, x):
     """X = dense output at theta."""
-    for i in range(len(shape)):
+    for i in range(states(shape)):
         x[i] = d[0, i] + theta * (d[1, i] + theta * (d[2, i] + theta * (d[3, i] + theta * d[4, i])))
 
 
 @inner
-def actual(shape, f, d, g, theta, z):
+def actual(t, slot, w, g, theta):
     """Guard g, which needs the inputs, at the state that the dense output has at theta."""
-    at(shape, d, theta, z)
-    forces(f, z)
-    return dot(f.G[g], z) + dot(f.GT[g], f.T)
+    at(any_shape(w.y2.shape[0]), w.derivatives, theta, w.y2)
+    inputs(t, slot, w.y2, w.T, w.scratch)
+    return dot(t.G[slot, g], w.y2) + dot(t.GT[slot, g], w.T)
 
 
-@inner
-def located(shape, f, d, g, theta, noise, z):
+@inlined
+def located(t, slot, w, g, theta, noise):
     """Where guard g, whose fit falls at `theta`, has itself fallen by no more than `noise`; NONE if it does not fall.
 
     The state that is handed on has to say the same as the event: a contact let go by the error of the fit alone would
     not move off, but stick again at once.
     """
     low, high = theta, theta
-    above = below = actual(shape, f, d, g, theta, z)
+    above = below = actual(t, slot, w, g, theta)
     if above > 0.0:  # the fit was early: the guard falls before its next place, where both agree
         if theta >= 1.0:
             return NONE
         high = min(0.25 * (np.floor(4.0 * theta) + 1.0), 1.0)
-        below = actual(shape, f, d, g, high, z)
+        below = actual(t, slot, w, g, high)
         if below > 0.0:
             return NONE
     elif theta > 0.0:
         low = 0.25 * (np.ceil(4.0 * theta) - 1.0)
-        above = actual(shape, f, d, g, low, z)
+        above = actual(t, slot, w, g, low)
     kept = 0  # the end that stayed at the last secant; the value of one that stays twice is halved (Illinois)
     while above > 0.0 and below < -noise:
         u = low + (high - low) * above / (above - below)
@@ -84,7 +85,7 @@ def located(shape, f, d, g, theta, noise, z):
             u = 0.5 * (low + high)
             if not low < u < high:
                 break
-        value = actual(shape, f, d, g, u, z)
+        value = actual(t, slot, w, g, u)
         if value > 0.0:
             low, above = u, value
             if kept == 1:
@@ -98,66 +99,70 @@ def located(shape, f, d, g, theta, noise, z):
     return high
 
 
-@inner
-def sampled(shape, f, d, z, fits):
-    """fits[g] = a guard that needs the inputs at five places of the step and at `_PROBE`; the bound on its rounding."""
-    found = False
-    for g in range(f.G.shape[0]):
-        if f.needs[g]:
+@inlined
+def sampled(t, slot, w):
+    """w.fits[g] = guard g, if it needs the inputs, at five places and at `_PROBE`; the bound on its rounding."""
+    found, fits = False, w.fits
+    for g in range(t.guards[slot]):
+        if t.needs[slot, g]:
             found = True
             fits[g, 6] = 0.0
     if found:
         for q in range(6):
-            at(shape, d, 0.25 * q if q < 5 else _PROBE, z)
-            forces(f, z)
-            for g in range(f.G.shape[0]):
-                if f.needs[g]:
-                    fits[g, q] = dot(f.G[g], z) + dot(f.GT[g], f.T)
-                    fits[g, 6] = max(fits[g, 6], rounding(f.GT[g], f.T))
+            at(any_shape(w.y2.shape[0]), w.derivatives, 0.25 * q if q < 5 else _PROBE, w.y2)
+            inputs(t, slot, w.y2, w.T, w.scratch)
+            for g in range(t.guards[slot]):
+                if t.needs[slot, g]:
+                    fits[g, q] = dot(t.G[slot, g], w.y2) + dot(t.GT[slot, g], w.T)
+                    fits[g, 6] = max(fits[g, 6], rounding(t.GT[slot, g], w.T))
 
 
-@inner
-def fitted(shape, f, d, g, fit, noise, z, poly, work):
+@inlined
+def fitted(t, slot, w, g, noise):
     """First fall (theta or NONE) of guard g, which needs the inputs, and whether the step is too long to tell.
 
     A quartic through five places, which a sixth one tells the error of: where the guard might fall within that error
     in a quarter before the one in which it does, it has not been seen well enough.
     """
+    fit, poly = w.fits[g], w.poly
     poly[0], poly[1], poly[2], poly[3], poly[4] = quartic(fit[0], fit[1], fit[2], fit[3], fit[4])
     value = poly[0] + _PROBE * (poly[1] + _PROBE * (poly[2] + _PROBE * (poly[3] + _PROBE * poly[4])))
     off = _OFF * abs(value - fit[5])
     if off <= noise:
         off = 0.0
     poly[0] -= off
-    early = theta = first_fall(poly, 4, noise, work)
+    early = theta = first_fall(poly, 4, noise, w.roots)
     poly[0] += off
     if early < NONE:
         if off > 0.0:
-            theta = first_fall(poly, 4, noise, work)
+            theta = first_fall(poly, 4, noise, w.roots)
         if theta < NONE:
-            theta = located(shape, f, d, g, theta, _FAINT * noise, z)
+            theta = located(t, slot, w, g, theta, _FAINT * noise)
     return theta, int(4.0 * early) < int(4.0 * theta)
 
 
-@inner
-def fall(shape, f, d, x, z, poly, work, fits):
-    """First fall of any guard along the dense output: (theta or NONE, guard, whether the step is too long to tell).
+@inlined
+def fall(t, slot, w):
+    """First fall of any guard along the dense output in w.derivatives.
+
+    Returns theta or NONE, the guard, and whether the step is too long to tell.
 
     So it is also where a guard begins at zero, as when a contact has just been let go, and falls early without having
     begun to fall: the error of the step, which does not shrink towards its begin as the guard does, may be all of it.
     """
     first, guard, doubtful = NONE, -1, False
-    sampled(shape, f, d, z, fits)
-    for g in range(f.G.shape[0]):
-        noise = rounding(f.G[g], x)
+    sampled(t, slot, w)
+    poly = w.poly
+    for g in range(t.guards[slot]):
+        noise = rounding(t.G[slot, g], w.size)
         unseen = False
-        if f.needs[g]:
-            noise = max(noise, fits[g, 6])
-            theta, unseen = fitted(shape, f, d, g, fits[g], noise, z, poly, work)
+        if t.needs[slot, g]:
+            noise = max(noise, w.fits[g, 6])
+            theta, unseen = fitted(t, slot, w, g, noise)
         else:
             for c in range(5):
-                poly[c] = dot(f.G[g], d[c])
-            theta = first_fall(poly, 4, noise, work)
+                poly[c] = dot(t.G[slot, g], w.derivatives[c])
+            theta = first_fall(poly, 4, noise, w.roots)
         if theta < first:
             first, guard = theta, g
             unseen = unseen or (abs(poly[0]) <= noise and poly[1] >= -noise and theta < _EARLY)
@@ -174,7 +179,7 @@ def clear(shape, f, d, size):
         begin, lowest = 0.0, 0.0
         for c in range(5):
             value = 0.0
-            for j in range(len(shape)):
+            for j in range(states(shape)):
                 value += f.G[g, j] * d[c, j]
             if c == 0:
                 begin = lowest = value

@@ -13,24 +13,28 @@ from __future__ import annotations
 
 import numpy as np
 
-from rig.kernel import inlined, inner, local
-from rig.solve.books import book, lend_books, read
+from rig.kernel import inlined, inner
+from rig.loan import lent
+from rig.solve.books import book, read
 from rig.solve.dense import at, clear, dense, fall
 from rig.solve.emit import crowded, emit_quartic
-from rig.solve.forces import forces, lend, rate
+from rig.solve.forces import inputs, lend, rate
+from rig.solve.leaf import call, local, states
+from rig.solve.records import HOPED, KEY, LENGTH, MOST, PLACE, REACHED, TICK, TRIALS, TRY
 from rig.solve.settle import land, passed
 from rig.solve.stage import begin, complete, rubbing, stage
 
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 _LEAST = 1e-6  # of the largest coordinate or speed
 _MOST = 200_000  # trials for one tick
+ENDED, ASKS, FAILED = range(3)  # what the leaf returns
 _SHARE = 0.7  # of the tolerance for the local error, so that event times keep within ten times the tolerance
 
 
 @inlined
 def trial(shape, f, rub, k, x, h, y, z):
     """Stages k[1..6] and the end y of a step h from x, whose k[0] is known; z is scratch."""
-    n = len(shape)
+    n = states(shape)
     for i in range(n):
         z[i] = x[i]
     late = stage(shape, f, rub, h * (1.0 / 5.0), z, k, 0, begin(shape, rub, k))
@@ -69,7 +73,7 @@ def error(shape, k, y, size, h, tolerance):
     Infinite where a stage has left the range of numbers: a law continued far below w = 0 grows without bound, and the
     step must shrink then, not pass for one without error.
     """
-    n = len(shape)
+    n = states(shape)
     worst = 0.0
     for i in range(n):
         e = (
@@ -102,7 +106,7 @@ def growth(e):
     return (1.6 - 2.3 * e) + (e * e) * (2.9 - 1.3 * e)
 
 
-@inner
+@inlined
 def alike(rates, count, step, size):
     """Coordinates, and speeds, that are next to nothing beside the largest of them are judged by a share of that.
 
@@ -116,23 +120,23 @@ def alike(rates, count, step, size):
             size[i] = max(size[i], _LEAST * top)
 
 
-@inner
-def book_step(shape, f, b, d, theta, h, z, nodes, weights, energy):
+@inlined
+def book_step(shape, t, slot, w, theta, h, energy):
     """Energy up to `theta` of the step, by Gauss-Legendre."""
-    for q in range(nodes.shape[0]):
-        at(shape, d, nodes[q] * theta, z)
-        forces(f, z)
-        book(b, z, weights[q] * theta * h, energy)
+    for q in range(w.nodes3.shape[0]):
+        at(shape, w.derivatives, w.nodes3[q] * theta, w.y2)
+        inputs(t, slot, w.y2, w.T, w.scratch)
+        book(t, slot, w.T, w.y2, w.weights3[q] * theta * h, energy)
 
 
 @inner
-def emit(shape, f, b, d, from_theta, to_theta, h, z, values, start, seg):
+def emit(shape, t, slot, w, from_theta, to_theta, h, start, seg):
     """One segment of the signals between two instants of the step."""
     for q in range(5):
-        at(shape, d, from_theta + 0.25 * q * (to_theta - from_theta), z)
-        forces(f, z)
-        read(b, z, values[q])
-    emit_quartic(values, start, (to_theta - from_theta) * h, seg)
+        at(shape, w.derivatives, from_theta + 0.25 * q * (to_theta - from_theta), w.y2)
+        inputs(t, slot, w.y2, w.T, w.scratch)
+        read(t, slot, w.T, w.y2, w.values[q])
+    emit_quartic(w.values, start, (to_theta - from_theta) * h, seg)
 
 
 @inlined
@@ -146,107 +150,156 @@ def swing(shape, t, w, time, x):
         turn = t.swing_rate[g] * time
         sine, cosine = np.sin(turn), np.cos(turn)
         a, b = w.swung[g, 0], w.swung[g, 1]
-        for i in range(len(shape)):
+        for i in range(states(shape)):
             if i == t.swing[g, 0]:
                 x[i] = cosine * a + sine * b
             elif i == t.swing[g, 1]:
                 x[i] = cosine * b - sine * a
 
 
-@inner
-def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, out, modes, energy, booking, emitting, seg, tolerance):
-    """Carry x in slip until an event or the end of the ticks asked for.
+@inlined
+def accept(shape, t, slot, w, k, y, time, x, here):
+    """Go on from the end y of a step, `time` [s] after the block began; `here` is the state, x lent to others."""
+    swing(shape, t, w, time, y)
+    for i in range(states(shape)):
+        here[i] = y[i]
+        k[0, i] = k[6, i]
+        w.size[i] = max(w.size[i], abs(here[i]))
+    if t.stuck[slot]:
+        for i in range(states(shape)):
+            x[i] = here[i]
+        land(t, slot, x, w.copy)
+        for i in range(states(shape)):
+            here[i] = x[i]
 
-    ic[0] tick, fc[0] place in it, fc[1] step to try next; out[i] state after tick i. Returns the guard, -1 at the
-    end, -2 where no step is short enough. What a step works on is lent to nobody, so that it stays in registers:
-    `here` is the state, and a copy of the dense output goes to who asks for more than ticks.
+
+@inlined
+def reach(tick, place, done, share, ticks, last):
+    """Where in the step the tick ends: `done` of it is behind; at its end if it is the `last`, cut for the ticks."""
+    to = done + (1.0 - place) * share
+    if last and tick == ticks - 1:
+        to = 1.0
+    return to
+
+
+@inner
+def steps(shape, t, w, state, log, seg, plan, ticks):
+    """Leaf: steps on from state.x, its derivative in w.k[0], until the ticks end or somebody has to look at a step.
+
+    ASKS: its length is fc[LENGTH], its end w.y, its stages w.k, its dense output w.derivatives; state, tick and place
+    are those of its begin. FAILED: no step is short enough. What a step works on is lent to nobody, so that it stays
+    in registers.
     """
-    n = len(shape)
-    tick_length = t.step[0]
-    f, b = lend(t, slot, w.T, w.scratch), lend_books(t, slot, w.T)
-    k, y, z, d, size = local(shape, w.k), local(shape, w.y), local(shape, w.y2), local(shape, w.derivatives), w.size
-    here, path = local(shape, w.copy), w.derivatives
-    rub = rubbing(shape, f, w)
-    tick, place, next_h = ic[0], fc[0], fc[1]
-    fallen = -1
+    n, tick_length, looked = states(shape), t.step[0], plan.booking or plan.emitting
+    ic, fc, x, size, slot = state.ic, state.fc, state.x, w.size, t.slot_of[state.ic[KEY]]
+    field = lend(t, slot, w.T, w.scratch)
+    f, rub = lent(field), lent(rubbing(shape, field, t, w, state, log, seg, plan))
+    k, y, z, d = local(shape, w.k), local(shape, w.y), local(shape, w.y2), local(shape, w.derivatives)
+    here = local(shape, w.copy)
+    tick, place, next_h, hoped, most = ic[TICK], fc[PLACE], fc[TRY], fc[HOPED], ic[MOST]
     for i in range(n):
-        size[i] = max(size[i], abs(x[i]))
         here[i] = x[i]
-    rate(shape, f, True, here, k[0])
-    alike(k[0], t.damping.shape[1], tick_length, size)
-    most = ic[5] + _MOST * (ticks - tick)
-    hoped = 0.0  # step that the error of the last one promised
-    while tick < ticks and fallen == -1 and not (emitting and crowded(t, slot, seg, ticks - tick)):
+        k[0, i] = w.k[0, i]
+    ends = ENDED
+    while tick < ticks:
         left = ((ticks - tick) - place) * tick_length
         h = next_h if next_h < left - 1e-9 * tick_length else left
         trial(shape, f, rub, k, here, h, y, z)
-        e = error(shape, k, y, size, h, tolerance)
-        ic[5] += 1
+        e = error(shape, k, y, size, h, plan.tolerance)
+        ic[TRIALS] += 1
         if not (e <= 1.0):
             next_h = h * max(_SHRINK, _SAFETY * e ** (-0.2))
-            if next_h < 1e-14 * tick_length or ic[5] > most:
-                fallen = -2
+            if next_h < 1e-14 * tick_length or ic[TRIALS] > most:
+                ends = FAILED
+                break
             continue
         grow = growth(e)
         if h >= next_h or grow < 1.0:  # an error that grows goes on growing
             next_h = h * max(_SHRINK, min(grow, (grow * grow) * (h / hoped)))
         hoped = h * grow
         dense(shape, k, here, y, h, d)
-        end = 1.0
-        if booking or emitting or not clear(shape, f, d, size):
-            for c in range(5):
-                for i in range(n):
-                    path[c, i] = d[c, i]
-            theta, fallen, doubtful = fall(shape, f, path, size, w.y2, w.poly, w.roots, w.fits)
-            if doubtful and h > 1e-12 * tick_length:
-                next_h, fallen = _SHRINK * h, -1
-                continue
-            if fallen >= 0:
-                end = theta
-            if booking:
-                book_step(shape, f, b, path, end, h, w.y2, w.nodes3, w.weights3, energy)
+        if looked or not clear(shape, f, d, size):
+            fc[LENGTH] = h
+            for i in range(n):
+                w.y[i] = y[i]
+                w.k[6, i] = k[6, i]
+                for c in range(5):
+                    w.derivatives[c, i] = d[c, i]
+            ends = ASKS
+            break
         done, share = 0.0, tick_length / h
-        while True:  # ticks that lie inside the step
-            to = done + (1.0 - place) * share
-            if fallen < 0 and tick == ticks - 1 and h == left:
-                to = 1.0
-            if to > end or (fallen >= 0 and to >= end):
+        while tick < ticks:
+            to = reach(tick, place, done, share, ticks, h == left)
+            if to > 1.0:
                 break
-            if emitting:
-                begin = (tick - origin + place) * tick_length
-                emit(shape, f, b, path, done, to, h, w.y2, w.values, begin, seg)
-            at(shape, d, to, out[tick])
-            modes[tick] = slot
-            tick += 1
-            place = 0.0
-            done = to
-            if tick == ticks:
-                break
-        if done < end:
-            if emitting:
-                begin = (tick - origin + place) * tick_length
-                emit(shape, f, b, path, done, end, h, w.y2, w.values, begin, seg)
-            place += (end - done) * h / tick_length
-        if fallen >= 0:
-            at(shape, d, end, here)
-            continue
-        swing(shape, t, w, ((tick - origin) + place) * tick_length, y)
-        for i in range(n):
-            here[i] = y[i]
-            k[0, i] = k[6, i]
-            size[i] = max(size[i], abs(here[i]))
-        if t.stuck[slot]:
-            for i in range(n):
-                x[i] = here[i]
-            land(t, slot, x, w.copy)
-            for i in range(n):
-                here[i] = x[i]
-    ic[0], fc[0], fc[1] = tick, place, next_h
+            at(shape, d, to, log.out[tick])
+            log.modes[tick] = slot
+            tick, place, done = tick + 1, 0.0, to
+        if done < 1.0:
+            place += (1.0 - done) * h / tick_length
+        accept(shape, t, slot, w, k, y, ((tick - ic[REACHED]) + place) * tick_length, x, here)
+    ic[TICK], fc[PLACE], fc[TRY], fc[HOPED] = tick, place, next_h, hoped
     for i in range(n):
         x[i] = here[i]
+        w.k[0, i] = k[0, i]
+    return ends
+
+
+@inner
+def stretch(shape, t, w, state, log, seg, plan, ticks):
+    """Part: carry the state in slip until an event or the end of the ticks asked for.
+
+    Returns the guard, -1 at the end, -2 where no step is short enough.
+    """
+    ic, fc, x, size, slot = state.ic, state.fc, state.x, w.size, t.slot_of[state.ic[KEY]]
+    tick_length, origin, n = t.step[0], ic[REACHED], x.shape[0]
+    path, f = w.derivatives, lent(lend(t, slot, w.T, w.scratch))
+    for i in range(n):
+        size[i] = max(size[i], abs(x[i]))
+    rate(shape, f, True, x, w.k[0])
+    alike(w.k[0], t.damping.shape[1], tick_length, size)
+    ic[MOST] = ic[TRIALS] + _MOST * (ticks - ic[TICK])
+    fc[HOPED] = 0.0
+    fallen = -1
+    while ic[TICK] < ticks and fallen == -1 and not (plan.emitting and crowded(t, slot, seg, ticks - ic[TICK])):
+        ends = call(plan.steps, shape, t, w, state, log, seg, plan, ticks)
+        if ends == FAILED:
+            return -2
+        if ends == ENDED:
+            break
+        h, tick, place = fc[LENGTH], ic[TICK], fc[PLACE]
+        left = ((ticks - tick) - place) * tick_length
+        theta, fallen, doubtful = fall(t, slot, w)
+        if doubtful and h > 1e-12 * tick_length:
+            fc[TRY], fallen = _SHRINK * h, -1
+            continue
+        end = theta if fallen >= 0 else 1.0
+        if plan.booking:
+            book_step(shape, t, slot, w, end, h, state.energy)
+        done, share = 0.0, tick_length / h
+        while tick < ticks:  # ticks that end inside the step
+            to = reach(tick, place, done, share, ticks, fallen < 0 and h == left)
+            if to > end or (fallen >= 0 and to >= end):
+                break
+            if plan.emitting:
+                since = (tick - origin + place) * tick_length
+                emit(shape, t, slot, w, done, to, h, since, seg)
+            at(shape, path, to, log.out[tick])
+            log.modes[tick] = slot
+            tick, place, done = tick + 1, 0.0, to
+        if done < end:
+            if plan.emitting:
+                since = (tick - origin + place) * tick_length
+                emit(shape, t, slot, w, done, end, h, since, seg)
+            place += (end - done) * h / tick_length
+        if fallen >= 0:
+            at(shape, path, end, x)
+        else:
+            accept(shape, t, slot, w, w.k, w.y, ((tick - origin) + place) * tick_length, x, x)
+        ic[TICK], fc[PLACE] = tick, place
     if fallen >= 0:
         passed(t, slot, fallen, ic, x)
-    elif fallen == -1:
+    elif ic[TICK] == ticks:
         for i in range(n):
-            out[ticks - 1, i] = x[i]
+            log.out[ticks - 1, i] = x[i]
     return fallen

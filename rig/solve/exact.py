@@ -8,10 +8,12 @@ and the ladder climbs again. Event times are exact to rounding at every step siz
 
 from __future__ import annotations
 
-from rig.kernel import inlined, inner, local
-from rig.solve.emit import emit_linear
+from rig.kernel import inlined, inner
+from rig.solve.emit import crowded, emit_linear
 from rig.solve.forces import dot, rounding
+from rig.solve.leaf import call, local, states
 from rig.solve.ledger import book
+from rig.solve.records import KEY, OPENED, PLACE, REACHED, TICK
 from rig.solve.roots import NONE, first_fall
 from rig.solve.settle import passed
 from rig.solve.wide import along as along_cell
@@ -19,18 +21,20 @@ from rig.solve.wide import book as book_part
 from rig.solve.wide import earliest as fall_of
 from rig.solve.wide import emit as emit_cells
 from rig.solve.wide import expand
+from rig.solve.wide import quiet as quiet_cell
 
 
 @inner
-def quiet(shape, E, G, B, count, x, g, ticks, out):
-    """Up to `ticks` certified ticks from x in place; out[i] receives the state after tick i. Returns their number.
-
-    `shape`: a tuple of n zeros, so that n is a constant of the compiled code. `g`: guards at x, updated in place.
-    """
-    n = len(shape)
+def quiet(shape, t, w, state, log, seg, plan, ticks):
+    """Leaf: up to `ticks` certified ticks on from state.x, written to the rows of the log. Returns their number."""
+    slot, first = t.slot_of[state.ic[KEY]], state.ic[TICK]
+    n, count = states(shape), t.guards[slot]
+    E, G, B, g, x, out = t.E[slot, 0], t.G[slot], t.B[slot], w.g, state.x, log.out
     here, y = local(shape, x), local(shape, x)
     for i in range(n):
         here[i] = x[i]
+    for k in range(count):
+        g[k] = dot(G[k], x)
     done = ticks
     for tick in range(ticks):
         for i in range(n):
@@ -50,39 +54,28 @@ def quiet(shape, E, G, B, count, x, g, ticks, out):
             done = tick
             break
         for i in range(n):
-            out[tick, i] = here[i] = y[i]
+            out[first + tick, i] = here[i] = y[i]
     for i in range(n):
         x[i] = here[i]
-    for k in range(count):
-        g[k] = dot(G[k], x)
     return done
 
 
 @inlined
-def product(shape, row, x):
-    """Row . x, n a constant of the compiled code."""
-    s = 0.0
-    for j in range(len(shape)):
-        s += row[j] * x[j]
-    return s
-
-
-@inner
-def series(shape, A, x, length, terms, derivatives):
+def series(A, x, length, terms, derivatives):
     """derivatives[k] = A^k x length^k / k!, k = 0 .. terms."""
-    n = len(shape)
+    n = x.shape[0]
     for i in range(n):
         derivatives[0, i] = x[i]
     for k in range(1, terms + 1):
         f = length / k
         for i in range(n):
-            derivatives[k, i] = f * product(shape, A[i], derivatives[k - 1])
+            derivatives[k, i] = f * dot(A[i], derivatives[k - 1])
 
 
 @inner
-def along(shape, derivatives, terms, u, x):
+def along(derivatives, terms, u, x):
     """X = sum_k derivatives[k] u^k."""
-    for i in range(len(shape)):
+    for i in range(x.shape[0]):
         s = derivatives[terms, i]
         for k in range(terms - 1, -1, -1):
             s = s * u + derivatives[k, i]
@@ -90,55 +83,92 @@ def along(shape, derivatives, terms, u, x):
 
 
 @inlined
-def certified(shape, t, slot, x, y, shrink):
+def certified(t, slot, x, y, shrink):
     """Whether no guard can fall between x and y, the ends of a cell `shrink` = 4^-level of a step."""
+    G, B, BA = t.G[slot], t.B[slot], t.BA[slot]
     for k in range(t.guards[slot]):
-        before, after = product(shape, t.G[slot, k], x), product(shape, t.G[slot, k], y)
-        bound, slope_bound = 0.0, 0.0
-        for j in range(len(shape)):
-            bound += t.B[slot, k, j] * abs(x[j])
-            slope_bound += t.BA[slot, k, j] * abs(x[j])
+        before, after, bound, slope_bound = 0.0, 0.0, 0.0, 0.0
+        for j in range(x.shape[0]):
+            before += G[k, j] * x[j]
+            after += G[k, j] * y[j]
+            bound += B[k, j] * abs(x[j])
+            slope_bound += BA[k, j] * abs(x[j])
         if before > bound * shrink and after > bound * shrink:
             continue
-        rising = (
-            product(shape, t.GA[slot, k], x) > slope_bound * shrink
-            and product(shape, t.GA[slot, k], y) > slope_bound * shrink
-        )
-        if rising and before >= -rounding(t.G[slot, k], x):
+        begins, ends = dot(t.GA[slot, k], x), dot(t.GA[slot, k], y)
+        steepest = slope_bound * shrink
+        if begins > steepest and ends > steepest and before >= -rounding(G[k], x):
             continue
-        falling = (
-            product(shape, t.GA[slot, k], x) < -slope_bound * shrink
-            and product(shape, t.GA[slot, k], y) < -slope_bound * shrink
-        )
-        if not (falling and after > 0.0):
+        if not (begins < -steepest and ends < -steepest and after > 0.0):
             return False
     return True
 
 
 @inlined
-def earliest(shape, t, slot, size, derivatives, terms, poly, work):
+def earliest(t, slot, size, derivatives, terms, poly, work):
     """First fall of any guard along a Taylor cell: (u in [0, 1] or NONE, guard)."""
-    first, guard = NONE, -1
+    G, first, guard = t.G[slot], NONE, -1
     for k in range(t.guards[slot]):
         for d in range(terms + 1):
-            poly[d] = product(shape, t.G[slot, k], derivatives[d])
-        u = first_fall(poly, terms, rounding(t.G[slot, k], size), work)
+            poly[d] = dot(G[k], derivatives[d])
+        u = first_fall(poly, terms, rounding(G[k], size), work)
         if u < first:
             first, guard = u, k
     return first, guard
 
 
-@inlined
-def opened(shape, wide, t, slot, ic, fc, x, w, energy, booking, emit, seg, origin):
-    """Carry x through (the rest of) one tick, up to its end or the first event.
+@inner
+def stretch(shape, t, w, state, log, seg, plan, ticks):
+    """Part: quiet ticks as far as they go, else an opened one, in a linear mode set. Returns the guard or -1."""
+    ic, x, booking, emitting = state.ic, state.x, plan.booking, plan.emitting
+    n, origin, slot = x.shape[0], ic[REACHED], t.slot_of[ic[KEY]]
+    if state.fc[PLACE] == 0.0 and plan.wide:
+        while quiet_cell(t, slot, x, log.out[ic[TICK]], w, booking, emitting, (ic[TICK] - origin) * t.step[0], seg):
+            for i in range(n):
+                x[i] = log.out[ic[TICK], i]
+            log.modes[ic[TICK]] = slot
+            ic[TICK] += 1
+            if ic[TICK] == ticks or (emitting and crowded(t, slot, seg, ticks - ic[TICK])):
+                return -1
+    elif state.fc[PLACE] == 0.0:
+        first = ic[TICK]
+        for i in range(n):
+            w.x0[i] = x[i]
+        block = 1 if emitting else ticks - first
+        done = call(plan.quiet, shape, t, w, state, log, seg, plan, block)
+        for tick in range(first, first + done):
+            log.modes[tick] = slot
+        if booking:
+            for tick in range(first, first + done):
+                before = w.x0 if tick == first else log.out[tick - 1]
+                book(t.work[slot, 0], t.active[slot], before, state.energy)
+        if emitting and done:
+            emit_linear(t, slot, w.x0, (first - origin) * t.step[0], t.step[0], seg, w.derivatives)
+        ic[TICK] += done
+        if done == block:
+            return -1
+    guard = opened(t, w, state, seg, plan, slot)
+    if guard < 0:
+        for i in range(n):
+            log.out[ic[TICK], i] = x[i]
+        log.modes[ic[TICK]] = slot
+        ic[TICK] += 1
+    return guard
 
-    fc[0] = u, where in the tick; advanced. Returns the guard that fell, or -1 at the end of the tick. `w`: Workspace.
-    `emit`: write segments for the sensors, `origin`: start of this tick [s] within the frame. `wide`: see carry.
+
+@inlined
+def opened(t, w, state, seg, plan, slot):
+    """Carry the state through (the rest of) one tick, up to its end or the first event.
+
+    Returns the guard that fell, or -1 at the end of the tick.
     """
-    h = t.step[0]
+    ic, fc, x, energy, booking, wide = state.ic, state.fc, state.x, state.energy, plan.booking, plan.wide
+    n, h, y = x.shape[0], t.step[0], w.y
+    begin = (ic[TICK] - ic[REACHED]) * h
     depth, terms = t.depth[slot], t.order[slot]
     cells = 2.0**depth
-    u = fc[0]
+    ic[OPENED] += 1
+    u = fc[PLACE]
     while u < 1.0:
         position = u * cells
         whole = int(position)
@@ -149,10 +179,11 @@ def opened(shape, wide, t, slot, ic, fc, x, w, energy, booking, emit, seg, origi
                 whole //= 2
                 level -= 1
             found = False
-            while wide is None or depth > 0:  # a wide rig's tick has just been found to have no proof
-                for i in range(len(shape)):
-                    w.y[i] = x[i] + product(shape, t.E[slot, level, i], x)
-                if certified(shape, t, slot, x, w.y, 1.0 / 4.0**level):
+            while not wide or depth > 0:  # a wide rig's tick has just been found to have no proof
+                E = t.E[slot, level]
+                for i in range(n):
+                    y[i] = x[i] + dot(E[i], x)
+                if certified(t, slot, x, y, 1.0 / 4.0**level):
                     found = True
                     break
                 if level == depth:
@@ -160,56 +191,56 @@ def opened(shape, wide, t, slot, ic, fc, x, w, energy, booking, emit, seg, origi
                 level += 1
             if found:
                 width = 1.0 / 2.0**level
-                if emit:
-                    if wide is not None:
-                        emit_cells(t, slot, x, width * cells, origin + u * h, width * h, seg)
+                if plan.emitting:
+                    if wide:
+                        emit_cells(t, slot, x, width * cells, begin + u * h, width * h, seg)
                     else:
-                        emit_linear(t, slot, x, origin + u * h, width * h, seg, w.derivatives)
+                        emit_linear(t, slot, x, begin + u * h, width * h, seg, w.derivatives)
                 if booking:
                     book(t.work[slot, level], t.active[slot], x, energy)
-                for i in range(len(shape)):
-                    x[i] = w.y[i]
+                for i in range(n):
+                    x[i] = y[i]
                 u += width
                 continue
         length = (int(position) + 1) / cells - u
-        if wide is not None:
+        if wide:
             fall, guard = fall_of(t, slot, x, w.size, length * cells, w.poly, w.roots)
             expand(t, slot, x)
         else:
-            series(shape, t.A[slot], x, length * h, terms, w.derivatives)
-            fall, guard = earliest(shape, t, slot, w.size, w.derivatives, terms, w.poly, w.roots)
+            series(t.A[slot], x, length * h, terms, w.derivatives)
+            fall, guard = earliest(t, slot, w.size, w.derivatives, terms, w.poly, w.roots)
         reach = 1.0 if guard < 0 else fall
         if reach > 0.0:
-            if emit:
-                if wide is not None:
-                    emit_cells(t, slot, x, reach * length * cells, origin + u * h, reach * length * h, seg)
+            if plan.emitting:
+                if wide:
+                    emit_cells(t, slot, x, reach * length * cells, begin + u * h, reach * length * h, seg)
                 else:
-                    emit_linear(t, slot, x, origin + u * h, reach * length * h, seg, w.spare)
+                    emit_linear(t, slot, x, begin + u * h, reach * length * h, seg, w.spare)
             if booking:
-                if wide is not None:
+                if wide:
                     book_part(t, slot, reach * length * cells, reach * length * h)
                 else:
-                    book_series(shape, t, slot, w, terms, reach, length * h, energy)
-            if wide is not None:
+                    book_series(t, slot, w, terms, reach, length * h, energy)
+            if wide:
                 along_cell(t, reach * length * cells)
-                for i in range(len(shape)):
+                for i in range(n):
                     x[i] = t.wide.filled[i]
             else:
-                along(shape, w.derivatives, terms, reach, x)
+                along(w.derivatives, terms, reach, x)
         u = u + reach * length if guard >= 0 else (int(position) + 1) / cells
         if guard >= 0:
-            fc[0] = u
+            fc[PLACE] = u
             passed(t, slot, guard, ic, x)
             return guard
-    fc[0] = 0.0
+    fc[PLACE] = 0.0
     return -1
 
 
-@inner
-def book_series(shape, t, slot, w, terms, reach, length, energy):
+@inlined
+def book_series(t, slot, w, terms, reach, length, energy):
     """Energy along a Taylor cell up to `reach`, by Gauss-Legendre at eight nodes."""
     for q in range(w.nodes.shape[0]):
-        along(shape, w.derivatives, terms, w.nodes[q] * reach, w.y)
+        along(w.derivatives, terms, w.nodes[q] * reach, w.y)
         scale = w.weights[q] * reach * length
         for term in range(energy.shape[0]):
             if t.active[slot, term]:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from rig.kernel import inlined, inner
 from rig.solve.exponential import factors
 from rig.solve.laws import STRIBECK, coefficient
-from rig.solve.products import Products, early, late
+from rig.solve.leaf import multiplies, states
+from rig.solve.products import early, late
 
 Array = NDArray[np.float64]
 ROUND = 64.0 * 2.2e-16
@@ -55,7 +56,6 @@ class Field(NamedTuple):
     G: Array
     GT: Array
     needs: NDArray[np.int64]
-    products: Products | None
     slot: int
     t: Any
 
@@ -79,7 +79,6 @@ def lend(t, slot, T, scratch):
         t.G[slot, :count],
         t.GT[slot, :count],
         t.needs[slot, :count],
-        t.products,
         slot,
         t,
     )
@@ -118,7 +117,7 @@ def fill(f, x):
 
     `coupled`: some load does depend on a friction force.
     """
-    early(f.products, f.slot, x, f.T)
+    early(f.t, f.slot, x, f.T)
     patches = f.sigma.shape[0]
     for p in range(patches):
         others = 0.0
@@ -127,13 +126,7 @@ def fill(f, x):
         f.T[p] = drag(f, p, x, others)
     if f.coupled:
         couple(f.sigma, f.code, f.numbers, f.pace, f.bear_t, x, f.T, f.scratch)
-    late(f.products, f.slot, x, f.T)
-
-
-@inner
-def forces(f, x):
-    """`fill`, where it runs once in a step."""
-    fill(f, x)
+    late(f.t, f.slot, x, f.T)
 
 
 @inner
@@ -171,24 +164,24 @@ def couple(sigma, code, numbers, pace, bear_t, x, T, M):
 
 @inlined
 def rate(shape, f, bent, x, k):
-    """Derivative k = A x + b T(x); `bent` is None for a system that is linear in every mode set: T = 0.
+    """Derivative k = A x + b T(x); `bent`: False for a system that is linear in every mode set, T = 0.
 
     Where the inputs are friction forces that depend on no other, as on most rigs, they do not go through memory.
     """
-    for i in range(len(shape)):
+    for i in range(states(shape)):
         s = 0.0
-        for j in range(len(shape)):
+        for j in range(states(shape)):
             s += f.A[i, j] * x[j]
         k[i] = s
-    if bent is not None:
-        if f.products is None and not f.coupled:
+    if bent:
+        if not (multiplies(shape) or f.coupled):
             for p in range(f.sigma.shape[0]):
                 force = drag(f, p, x, 0.0)
-                for i in range(len(shape)):
+                for i in range(states(shape)):
                     k[i] += f.b[i, p] * force
         else:
             inputs(f.t, f.slot, x, f.T, f.scratch)
-            for i in range(len(shape)):
+            for i in range(states(shape)):
                 for p in range(f.T.shape[0]):
                     k[i] += f.b[i, p] * f.T[p]
 
@@ -197,10 +190,10 @@ def rate(shape, f, bent, x, k):
 def guard(shape, f, bent, g, x):
     """Guard g at x."""
     value = 0.0
-    for j in range(len(shape)):
+    for j in range(states(shape)):
         value += f.G[g, j] * x[j]
-    if bent is not None:
+    if bent:
         if f.needs[g]:
-            forces(f, x)
+            inputs(f.t, f.slot, x, f.T, f.scratch)
             value += dot(f.GT[g], f.T)
     return value

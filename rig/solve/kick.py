@@ -25,12 +25,13 @@ from numpy.typing import NDArray
 
 from rig.kernel import inlined, inner
 from rig.solve import expm, ledger
-from rig.solve.books import lend_books, read
+from rig.solve.books import read
 from rig.solve.emit import crowded, emit_chord
 from rig.solve.forces import ROUND, rounding
 from rig.solve.formulation import ModeSet
 from rig.solve.lanes import BLOCK, blocks, gather, multiply, zeros
 from rig.solve.products import PRESS, Factor, Product
+from rig.solve.records import KEY, PLACE, REACHED, TICK
 from rig.solve.settle import passed
 from rig.solve.system import Normal, System
 
@@ -97,11 +98,13 @@ def _whole(columns: int) -> int:
     return -(-columns // BLOCK) * BLOCK
 
 
-def empty(system: System, guards: int) -> Flow:
-    """Tables without a slot, for a system of `pressed` with at most so many guards."""
-    n, P, points = system.n, len(system.patches), len(system.products)
+def empty(system: System | None, guards: int) -> Flow:
+    """Tables without a slot, for a system of `pressed` with at most so many guards; of no length for None."""
+    n, nq, P, points = 0, 0, 0, 0
+    if system is not None:
+        n, nq, P, points = system.n, len(system.coordinates), len(system.patches), len(system.products)
     rows = guards + 2 * P
-    width = _whole(len(system.coordinates) + rows + guards + P + n)
+    width = _whole(nq + rows + guards + P + n)
     return Flow(
         step=zeros((0, _whole(n) // BLOCK, n, BLOCK)),
         look=zeros((0, _whole(points + rows) // BLOCK, n, BLOCK)),
@@ -231,30 +234,33 @@ def fell(own, t, slot, nq, x):
 
 
 @inlined
-def tell(own, b, x, values):
+def tell(own, t, slot, T, x, values):
     """What the sensors read at x, where `press` has just been asked; laws over speed there are none."""
-    patches = b.T.shape[0] - own.force.shape[0]
+    patches = T.shape[0] - own.force.shape[0]
     for p in range(patches):
-        b.T[p] = 0.0
+        T[p] = 0.0
     for k in range(own.force.shape[0]):
-        b.T[patches + k] = own.force[k]
-    read(b, x, values)
+        T[patches + k] = own.force[k]
+    read(t, slot, T, x, values)
 
 
 @inner
-def stretch(shape, t, own, slot, ic, fc, x, w, origin, ticks, substeps, out, modes, energy, booking, emitting, seg):
-    """Carry x until an event or the end of the ticks asked for, `substeps` steps a tick. Returns the guard or -1."""
+def stretch(shape, t, w, state, log, seg, plan, ticks):
+    """Part: carry the state until an event or the end of the ticks asked for. Returns the guard or -1."""
+    own, ic, fc, x, energy = t.flow, state.ic, state.fc, state.x, state.energy
+    substeps, booking, emitting, origin = plan.substeps, plan.booking, plan.emitting, ic[REACHED]
+    slot = t.slot_of[ic[KEY]]
     n, nq, patches, points = x.shape[0], t.force.shape[0], t.slip.shape[0], own.force.shape[0]
     h = t.step[0] / substeps
-    b, begin, end = lend_books(t, slot, w.T), w.values[0], w.values[1]
+    begin, end = w.values[0], w.values[1]
     given, seen, moved = own.given, own.seen, own.moved
-    tick, done, fallen = ic[0], int(fc[0] * substeps + 0.5), -1
+    tick, done, fallen = ic[TICK], int(fc[PLACE] * substeps + 0.5), -1
     press(own, slot, x)
     fell(own, t, slot, nq, x)  # where the guards begin
     if booking:
         book(own, nq, patches, x, 0.5 * h, 0.25 * h, energy)
     if emitting:
-        tell(own, b, x, begin)
+        tell(own, t, slot, w.T, x, begin)
     while tick < ticks and fallen < 0 and not (emitting and crowded(t, slot, seg, ticks - tick)):
         for i in range(nq):
             x[nq + i] += 0.5 * h * given[i]
@@ -277,7 +283,7 @@ def stretch(shape, t, own, slot, ic, fc, x, w, origin, ticks, substeps, out, mod
         if booking:
             book(own, nq, patches, x, h, 0.0, energy)
         if emitting:
-            tell(own, b, x, end)
+            tell(own, t, slot, w.T, x, end)
             emit_chord(begin, end, (tick - origin) * t.step[0] + done * h, h, seg)
             for s in range(begin.shape[0]):
                 begin[s] = end[s]
@@ -285,12 +291,12 @@ def stretch(shape, t, own, slot, ic, fc, x, w, origin, ticks, substeps, out, mod
         done += 1
         if done == substeps:
             for i in range(n):
-                out[tick, i] = x[i]
-            modes[tick] = slot
+                log.out[tick, i] = x[i]
+            log.modes[tick] = slot
             tick, done = tick + 1, 0
     if booking:  # the kick that begins the next step is not of this stretch
         book(own, nq, patches, x, -0.5 * h, 0.25 * h, energy)
-    ic[0], fc[0] = tick, done / substeps
+    ic[TICK], fc[PLACE] = tick, done / substeps
     if fallen >= 0:
         passed(t, slot, fallen, ic, x)
     return fallen

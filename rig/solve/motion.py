@@ -17,9 +17,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import Chatter, Diverged, Jammed, NumericsError
-from rig.kernel import bundle, entry
+from rig.kernel import entry
+from rig.loan import Loan
 from rig.solve import ledger
-from rig.solve.carry import (
+from rig.solve.carry import TALLIED, advance, evaluate
+from rig.solve.emit import empty_segments
+from rig.solve.method import seen
+from rig.solve.plan import plan
+from rig.solve.records import (
+    BEGUN,
     BEYOND,
     COUNTERS,
     EVENTS,
@@ -28,26 +34,23 @@ from rig.solve.carry import (
     PAST,
     PENDING,
     PLACE,
+    PLACES,
     REACHED,
-    TALLIED,
     TICK,
     TRIALS,
     TRY,
+    Carried,
     Log,
+    Plan,
     State,
     Work,
-    advance,
-    evaluate,
     workspace,
 )
-from rig.solve.emit import empty_segments
-from rig.solve.method import seen
-from rig.solve.settle import BEGUN, CHATTER, DONE, JAM, LOOK, LOST, NEED, OVERFULL, SETTLE, START
+from rig.solve.settle import CHATTER, DONE, JAM, LOOK, LOST, NEED, OVERFULL, SETTLE, START
 from rig.solve.singular import singular
 from rig.solve.slots import Slots
 from rig.solve.springs import Springs
 from rig.solve.system import System
-from rig.solve.tables import UNROLLED
 from rig.solve.verdict import blame
 
 Array = NDArray[np.float64]
@@ -73,8 +76,7 @@ class Ready(NamedTuple):
     outputs: list[dict[str, float]]
     slots: Slots
     work: Work
-    shape: Any
-    how: tuple[Any, ...]
+    plan: Plan
     told: Callable[[int, int], str]
     now: tuple[Array, NDArray[np.int64], Array]
     carry: Callable[..., int] | None
@@ -139,7 +141,7 @@ class Motion:
         system = self.system
         self.state = State(
             ic=np.zeros(COUNTERS, dtype=np.int64),
-            fc=np.zeros(2),
+            fc=np.zeros(PLACES),
             x=system.start.copy(),
             energy=np.zeros(ledger.TERMS),
             edges=np.zeros(1),
@@ -191,23 +193,12 @@ class Motion:
         system = seen(system, self.method, self.smoothing)
         kicks = self.substeps if self.method == "kick" else 0
         slots = Slots(system, self.step_ns * 1e-9, outputs, self._read, kicks)
-        few = system.n <= UNROLLED
-        how = (
-            None if few else True,
-            None if system.linear else self.tolerance,
-            self.substeps if self.method in ("rk4", "kick") else None,
-            self.booking,
-            self._read > 0,
-            self.limit,
-            *self._more,
-        )
         return Ready(
             system,
             outputs,
             slots,
             workspace(system, self._read, slots.tables.G.shape[1]),
-            (0.0,) * system.n if few else np.zeros(system.n),
-            how,
+            plan(system, self.method, self.substeps, self.tolerance, self.booking, self._read > 0, self.limit),
             cache(system.happens),
             (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((1, len(outputs)))),
             None,
@@ -215,13 +206,7 @@ class Motion:
 
     def _take(self, made: Ready) -> None:
         self.system, self._outputs, self.slots, self.work = made.system, made.outputs, made.slots, made.work
-        self._shape, self._how, self._told, self._now, self._carry = (
-            made.shape,
-            made.how,
-            made.told,
-            made.now,
-            made.carry,
-        )
+        self.plan, self._told, self._now, self._carry = made.plan, made.told, made.now, made.carry
 
     def ready(self, system: System, outputs: list[dict[str, float]] | None = None) -> Ready:
         """Another system, made ready for `replace` with the mode sets that this motion has met.
@@ -238,7 +223,7 @@ class Motion:
             _add(made.slots, made.system.taken_over(old, known))
         if self._foresees:
             _foreseen(made.slots, made.system.taken_over(old, key), (), self._foresees)
-        carry = entry(self._kernel, made.shape, made.slots.handle, self._lent, True, 0, 0, *made.how)
+        carry = entry(self._kernel, made.slots.handle, self.loan, True, 0, 0, *self._more)
         return made._replace(carry=carry)
 
     def _room(self, rows: int, ticks: int) -> None:
@@ -254,7 +239,7 @@ class Motion:
         self._lend()
 
     def _lend(self) -> None:
-        self._lent = bundle((self.work, self.state, self.log, self.segments))
+        self.loan = Loan(Carried(self.work, self.state, self.log, self.segments, self.plan))
 
     @property
     def x(self) -> Array:
@@ -375,10 +360,10 @@ class Motion:
         return int(self.state.ic[BEYOND])
 
     def _run(self, first: int, last: int) -> bool:
-        shape, how = self._shape, self._how
+        more = self._more
         if self._carry is None:
-            self._carry = entry(self._kernel, shape, self.slots.handle, self._lent, True, first, last, *how)
-        status = self._carry(shape, self.slots.handle, self._lent, True, first, last, *how)
+            self._carry = entry(self._kernel, self.slots.handle, self.loan, True, first, last, *more)
+        status = self._carry(self.slots.handle, self.loan, True, first, last, *more)
         while status == NEED or (status == OVERFULL and 2 * len(self.segments.start) <= MOST_SEGMENTS):
             if status == NEED:
                 try:
@@ -389,7 +374,7 @@ class Motion:
                     raise (Jammed if error.jams else NumericsError)(error.why, *self._where()) from None
             else:
                 self._more_segments()
-            status = self._carry(shape, self.slots.handle, self._lent, False, first, last, *how)
+            status = self._carry(self.slots.handle, self.loan, False, first, last, *more)
         self._reached(first, last if status == DONE else int(self.state.ic[REACHED]))
         if status not in (DONE, LOOK):
             self._stop(status)
@@ -449,7 +434,7 @@ class Motion:
     def outputs_at(self, states: Array, slots: NDArray[np.int64]) -> Array:
         """Every output [state, output] at `states` [state, n], each in the mode set of its slot."""
         values = np.zeros((len(states), len(self._outputs)))
-        evaluate(self.slots.handle, self._lent, states, slots, values)
+        evaluate(self.slots.handle, self.loan, states, slots, values)
         return values
 
     def outputs_now(self) -> Array:
@@ -457,7 +442,7 @@ class Motion:
         states, slots, values = self._now
         states[0] = self.state.x
         slots[0] = self.slots.tables.slot_of[self.state.ic[KEY]]
-        evaluate(self.slots.handle, self._lent, states, slots, values)
+        evaluate(self.slots.handle, self.loan, states, slots, values)
         return values[0]  # type: ignore[no-any-return]
 
     @property

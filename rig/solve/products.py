@@ -62,16 +62,10 @@ class Products(NamedTuple):
     pressed: Array  # [press]
     normal: Array  # [normal]
     friction: Array  # [patch]
-    press: Array  # [slot, normal, n] rows of the closed normal forces (see slots.Tables)
-    press_t: Array  # [slot, normal, input]
-    rub: Array  # [slot, patch, n] rows of the friction forces
-    rub_t: Array  # [slot, patch, input]
 
 
-def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> Products | None:
-    """The arrays of `products`, which are in the order of their levels; None without any, so that kernels drop them."""
-    if not products:
-        return None
+def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> Products:
+    """The arrays of `products`, which are in the order of their levels."""
     angles: list[Array] = []
     presses: list[Array] = []
     kind, index, first = [], [], [0]
@@ -100,10 +94,6 @@ def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> P
         pressed=np.zeros(len(presses)),
         normal=np.zeros(normals),
         friction=np.zeros(patches),
-        press=np.zeros((0, normals, n)),
-        press_t=np.zeros((0, normals, patches + len(products))),
-        rub=np.zeros((0, patches, n)),
-        rub_t=np.zeros((0, patches, patches + len(products))),
     )
 
 
@@ -116,8 +106,9 @@ def _row(row, x):
 
 
 @inner
-def _fill(p, begin, end, x, T):
+def _fill(t, begin, end, x, T):
     """T of the products `begin` to `end`."""
+    p = t.products
     for j in range(begin, end):
         value = 1.0
         for f in range(p.first[j], p.first[j + 1]):
@@ -138,9 +129,10 @@ def _fill(p, begin, end, x, T):
 
 
 @inner
-def early(p, slot, x, T):
+def early(t, slot, x, T):
     """T of the products of levels 0 and 1; 0 for what is not known yet, which rows sum over."""
-    if p is None:
+    p = t.products
+    if p.upto[2] == 0:
         return
     for i in range(T.shape[0]):
         T[i] = 0.0
@@ -150,22 +142,21 @@ def early(p, slot, x, T):
         p.sine[a], p.versine[a] = np.sin(angle), -2.0 * half * half
     for a in range(p.presses.shape[0]):
         p.pressed[a] = max(_row(p.presses[a], x), 0.0)
-    _fill(p, 0, p.upto[0], x, T)
+    _fill(t, 0, p.upto[0], x, T)
     if p.upto[2] > p.upto[0]:
         for k in range(p.normal.shape[0]):
-            p.normal[k] = _row(p.press[slot, k], x) + _row(p.press_t[slot, k], T)
-        _fill(p, p.upto[0], p.upto[1], x, T)
+            p.normal[k] = _row(t.press[slot, k], x) + _row(t.press_t[slot, k], T)
+        _fill(t, p.upto[0], p.upto[1], x, T)
 
 
 @inner
-def late(p, slot, x, T):
+def late(t, slot, x, T):
     """T of the products of level 2."""
-    if p is None:
-        return
+    p = t.products
     if p.upto[2] > p.upto[1]:
         for q in range(p.friction.shape[0]):
-            p.friction[q] = _row(p.rub[slot, q], x) + _row(p.rub_t[slot, q], T)
-        _fill(p, p.upto[1], p.upto[2], x, T)
+            p.friction[q] = _row(t.friction[slot, q], x) + _row(t.friction_t[slot, q], T)
+        _fill(t, p.upto[1], p.upto[2], x, T)
 
 
 def tangent(

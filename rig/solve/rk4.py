@@ -6,17 +6,22 @@ the reason it is not the default. It serves comparison, and it serves every mode
 
 from __future__ import annotations
 
-from rig.kernel import inlined, inner, local
-from rig.solve.books import book, lend_books, read
+from rig.kernel import inlined, inner
+from rig.loan import lent
+from rig.solve.books import book, read
 from rig.solve.emit import crowded, emit_quartic
-from rig.solve.forces import forces, guard, lend, rate, rounding
+from rig.solve.forces import guard, inputs, lend, rate, rounding
+from rig.solve.leaf import bends, call, local, states
+from rig.solve.records import FELL, KEY, LENGTH, PLACE, REACHED, TICK
 from rig.solve.settle import land, passed
+
+ENDED, ASKS = range(2)  # what the leaf returns
 
 
 @inlined
 def move(shape, f, bent, k, x, h, y, z):
     """One step of length h from x, whose derivative k[0] is known: its end y; z is scratch."""
-    n = len(shape)
+    n = states(shape)
     for stage in range(3):
         reach = h if stage == 2 else 0.5 * h
         for i in range(n):
@@ -27,11 +32,11 @@ def move(shape, f, bent, k, x, h, y, z):
 
 
 @inner
-def noise(f, g, x):
-    """Size of the rounding error of guard g at x, whose inputs are f.T where the guard needs them."""
-    size = rounding(f.G[g], x)
-    if f.needs[g]:
-        size = max(size, rounding(f.GT[g], f.T))
+def noise(row, row_t, needs, x, T):
+    """Size of the rounding error of a guard at x, whose inputs are T where it `needs` them."""
+    size = rounding(row, x)
+    if needs:
+        size = max(size, rounding(row_t, T))
     return size
 
 
@@ -41,12 +46,15 @@ def fell(shape, f, bent, x, y):
     fallen = -1
     for g in range(f.G.shape[0]):
         if fallen < 0 and guard(shape, f, bent, g, y) <= 0.0:
-            if guard(shape, f, bent, g, x) > noise(f, g, x) or guard(shape, f, bent, g, y) < -noise(f, g, y):
+            before = guard(shape, f, bent, g, x)
+            if before > noise(f.G[g], f.GT[g], f.needs[g], x, f.T):
+                fallen = g
+            elif guard(shape, f, bent, g, y) < -noise(f.G[g], f.GT[g], f.needs[g], y, f.T):
                 fallen = g
     return fallen
 
 
-@inner
+@inlined
 def bisect(shape, f, bent, x, h, w):
     """Shorten the step from x until the first guard is zero to rounding: its length and that guard; the end in w.y."""
     k, y, z = local(shape, w.k), local(shape, w.y), local(shape, w.y2)
@@ -62,81 +70,126 @@ def bisect(shape, f, bent, x, h, w):
         else:
             low = middle
     move(shape, f, bent, k, x, high, y, z)
-    for i in range(len(shape)):
+    for i in range(states(shape)):
         w.y[i] = y[i]
     return high, max(fell(shape, f, bent, x, y), 0)
 
 
-@inner
+@inlined
 def between(shape, k, x, y, h, u, z):
     """Z = the cubic through x and y with the slopes k[0] and k[1], at u."""
     a, b = 2.0 * u * u * u - 3.0 * u * u + 1.0, u * u * u - 2.0 * u * u + u
     c, d = 1.0 - a, u * u * u - u * u
-    for i in range(len(shape)):
+    for i in range(states(shape)):
         z[i] = a * x[i] + c * y[i] + h * (b * k[0, i] + d * k[1, i])
 
 
-@inner
-def observe(shape, f, b, bent, x, h, w, start, booking, energy, emitting, seg):
-    """Energy (Simpson) and signals along a step from x to w.y."""
+@inlined
+def observe(shape, f, w, energy, seg, plan, h, start):
+    """Energy (Simpson) and signals along a step of length h to w.y, from w.x0."""
+    x, bent, booking, emitting = w.x0, plan.bends, plan.booking, plan.emitting
     rate(shape, f, bent, x, w.k[0])
     rate(shape, f, bent, w.y, w.k[1])
     for q in range(5):
         between(shape, w.k, x, w.y, h, 0.25 * q, w.y2)
-        forces(f, w.y2)
+        inputs(f.t, f.slot, w.y2, w.T, w.scratch)
         if booking and q % 2 == 0:
-            book(b, w.y2, (4.0 if q == 2 else 1.0) * h / 6.0, energy)
+            book(f.t, f.slot, w.T, w.y2, (4.0 if q == 2 else 1.0) * h / 6.0, energy)
         if emitting:
-            read(b, w.y2, w.values[q])
+            read(f.t, f.slot, w.T, w.y2, w.values[q])
     if emitting and h > 0.0:
         emit_quartic(w.values, start, h, seg)
 
 
-@inner
-def stretch(shape, t, slot, ic, fc, x, w, origin, ticks, substeps, out, modes, energy, booking, emitting, seg, bent):
-    """Carry x until an event or the end of the ticks asked for, `substeps` steps a tick. Returns the guard or -1.
+@inlined
+def next_step(place, substeps, full):
+    """From `place` in a tick: the number of the step that ends next, and how long it is to there."""
+    position = place * substeps
+    whole = int(position + 1e-12) + 1
+    return whole, full if position - (whole - 1) <= 1e-12 else (whole - position) * full
 
-    `bent`: None for a system that is linear in every mode set.
+
+@inner
+def steps(shape, t, w, state, log, seg, plan, ticks):
+    """Leaf: steps on from state.x until the ticks end or somebody has to look at one.
+
+    ASKS: its end is w.y, its length fc[LENGTH], the guard that fell in it ic[FELL]; state, tick and place are those of
+    its begin.
     """
-    n = len(shape)
-    full = t.step[0] / substeps
-    f, b = lend(t, slot, w.T, w.scratch), lend_books(t, slot, w.T)
-    k, y, z = local(shape, w.k), local(shape, w.y), local(shape, w.y2)
-    tick, place = ic[0], fc[0]
-    fallen = -1
-    while tick < ticks and fallen < 0 and not (emitting and crowded(t, slot, seg, ticks - tick)):
-        position = place * substeps
-        whole = int(position + 1e-12) + 1
-        h = full if position - (whole - 1) <= 1e-12 else (whole - position) * full
-        rate(shape, f, bent, x, k[0])
-        move(shape, f, bent, k, x, h, y, z)
-        fallen = fell(shape, f, bent, x, y)
-        length = h
-        if fallen >= 0:
-            length, fallen = bisect(shape, f, bent, x, h, w)
-            for i in range(n):
-                y[i] = w.y[i]
-        if booking or emitting:
+    n, looked, bent = states(shape), plan.booking or plan.emitting, bends(shape)
+    ic, fc, x, substeps, out = state.ic, state.fc, state.x, plan.substeps, log.out
+    full, slot = t.step[0] / substeps, t.slot_of[ic[KEY]]
+    f = lend(t, slot, w.T, w.scratch)
+    k, y, z, here = local(shape, w.k), local(shape, w.y), local(shape, w.y2), local(shape, w.x0)
+    tick, place, ends = ic[TICK], fc[PLACE], ENDED
+    for i in range(n):
+        here[i] = x[i]
+    whole, h = next_step(place, substeps, full)
+    while tick < ticks:
+        rate(shape, f, bent, here, k[0])
+        move(shape, f, bent, k, here, h, y, z)
+        fallen = fell(shape, f, bent, here, y)
+        if looked or fallen >= 0:
+            ic[FELL], fc[LENGTH], ends = fallen, h, ASKS
             for i in range(n):
                 w.y[i] = y[i]
-            start = (tick - origin + place) * t.step[0]
-            observe(shape, f, b, bent, x, length, w, start, booking, energy, emitting, seg)
+            break
         for i in range(n):
-            x[i] = y[i]
-        if bent is not None and t.stuck[slot]:
+            here[i] = y[i]
+        if bent and t.stuck[slot]:
+            for i in range(n):
+                x[i] = here[i]
             land(t, slot, x, w.copy)
-        reached = position + length / full
+            for i in range(n):
+                here[i] = x[i]
+        place = whole / substeps
+        if whole >= substeps:
+            for i in range(n):
+                out[tick, i] = here[i]
+            log.modes[tick] = slot
+            tick, place, whole = tick + 1, 0.0, 0
+        whole, h = whole + 1, full
+    ic[TICK], fc[PLACE] = tick, place
+    for i in range(n):
+        x[i] = here[i]
+    return ends
+
+
+@inner
+def stretch(shape, t, w, state, log, seg, plan, ticks):
+    """Part: carry the state until an event or the end of the ticks asked for. Returns the guard or -1."""
+    ic, fc, x, substeps, bent = state.ic, state.fc, state.x, plan.substeps, plan.bends
+    n, full, origin = x.shape[0], t.step[0] / plan.substeps, ic[REACHED]
+    slot = t.slot_of[ic[KEY]]
+    f = lent(lend(t, slot, w.T, w.scratch))
+    fallen = -1
+    while ic[TICK] < ticks and fallen < 0 and not (plan.emitting and crowded(t, slot, seg, ticks - ic[TICK])):
+        if call(plan.steps, shape, t, w, state, log, seg, plan, ticks) == ENDED:
+            break
+        tick, place, length, fallen = ic[TICK], fc[PLACE], fc[LENGTH], ic[FELL]
+        if fallen >= 0:
+            length, fallen = bisect(shape, f, bent, x, length, w)
+        if plan.booking or plan.emitting:
+            start = (tick - origin + place) * t.step[0]
+            for i in range(n):
+                w.x0[i] = x[i]
+            observe(shape, f, w, state.energy, seg, plan, length, start)
+        for i in range(n):
+            x[i] = w.y[i]
+        if bent and t.stuck[slot]:
+            land(t, slot, x, w.copy)
+        whole, _ = next_step(place, substeps, full)
+        reached = place * substeps + length / full
         if fallen >= 0 and reached < substeps - 1e-12:
             place = reached / substeps
         elif whole >= substeps:
             for i in range(n):
-                out[tick, i] = x[i]
-            modes[tick] = slot
-            tick += 1
-            place = 0.0
+                log.out[tick, i] = x[i]
+            log.modes[tick] = slot
+            tick, place = tick + 1, 0.0
         else:
             place = whole / substeps
-    ic[0], fc[0] = tick, place
+        ic[TICK], fc[PLACE] = tick, place
     if fallen >= 0:
         passed(t, slot, fallen, ic, x)
     return fallen

@@ -13,6 +13,7 @@ from rig.kernel import inlined, inner
 from rig.solve.forces import ROUND, dot, inputs, rounding
 from rig.solve.laws import SMOOTH
 from rig.solve.ledger import SWITCH, held
+from rig.solve.records import BEGUN, KEY, PENDING
 from rig.solve.system import (
     G_CLOSE,
     G_LIMIT_BACK,
@@ -29,7 +30,6 @@ from rig.solve.system import (
 # What a kernel returns. NEED: a mode set; OVERFULL: more room for segments; LOOK: done, maybe early.
 DONE, NEED, CHATTER, JAM, LOST, OVERFULL, LOOK = range(7)
 READY, SETTLE, LAND, START, THROWN = range(5)  # what a run has to do first
-BEGUN = 10  # of ic (see carry.State): the mode set of which settling has begun, -1 when it is done
 
 _SLACK = 1e-9  # a contact that slips and sticks in the same instant may hold this much more
 
@@ -132,10 +132,10 @@ def passed(t, slot, guard, ic, x):
     A place that rounding has left short of the edge is put on it, or its new sector would be left at once. Beyond the
     ends of the range of sectors the place is moved by a period.
     """
-    kind, owner, key = t.kind[slot, guard], t.owner[slot, guard], ic[1]
-    ic[2] = LAND
+    kind, owner, key = t.kind[slot, guard], t.owner[slot, guard], ic[KEY]
+    ic[PENDING] = LAND
     if kind < G_NEXT:
-        ic[1] = transition(kind, owner, t.slip.shape[0], t.of_patch.shape[0], key)
+        ic[KEY] = transition(kind, owner, t.slip.shape[0], t.of_patch.shape[0], key)
         return
     base, count = of_sector(t, owner), t.sectors[owner]
     mode = digit(key, base, count) + (1 if kind == G_NEXT else -1)
@@ -148,10 +148,10 @@ def passed(t, slot, guard, ic, x):
     elif mode < 0:
         mode = count - 1
         x[t.turn[owner]] += t.edges[owner, count]
-    ic[1] = with_digit(key, base, count, mode)
+    ic[KEY] = with_digit(key, base, count, mode)
 
 
-@inner
+@inlined
 def place(t, key, x):
     """The key with every sector where x is."""
     for s in range(t.sectors.shape[0]):
@@ -162,7 +162,7 @@ def place(t, key, x):
     return key
 
 
-@inner
+@inlined
 def turns_back(t, slot, p, sign, x, T):
     """Whether dw/dt of patch p, which is to slip along `sign` from w = 0, clearly points the other way."""
     rate, size = 0.0, 0.0
@@ -227,15 +227,15 @@ def disagreement(t, slot, key, begun, x, size, T, slack):
     return -1
 
 
-@inner
+@inlined
 def settle(t, ic, x, size, T, scratch, copy, repeat, energy):
-    """Bring the modes of `ic` (see motion: key, pending work) into agreement with x. Returns DONE, NEED or JAM.
+    """Bring the modes of `ic` (see records.State) into agreement with x. Returns DONE, NEED or JAM.
 
     `size` holds the largest sizes of the states so far: a slip speed that is only their rounding is none, also where
     belt and body have come to rest. `repeat`: the same contact has just changed twice in one instant; sticking may
     then hold a little more. `energy`: of the ledger.
     """
-    key, pending = ic[1], ic[2]
+    key, pending = ic[KEY], ic[PENDING]
     for i in range(x.shape[0]):
         size[i] = max(size[i], abs(x[i]))
     if pending == START:
@@ -250,7 +250,7 @@ def settle(t, ic, x, size, T, scratch, copy, repeat, energy):
     for _ in range(4 * (t.slip.shape[0] + t.of_patch.shape[0]) + 12):
         slot = t.slot_of[key]
         if slot < 0:
-            ic[1], ic[2], ic[BEGUN] = key, pending, begun
+            ic[KEY], ic[PENDING], ic[BEGUN] = key, pending, begun
             return NEED
         if pending != SETTLE:
             if t.lands[slot]:
@@ -265,11 +265,11 @@ def settle(t, ic, x, size, T, scratch, copy, repeat, energy):
                 T[p] = 0.0
         new = disagreement(t, slot, key, begun, x, size, T, slack)
         if new < 0:
-            ic[1], ic[2], ic[BEGUN] = key, READY, -1
+            ic[KEY], ic[PENDING], ic[BEGUN] = key, READY, -1
             return DONE
         for p in range(t.slip.shape[0]):  # a patch that has just begun to stick lands
             if digit(new, of_patch(p), 3) == STICK and digit(key, of_patch(p), 3) != STICK:
                 pending = LAND
         key = new
-    ic[1], ic[BEGUN] = key, -1
+    ic[KEY], ic[BEGUN] = key, -1
     return JAM

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import bundle
+from rig.loan import Loan
 from rig.solve import expm, kick, laws, wide
 from rig.solve.formulation import ModeSet, assemble
 from rig.solve.lanes import zeros
@@ -19,7 +19,7 @@ from rig.solve.ledger import NODES, TERMS, at_nodes, damping, gathered, loss_row
 from rig.solve.roots import DEGREE
 from rig.solve.signals import signal_rows
 from rig.solve.system import STICK, System
-from rig.solve.tables import empty
+from rig.solve.tables import UNROLLED, empty
 
 Array = NDArray[np.float64]
 _SAMPLES = 128
@@ -36,7 +36,7 @@ class Slots:
 
         `kicks`: steps of the method kick in a `step`; 0 for other methods.
         """
-        self.read, self._kicks = read, kicks
+        self.read, self._kicks, self._wide = read, kicks, system.n > UNROLLED
         self.system = system
         self.step = step
         self.rows = signals
@@ -44,7 +44,7 @@ class Slots:
         self.sticks: list[bool] = []
         """Whether every patch sticks, by slot."""
         self.tables = empty(system, step, len(signals), read, kicks)
-        self.handle = bundle(self.tables)
+        self.handle = Loan(self.tables)
 
     @property
     def keys(self) -> tuple[int, ...]:
@@ -59,7 +59,7 @@ class Slots:
         g = t.G.shape[1]
         guards = _padded(modes.guards, g)
         E = expm.ladder(modes.A, self.step)
-        if t.wide is None:
+        if not self._wide:
             order, nodes = (
                 expm.order(modes.A, self.step),
                 at_nodes(modes.A, modes.landing, self.step / 2.0 ** (len(E) - 1)),
@@ -70,7 +70,7 @@ class Slots:
             order, nodes = DEGREE, wide.at(NODES, terms) @ modes.landing
         E = (modes.landing - np.eye(system.n)) + modes.landing @ E @ modes.landing
         bounds, slopes = np.zeros((2, g, system.n))
-        if t.wide is None or len(E) > 1:
+        if not self._wide or len(E) > 1:
             bounds, slopes = _bounds(modes.A, guards, self.step)
         forms = powers(system, modes)
         integrals = work(nodes, forms, self.step, E)
@@ -85,7 +85,7 @@ class Slots:
                 load_t[contact.patch] += modes.normal_t[k]
         rows, rows_t = signal_rows(system, modes, self.rows)
         broad: dict[str, Array] = {}
-        if t.wide is not None:
+        if self._wide:
             broad = wide.tables(terms, E, modes.landing, guards, bounds, rows, self.read)
         slot_of = t.slot_of.copy()
         slot_of[key] = len(self.sets)
@@ -135,20 +135,13 @@ class Slots:
         }
         at = len(self.sets)
         stacked: dict[str, Any] = {name: _put(getattr(t, name), at, new[name]) for name in new}
-        if t.products is not None:
-            stacked["products"] = t.products._replace(
-                press=stacked["press"],
-                press_t=stacked["press_t"],
-                rub=stacked["friction"],
-                rub_t=stacked["friction_t"],
-            )
-        if t.wide is not None:
+        if self._wide:
             stacked["wide"] = t.wide._replace(**{name: _put(getattr(t.wide, name), at, broad[name]) for name in broad})
-        if t.flow is not None:
+        if self._kicks:
             own = kick.tables(system, modes, forms, self.step / self._kicks, g)
             stacked["flow"] = t.flow._replace(**{name: _put(getattr(t.flow, name), at, own[name]) for name in own})
         self.tables = t._replace(slot_of=slot_of, **stacked)
-        self.handle = bundle(self.tables)
+        self.handle = Loan(self.tables)
         self.sets.append(modes)
         self.sticks.append(all(mode == STICK for mode in patch_modes))
         return modes
@@ -156,9 +149,9 @@ class Slots:
     def take(self) -> Array:
         """What kernels have booked as sums over states since the last call, [term]; the rest they have worked out."""
         t, count, total = self.tables, len(self.sets), np.zeros(TERMS)
-        if t.wide is not None:
+        if self._wide:
             total += wide.take(t.wide, count, t.work[:, 0], t.powers)
-        if t.flow is not None:
+        if self._kicks:
             total += gathered(t.flow.work, t.flow.whole, count)
         return total
 

@@ -8,15 +8,17 @@ asked as it is.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import inlined, inner, local
+from rig.kernel import fused, inlined, inner
 from rig.solve.exponential import factors
-from rig.solve.forces import rate
+from rig.solve.forces import lend, rate
 from rig.solve.laws import STRIBECK, coefficient
+from rig.solve.leaf import call, local, multiplies, states
+from rig.solve.records import KEY
 
 Array = NDArray[np.float64]
 
@@ -35,18 +37,25 @@ class Rub(NamedTuple):
     bear: Array
     bear_x: Array
     bear_f: float
-    at: Array  # scratch [n], lent to others
-    rates: Array  # the same
+    at: Array  # scratch [n]: where `whole` is asked for the derivative, and
+    rates: Array  # what it answers
+    t: Any  # what it is lent, as all parts are (rig.solve.leaf)
+    w: Any
+    state: Any
+    log: Any
+    seg: Any
+    plan: Any
 
 
 @inlined
-def rubbing(shape, f, w):
-    """The patch of field f; `w`: Workspace."""
-    n = len(shape)
+def rubbing(shape, f, t, w, state, log, seg, plan):
+    """The patch of field f; the others as parts are lent them."""
+    n = states(shape)
     ask, bear = local(shape, w.ask), local(shape, w.bear)
     ask_x, bear_x = local(shape, w.ask_x), local(shape, w.bear_x)
     ask_f, bear_f = 0.0, 0.0
-    alone = f.products is None and f.sigma.shape[0] == 1 and f.sigma[0] != 0.0 and f.code[0] != 0 and not f.coupled
+    single = not multiplies(shape) and f.sigma.shape[0] == 1 and not f.coupled
+    alone = single and f.sigma[0] != 0.0 and f.code[0] != 0
     if alone:
         scale = -f.numbers[0, 2] if f.code[0] == STRIBECK else 1.0
         for i in range(n):
@@ -58,13 +67,15 @@ def rubbing(shape, f, w):
             for i in range(n):
                 ask_x[i] += ask[j] * f.A[j, i]
                 bear_x[i] += bear[j] * f.A[j, i]
-    return Rub(alone, ask, ask_x, ask_f, bear, bear_x, bear_f, w.at, w.rates)
+    return Rub(alone, ask, ask_x, ask_f, bear, bear_x, bear_f, w.at, w.rates, t, w, state, log, seg, plan)
 
 
 @inner
-def whole(shape, f, x, k):
-    """The derivative k at x, whatever the rig."""
-    rate(shape, f, True, x, k)
+def whole(shape, t, w, state, log, seg, plan, ticks):
+    """Part: the derivative w.rates at w.at, whatever the rig. A rig of one patch does not ask for it."""
+    f = lend(t, t.slot_of[state.ic[KEY]], w.T, w.scratch)
+    rate(shape, f, True, w.at, w.rates)
+    return 0
 
 
 @inlined
@@ -72,7 +83,7 @@ def begin(shape, rub, k):
     """What `stage` takes as `late`, where k[0] is complete: no force, and how what is asked and the load change."""
     asked, borne = 0.0, 0.0
     if rub.alone:
-        for i in range(len(shape)):
+        for i in range(states(shape)):
             asked += rub.ask[i] * k[0, i]
             borne += rub.bear[i] * k[0, i]
     return 0.0, asked, borne
@@ -82,18 +93,18 @@ def begin(shape, rub, k):
 def complete(shape, f, rub, k, last, late):
     """Add to derivative k[last] the force that it is without."""
     if rub.alone:
-        for i in range(len(shape)):
+        for i in range(states(shape)):
             k[last, i] += f.b[i, 0] * late[0]
 
 
-@inlined
+@fused
 def stage(shape, f, rub, reach, z, k, last, late):
     """Z += reach times derivative k[last], which is completed; k[last + 1] = the derivative there, to be completed.
 
     `late`: the force that k[last] is without, the rates without it of what the law is asked at and of the load.
     Returns the same for k[last + 1].
     """
-    n = len(shape)
+    n = states(shape)
     force, asked, borne = 0.0, 0.0, 0.0
     if rub.alone:
         u, N = 0.0, 0.0
@@ -121,7 +132,7 @@ def stage(shape, f, rub, reach, z, k, last, late):
         for i in range(n):
             z[i] += reach * k[last, i]
             rub.at[i] = z[i]
-        whole(shape, f, rub.at, rub.rates)
+        call(rub.plan.whole, shape, rub.t, rub.w, rub.state, rub.log, rub.seg, rub.plan, 0)
         for i in range(n):
             k[last + 1, i] = rub.rates[i]
     return force, asked, borne

@@ -24,7 +24,10 @@ UNROLLED = 8
 
 
 class Tables(NamedTuple):
-    """All mode sets visited so far, stacked by slot; unknown ones have slot -1 in `slot_of`. I: number of inputs T."""
+    """All mode sets visited so far, stacked by slot; unknown ones have slot -1 in `slot_of`. I: number of inputs T.
+
+    What a rig does not have are arrays of length zero, so that all tables are of one type: kernels compile once.
+    """
 
     slot_of: NDArray[np.int32]  # [mode sets]
     depth: NDArray[np.int64]  # [slot]
@@ -87,9 +90,9 @@ class Tables(NamedTuple):
     path: Array  # [sector row, n] place
     edges: Array  # [sector row, widest + 1] the last is the period
     change: Array  # [sector row, widest, nq, nq] what a sector adds to the stiffness; no row where none does
-    products: Products | None
-    wide: Wide | None  # of rigs with many states
-    flow: Flow | None  # of the method kick
+    products: Products
+    wide: Wide  # of rigs with many states
+    flow: Flow  # of the method kick
     step: Array  # [1] s
 
 
@@ -171,7 +174,7 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         edges=edges,
         change=change,
         products=products.pack(s.products, n, P, K),
-        wide=wide.empty(n, g, read, S) if n > UNROLLED else None,
-        flow=kick.empty(s, g) if kicks else None,
+        wide=wide.empty(n, g, read, S) if n > UNROLLED else wide.empty(0, 0, 0, 0),
+        flow=kick.empty(s, g) if kicks else kick.empty(None, 0),
         step=np.array([step]),
     )

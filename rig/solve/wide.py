@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import inner, kernel
+from rig.kernel import inlined, inner, kernel
 from rig.solve import expm
 from rig.solve.economy import bernstein, economy
 from rig.solve.forces import rounding
@@ -206,7 +206,7 @@ def quiet(t, slot, x, y, w, booking, emitting, start, seg):
     return True
 
 
-@inner
+@inlined
 def falls(t, slot, g, x, w):
     """Whether guard g falls in a tick from x on that is one cell."""
     poly = t.wide.poly
@@ -250,7 +250,7 @@ def emit(t, slot, x, cells, start, length, seg):
                 here[i] += z[i]
 
 
-@inner
+@inlined
 def expand(t, slot, x):
     """Lay down the state over a cell from x on, for `along` and `book`."""
     n, z, path = x.shape[0], t.wide.product, t.wide.path

@@ -86,7 +86,10 @@ def recorded(speed, stuck, velocity):
     """A run of the belt with a vibrometer at 1 kHz, and marks at 1 and 2 s."""
     n = len(speed)
     t_ns = np.arange(n) * 1_000_000
-    marks = [{"t_ns": t * 1_000_000_000, "kind": "mark", "text": text} for t, text in ((1, "hold"), (2, "stop"))]
+    marks = [
+        {"t_ns": t * 1_000_000_000, "source": "plant", "kind": "mark", "text": text}
+        for t, text in ((1, "hold"), (2, "stop"))
+    ]
     system = rig.load("belt").assemble().system()
     keys = {mode: system.key([mode], [CLOSED], [], []) for mode in (STICK, SLIP_PLUS)}
     return Run(

@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.kernel import kernel
+from rig.kernel import entry, kernel
 from rig.plants import PLANTS
 from rig.scenes.loader import load
-from rig.solve.exact import quiet
+from rig.solve.leaf import any_shape, call
 from rig.solve.motion import Motion
+from rig.solve.records import KEY, TICK
 from rig.solve.roots import BERNSTEIN
 from rig.solve.system import STICK
 from rig.study.bench.kernels import COULOMB, SECONDS, STEP_NS, event_times, interleaved, pendulum, run
@@ -26,8 +27,11 @@ Array = NDArray[np.float64]
 
 
 @kernel
-def _quiet_loop(shape, E, G, B, count, x, g, ticks, out):  # type: ignore[no-untyped-def]
-    return quiet(shape, E, G, B, count, x, g, ticks, out)  # type: ignore[no-untyped-call]
+def _quiet_loop(tables, loan, ticks):  # type: ignore[no-untyped-def]
+    state = loan.state
+    state.ic[TICK] = 0
+    shape = any_shape(state.x.shape[0])
+    return call(loan.plan.quiet, shape, tables, loan.work, state, loan.log, loan.segments, loan.plan, ticks)
 
 
 def twins() -> dict[str, Any]:
@@ -71,14 +75,14 @@ def _quiet(system: Any, c: Any) -> dict[str, Any]:
     x0 = motion.x.copy()
     count = int(t.guards[slot])
     E, G, B = (np.ascontiguousarray(a[slot, ...]) for a in (t.E[:, 0], t.G, t.B))
-    ticks, shape = 2000, (0.0,) * system.n
-    ours, theirs = np.zeros((ticks, system.n)), np.zeros((ticks, system.n))
+    ticks = 2000
+    ours, theirs = motion.log.out, np.zeros((ticks, system.n))
     done = {}
 
     def numba_run() -> None:
         for _ in range(50):
-            x = x0.copy()
-            done["numba"] = _quiet_loop(shape, E, G, B, count, x, G[:count] @ x, ticks, ours)  # type: ignore[no-untyped-call]
+            motion.state.x[:] = x0
+            done["numba"] = loop(motion.slots.handle, motion.loan, ticks)
 
     def c_run() -> None:
         for _ in range(50):
@@ -87,6 +91,7 @@ def _quiet(system: Any, c: Any) -> dict[str, Any]:
             done["c"] = c.quiet(_pointer(E), _pointer(G), _pointer(B), ctypes.c_int64(count), _pointer(x), _pointer(g),
                                 ctypes.c_int64(ticks), _pointer(theirs))  # fmt: skip
 
+    loop = entry(_quiet_loop, motion.slots.handle, motion.loan, ticks)
     numba_run()
     best = interleaved({"numba": numba_run, "c": c_run})
     n = done["numba"]
@@ -120,7 +125,7 @@ def _rk4(system: Any, c: Any) -> dict[str, Any]:
 
     def numba_run() -> None:
         motion.state.x[:] = x0
-        motion.state.ic[1] = key0
+        motion.state.ic[KEY] = key0
         motion.advance(ticks)
 
     def c_run() -> None:
@@ -183,7 +188,7 @@ def _exact(system: Any, c: Any) -> dict[str, Any]:
 
     def numba_run() -> None:
         motion.state.x[:], motion.work.size[:] = x0, size0
-        motion.state.ic[1] = key0
+        motion.state.ic[KEY] = key0
         motion.advance(ticks)
 
     def c_run() -> None:

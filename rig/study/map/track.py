@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 
 from rig.errors import NumericsError, Singular
 from rig.scenes.scene import Scene, plant_module
-from rig.solve.carry import EVENTS, KEY
 from rig.solve.linear import Steady, sliding_key, steady
 from rig.solve.method import chosen
 from rig.solve.motion import Motion
+from rig.solve.records import EVENTS, KEY
 from rig.solve.system import CLOSED, STICK, System
 from rig.study.axis import Axis
 from rig.study.cycle import stuck

@@ -1,0 +1,119 @@
+"""Records lent to kernels: a pointer to a named tuple of arrays and numbers, of which fields are read by name.
+
+Fifty arrays as arguments of every kernel are what compiling would spend its time on, and a call from Python 6 us. A
+`Loan` lays a record out in memory as compiled code does, word by word, and is passed as the address of that; a field
+that is a record itself is lent in the same way.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core import cgutils, types
+from numba.core.datamodel import models
+from numba.core.imputils import lower_getattr_generic
+from numba.core.typing.templates import AttributeTemplate
+from numba.extending import NativeValue, infer_getattr, intrinsic, register_model, unbox
+
+
+class Lent(types.Type):  # type: ignore[misc]
+    """A pointer to a record, a named tuple of the type `content`."""
+
+    def __init__(self, content: Any) -> None:
+        self.content = content
+        super().__init__(name=f"Lent({content})")
+
+
+register_model(Lent)(models.OpaqueModel)
+
+
+class Loan:
+    """A record for kernels: a named tuple of arrays (in C order), whole numbers, numbers and further records.
+
+    Its arrays are shared, its numbers are those of now. `content`: the record.
+    """
+
+    def __init__(self, content: Any) -> None:
+        self.content = content
+        self._words = np.frombuffer(b"".join(_words(content)), dtype=np.int64)
+        self.address = self._words.ctypes.data
+        self._kind: Lent | None = None
+
+    @property
+    def _numba_type_(self) -> Lent:
+        if self._kind is None:
+            self._kind = lent_type(self.content)
+        return self._kind
+
+
+def lent_type(content: Any) -> Lent:
+    """The type of a record that is lent."""
+    return Lent(numba.typeof(content))  # type: ignore[no-untyped-call]
+
+
+def _words(content: Any) -> Iterator[bytes]:
+    for value in content:
+        if isinstance(value, tuple):
+            yield from _words(value)
+        elif isinstance(value, np.ndarray):
+            assert value.flags.c_contiguous
+            yield struct.pack(
+                f"{5 + 2 * value.ndim}q",
+                0,
+                0,
+                value.size,
+                value.itemsize,
+                value.ctypes.data,
+                *value.shape,
+                *value.strides,
+            )
+        else:
+            assert type(value) is not bool  # a word is eight bytes
+            yield struct.pack("d" if isinstance(value, float) else "q", value)
+
+
+@unbox(Lent)  # type: ignore[no-untyped-call, untyped-decorator]
+def _unbox(kind: Any, loan: Any, c: Any) -> Any:
+    number = c.pyapi.object_getattr_string(loan, "address")
+    pointer = c.pyapi.long_as_voidptr(number)
+    c.pyapi.decref(number)
+    return NativeValue(pointer)  # type: ignore[no-untyped-call]
+
+
+def _lend(typing: Any, content: Any) -> Any:
+    """`content`, a named tuple, lent by a kernel to those that it calls: good until it returns."""
+
+    def borrow(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        place = cgutils.alloca_once_value(builder, arguments[0])  # type: ignore[no-untyped-call]
+        return builder.bitcast(place, cgutils.voidptr_t)
+
+    return Lent(content)(content), borrow
+
+
+lent: Any = intrinsic(_lend)
+
+
+@infer_getattr
+class _Names(AttributeTemplate):  # type: ignore[misc]
+    key = Lent
+
+    def generic_resolve(self, kind: Any, name: str) -> Any:  # type: ignore[override]
+        """The type of a field."""
+        if name not in kind.content.fields:
+            return None
+        found = kind.content.types[kind.content.fields.index(name)]
+        return Lent(found) if isinstance(found, types.BaseNamedTuple) else found
+
+
+@lower_getattr_generic(Lent)  # type: ignore[no-untyped-call, untyped-decorator]
+def _field(context: Any, builder: Any, kind: Any, pointer: Any, name: str) -> Any:
+    typed = builder.bitcast(pointer, context.get_value_type(kind.content).as_pointer())
+    index = kind.content.fields.index(name)
+    at = cgutils.gep_inbounds(builder, typed, 0, index)  # type: ignore[no-untyped-call]
+    if isinstance(kind.content.types[index], types.BaseNamedTuple):
+        return builder.bitcast(at, cgutils.voidptr_t)
+    return builder.load(at)

@@ -1,0 +1,138 @@
+"""Leaves: the hot part of a kernel, compiled for a number of states and called by address.
+
+What runs once for an event, a segment or a sample takes the number of states as it comes and is compiled once for all
+rigs. What runs millions of times, a quiet tick or a step of an integrator, is faster where that number is a constant of
+the compiled code: its loops unroll and the state stays in registers. Such a leaf is compiled for a `Shape`, and the
+general code calls it through a pointer, once for a stretch of ticks (3 ns). The large parts of the general code call
+each other in the same way: none is compiled again within its caller, and what a rig does not need not at all.
+"""
+
+from __future__ import annotations
+
+import functools
+import operator
+from typing import Any
+
+from numba.core import cgutils, types
+from numba.core.datamodel import models
+from numba.extending import intrinsic, register_model
+
+ROWS = 7
+
+
+class Shape(types.Type):  # type: ignore[misc]
+    """What a leaf is compiled for: the number of states, 0 for any; whether there are products of states.
+
+    `bends`: whether some mode set is not linear.
+    """
+
+    def __init__(self, states: int, products: bool, bends: bool) -> None:
+        self.states, self.products, self.bends = states, products, bends
+        super().__init__(name=f"Shape({states}, {products}, {bends})")
+
+
+register_model(Shape)(models.OpaqueModel)
+ANY = Shape(0, products=True, bends=True)
+"""The shape of code for all rigs."""
+
+
+def _any_shape(typing: Any, n: Any) -> Any:
+    """The shape of code that is compiled for any number of states, here n."""
+
+    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[0], cgutils.voidptr_t)
+
+    return ANY(types.intp), lay
+
+
+any_shape: Any = intrinsic(_any_shape)
+
+
+def _states(typing: Any, shape: Any) -> Any:
+    """The number of states of a shape."""
+
+    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        if shape.states:
+            return context.get_constant(types.intp, shape.states)
+        return builder.ptrtoint(arguments[0], context.get_value_type(types.intp))
+
+    return types.intp(shape), lay
+
+
+states: Any = intrinsic(_states)
+
+
+def _multiplies(typing: Any, shape: Any) -> Any:
+    """Whether there may be products of states: where not, what evaluates them is not compiled."""
+
+    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return context.get_constant(types.boolean, shape.products)
+
+    return types.boolean(shape), lay
+
+
+multiplies: Any = intrinsic(_multiplies)
+
+
+def _bends(typing: Any, shape: Any) -> Any:
+    """Whether the inputs are to be asked for: not where the system is linear in every mode set."""
+
+    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return context.get_constant(types.boolean, shape.bends)
+
+    return types.boolean(shape), lay
+
+
+bends: Any = intrinsic(_bends)
+
+
+def _place(typing: Any, shape: Any, like: Any) -> Any:
+    """An array of the kind of `like`, on the stack: its last axis is as long as there are states, others as `ROWS`.
+
+    The compiler keeps what is in it in registers, as it does with a local array of C. Where the number of states is
+    not known when compiling, `like` itself serves.
+    """
+    kind = types.Array(like.dtype, like.ndim, "C")
+
+    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        if not shape.states:
+            return arguments[1]
+        lengths = [ROWS] * (like.ndim - 1) + [shape.states]
+        count = functools.reduce(operator.mul, lengths)
+        double = context.get_data_type(like.dtype)
+        data = cgutils.alloca_once(builder, double, size=count)  # type: ignore[no-untyped-call]
+        array = context.make_array(kind)(context, builder)
+        whole = functools.partial(context.get_constant, types.intp)
+        strides = [8 * functools.reduce(operator.mul, lengths[axis + 1 :], 1) for axis in range(like.ndim)]
+        context.populate_array(
+            array,
+            data=data,
+            shape=[whole(length) for length in lengths],
+            strides=[whole(stride) for stride in strides],
+            itemsize=whole(8),
+            meminfo=None,
+        )
+        return array._getvalue()  # noqa: SLF001
+
+    return kind(shape, like), lay
+
+
+local: Any = intrinsic(_place)
+
+
+def _call(
+    typing: Any, place: Any, shape: Any, t: Any, w: Any, state: Any, log: Any, seg: Any, plan: Any, ticks: Any
+) -> Any:
+    """What the leaf at an `address` returns. All that it is lent are pointers, so that its shape does not show here."""
+
+    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        kinds = signature.args[1:]
+        code = context.call_conv.get_function_type(types.int64, kinds).as_pointer()
+        leaf = builder.inttoptr(arguments[0], code)
+        _, found = context.call_conv.call_function(builder, leaf, types.int64, kinds, arguments[1:])
+        return found
+
+    return types.int64(types.int64, shape, t, w, state, log, seg, plan, types.int64), lay
+
+
+call: Any = intrinsic(_call)

@@ -1,0 +1,71 @@
+"""How a motion is carried on: its method and options as the kernels take them, and the leaves it needs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba.core import types
+
+from rig.loan import lent_type
+from rig.solve import dopri5, exact, kick, rk4, stage
+from rig.solve.carry import carry
+from rig.solve.emit import empty_segments
+from rig.solve.leaf import ANY, Shape
+from rig.solve.parts import addresses
+from rig.solve.records import Log, Plan, State, workspace
+from rig.solve.system import System
+from rig.solve.tables import UNROLLED, empty
+
+_STATE = (np.int64, float, float, float, float, np.int64, np.int64, float)
+"""Kinds of the arrays of State."""
+_WHOLE = np.zeros((0, 4), dtype=np.int64)
+
+
+def plan(
+    system: System, method: str, substeps: int, tolerance: float, booking: bool, emitting: bool, limit: float
+) -> Plan:
+    """The plan of a system as the method sees it; leaves are compiled that have not been yet."""
+    wide, fixed, bends = system.n > UNROLLED, method in ("rk4", "kick"), not system.linear
+    made = Plan(
+        carry=0,
+        linear=0,
+        quiet=0,
+        stretch=0,
+        steps=0,
+        whole=0,
+        wide=int(wide),
+        bends=int(bends),
+        fixed=int(fixed),
+        substeps=substeps,
+        tolerance=float(tolerance),
+        booking=int(booking),
+        emitting=int(emitting),
+        limit=float(limit),
+    )
+    wanted = {"carry": (carry, ANY)}
+    if not fixed:
+        wanted["linear"] = exact.stretch, ANY
+        if not wide:
+            wanted["quiet"] = exact.quiet, Shape(system.n, products=False, bends=False)
+    if fixed or bends:
+        code = {"kick": kick, "rk4": rk4}.get(method, dopri5)
+        if method != "kick":
+            shape = Shape(0 if wide else system.n, bool(system.products), bends)
+            wanted["steps"] = code.steps, shape
+            if not fixed:
+                wanted["whole"] = stage.whole, shape
+        wanted["stretch"] = code.stretch, ANY
+
+    def kinds() -> list[Any]:
+        records = (
+            empty(system, 1.0, 0, 0, 0),
+            workspace(system, 0, 0),
+            State(*(np.zeros(0, dtype=kind) for kind in _STATE)),
+            Log(np.zeros((0, 0)), np.zeros(0, dtype=np.int64), _WHOLE, np.zeros(0)),
+            empty_segments(0, 0),
+            made,
+        )
+        return [*map(lent_type, records), types.int64]
+
+    return made._replace(**addresses(wanted, kinds))
