@@ -66,7 +66,7 @@ class Stand:
             outputs=[assembly.outputs[name].row for name in self.outputs],
             read=len(needs),
             tolerance=clock.tolerance,
-            substeps=max(1, self.step_ns // clock.rk4_step),
+            substeps=clock.substeps(self.step_ns),
             cap=clock.events_per_frame,
             limit=clock.limit,
             longest=ROWS if truthful else self.steps,

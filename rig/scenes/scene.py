@@ -77,6 +77,10 @@ class Clock(Section):
             raise ValueError("late_share_degraded is below late_share_valid")
         return self
 
+    def substeps(self, step_ns: int) -> int:
+        """Steps of rk4 or kick in `step_ns` [ns], none longer than `rk4_step`."""
+        return max(1, -(-step_ns // int(self.rk4_step)))
+
 
 @dataclass(frozen=True)
 class Scene:

@@ -71,7 +71,7 @@ class Orbit:
             outputs=self._rows,
             read=self._read if read else 0,
             tolerance=self.tolerance,
-            substeps=max(1, -(-step_ns // int(clock.rk4_step))),
+            substeps=clock.substeps(step_ns),
             cap=clock.events_per_frame,
             limit=clock.limit,
             longest=longest,

@@ -67,7 +67,7 @@ class Contender:
             step_ns,
             setting.method,
             tolerance=clock.tolerance,
-            substeps=max(1, step_ns // clock.rk4_step),
+            substeps=clock.substeps(step_ns),
             cap=clock.events_per_frame,
             limit=clock.limit,
             booking=False,

@@ -199,7 +199,7 @@ class _Shaken:
             step_ns,
             chosen(clock.method, self.system),
             tolerance=clock.tolerance,
-            substeps=max(1, math.ceil(step_ns / int(clock.rk4_step))),
+            substeps=clock.substeps(step_ns),
             cap=clock.events_per_frame,
             limit=clock.limit,
             booking=False,

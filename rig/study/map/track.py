@@ -104,7 +104,7 @@ class Track:
             chosen(clock.method, self._system),
             outputs=[self._row],
             tolerance=min(clock.tolerance, TOLERANCE),
-            substeps=max(1, math.ceil(self.step_ns / int(clock.rk4_step))),
+            substeps=clock.substeps(self.step_ns),
             cap=_EVENTS,
             limit=clock.limit,
             booking=False,

@@ -32,7 +32,7 @@ def prepare(scene: Scene, setting: Setting, seconds: float) -> Callable[[], list
         STEP_NS,
         setting.method,
         tolerance=clock.tolerance,
-        substeps=max(1, STEP_NS // clock.rk4_step),
+        substeps=clock.substeps(STEP_NS),
         booking=False,
         longest=ticks,
     )
