@@ -445,6 +445,7 @@ def test_an_interrupt_ends_a_simulation_and_tells_how_far_it_came(rig, monkeypat
 
 INTERRUPTED = """
 import os, signal, sys
+signal.signal(signal.SIGINT, signal.default_int_handler)  # whoever runs the tests may ignore it
 import rig.cli
 class Interrupts:
     def find_spec(self, name, *_):
