@@ -166,11 +166,9 @@ def test_a_pace_that_a_scene_cannot_keep_is_refused_with_what_works():
 
 
 def test_what_is_called_once_a_controller_has_joined_is_loaded_too(monkeypatch):
-    """Nobody drives the load of the belt: a controller that does adds a state, and kernels depend on their number."""
-    scene, shapes, entry = scenes.load("belt"), set(), moving.entry
-    monkeypatch.setattr(
-        moving, "entry", lambda kernel, shape, *more: shapes.add(len(shape)) or entry(kernel, shape, *more)
-    )
+    """Nobody drives the load of the belt: a controller that does adds a state, and leaves depend on their number."""
+    scene, shapes, plan = scenes.load("belt"), set(), moving.plan
+    monkeypatch.setattr(moving, "plan", lambda system, *more: shapes.add(system.n) or plan(system, *more))
     visited(scene, Job(scene.to_json(), duration=0.2))
     states = scene.assemble().system().n
     assert shapes == {states, states + 1}
