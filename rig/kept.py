@@ -210,10 +210,10 @@ class Teller(event.Listener):  # type: ignore[misc]
             last = ""
             with suppress(OSError):
                 last = f"; the last time it took {self._notes.read_text()} s"
-            text = f"compiling kernels, once for each kind of rig{last or ': half a minute to two minutes'}"
+            text = f"compiling kernels, once for each kind of rig{last or ': half a minute to a minute'}"
         else:
             where = self._folder.path.parent
-            text = f"compiling kernels, at every start, for {where} cannot be written: half a minute to two minutes; "
+            text = f"compiling kernels, at every start, for {where} cannot be written: half a minute to a minute; "
             text += "RIG_KERNELS=/some/folder names another place"
         sys.stderr.write(f"{text}\n")
         sys.stderr.flush()

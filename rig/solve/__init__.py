@@ -10,6 +10,10 @@ expm         propagators
 roots        the first fall of a polynomial through zero
 laws         friction coefficient over slip speed
 settle       the modes that agree with the equations at one instant
+records      what a kernel works on: state, scratch, log, plan
+carry        the compiled loop that hands the state from method to method
+leaf         hot code for a number of states, called by address
+plan, parts  which compiled code a rig needs, and where it begins
 exact        propagators per tick, guards certified, uncertified ticks opened
 dopri5, rk4  for laws that fall with speed, and for comparison
 kick         for contacts that open and close all the time
