@@ -23,7 +23,7 @@ def twice(x):
 
 print(twice({}))
 """
-TOLD = "compiling kernels, once for each kind of rig: half a minute to two minutes\n"
+TOLD = "compiling kernels, once for each kind of rig: half a minute to a minute\n"
 
 
 def run(folder, values="1.0", **environment):
