@@ -12,6 +12,7 @@ import os
 import pickle
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,13 +23,15 @@ from rig.kernel import FOLDER
 from rig.solve.leaf import Shape
 
 _ROOT = Path(__file__).resolve().parents[2]
-_LEAVES = 5.0  # s
+_PATIENCE = 5.0  # s, for the second process to end
 
 
 @contextmanager
 def _beside(names: Sequence[str], kinds: tuple[Any, ...]) -> Iterator[None]:
     """While these parts are compiled here, another process does so too, from the last one on; it ends with this."""
-    if len(names) < 2 or not FOLDER.keeps or scheduling.cores() < 2 or "RIG_OWN_PROCESS" not in os.environ:
+    # Another thread than the main one builds beside a run, whose cores are not to be taken.
+    apart = threading.current_thread() is not threading.main_thread() or "RIG_OWN_PROCESS" not in os.environ
+    if len(names) < 2 or not FOLDER.keeps or scheduling.cores() < 2 or apart:
         yield
         return
     path = os.pathsep.join(filter(None, (str(_ROOT), os.environ.get("PYTHONPATH", ""))))
@@ -48,7 +51,7 @@ def _beside(names: Sequence[str], kinds: tuple[Any, ...]) -> Iterator[None]:
         finally:
             fellow.terminate()  # all is there, or is not wanted any more
             try:
-                fellow.wait(_LEAVES)
+                fellow.wait(_PATIENCE)
             except subprocess.TimeoutExpired:
                 fellow.kill()
 

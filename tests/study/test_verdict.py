@@ -274,7 +274,6 @@ def test_a_limit_that_is_told_is_itself_allowed(value, below, above):
     assert at_most(0.25) == at_least(0.25) == "0.25"
 
 
-@pytest.mark.slow  # compiles a kernel of its own for two minutes
 def test_a_run_that_diverges_under_rk4_says_so():
     changes = {"friction.speed_scale": 1e-5, "clock.method": "rk4", "clock.rk4_step": "1 ms"}
     run = rig.simulate(rig.load("belt", changes), 1.0)
