@@ -33,7 +33,7 @@ class Recovered:
     fault: str
     """What was wrong with the original."""
     lost: int | None
-    """Messages that could not be saved; None where an end is cut off and nobody knows how many stood there."""
+    """Messages that could not be saved; None where nobody knows how many stood where the file is cut off or damaged."""
     skipped: list[str] = field(default_factory=list)
     """Damaged places of the original."""
 
@@ -45,7 +45,7 @@ class Recovered:
     def told(self) -> str:
         """What was lost, in words."""
         if self.lost is None:
-            return "lost: what stood where the file is cut off, nobody knows how much"
+            return "lost: what stood where the file is cut off or damaged, nobody knows how much"
         return f"lost: {self.lost} of {self.messages + self.lost} messages" if self.lost else "no message lost"
 
 

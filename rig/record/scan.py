@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import mmap
 import stat
 import struct
@@ -30,6 +31,8 @@ _OFFSET = len(_OFFSET_HEAD) + 17  # bytes of a summary offset
 _SLICE = 1 << 20
 _SEQUENCE = 1 << 32
 _COPY = "a copy of a chunk that stands before it,"
+_NO_MESSAGES = (_COPY, "an attachment", "metadata")
+"""Damaged places that take no message with them."""
 
 
 class Record(NamedTuple):
@@ -80,7 +83,7 @@ class Scan:
         self.last_ns = 0
         self.count = 0
         self.missing: int | None = 0
-        """Messages that are known to be missing; None where an end is cut off and nobody knows."""
+        """Messages that are missing; None where nobody knows: an end is cut off, or damage took the statistics too."""
         self._statistics: Statistics | None = None
         self._indexed = False
         """Whether the summary section is there, whole."""
@@ -211,11 +214,17 @@ class Scan:
             self.skipped.append(Skipped(0, len(data), "the record that ends its messages", self.last_ns))
         cut = self._end is None and not self._footer
         known = self._gaps + self._undescribed
-        self.missing = known if self._headed and not cut else None
+        # Gaps in the numbers do not show what is lost before the first and after the last message of a channel.
+        self.missing = known if self._headed and not cut and self._taking() is None else None
         if self._statistics is not None:
             self.missing = self._statistics.message_count - self.count
         self.whole = not cut and self.missing == 0 and not self.skipped and self._indexed
         self.fault = "" if self.whole else self._told(cut, data[-len(MAGIC) :] == MAGIC)
+
+    def _taking(self) -> Skipped | None:
+        """The first damaged place that may have held messages; None if there is none."""
+        end = self._end.begin if self._end is not None else math.inf
+        return next((one for one in self.skipped if one.begin < end and one.what not in _NO_MESSAGES), None)
 
     def _told(self, cut: bool, ended: bool) -> str:
         known = self._gaps + self._undescribed
@@ -223,6 +232,9 @@ class Scan:
             front = "" if self._headed else "its beginning is damaged or missing; "
             before = f"; before that {known} messages are missing" if known else ""
             return f"{front}it breaks off after t = {self.last_ns * 1e-9:.3f} s{before}"
+        if self.missing is None and self._headed and (place := self._taking()) is not None:
+            least = f"at least {known} messages are missing" if known else "how many messages are missing is unknown"
+            return f"{place.what or 'a record'} is damaged; {least}"
         if self.missing is None:
             after = f"; after that {known} messages are missing" if known else ""
             return f"its beginning is damaged or missing{after}"

@@ -300,6 +300,27 @@ def test_a_front_that_is_lost_without_statistics_is_an_unknown_loss(rig, tmp_pat
     assert "nobody knows how much" in out
 
 
+@pytest.mark.parametrize("at", ["first", "last"])
+@pytest.mark.parametrize("ended", [False, True], ids=["end of the messages lost", "end of the messages there"])
+def test_chunks_that_are_lost_together_with_the_statistics_are_an_unknown_loss(rig, logs, tmp_path, at, ended):
+    data, path = bytearray((logs / "saved.mcap").read_bytes()), tmp_path / "wrong.mcap"
+    parts = [part for part in walk(bytes(data)) if getattr(part, "opcode", 0) in (Opcode.CHUNK, Opcode.DATA_END)]
+    hit = parts[0 if at == "first" else -2]  # no sequence number has a gap where the first or the last one is lost
+    data[hit.begin + 9 : hit.end] = bytes(hit.end - hit.begin - 9)
+    if not ended:
+        data[parts[-1].begin : parts[-1].end] = bytes(parts[-1].end - parts[-1].begin)
+    data[-20] ^= 1  # the footer no longer proves the summary
+    path.write_bytes(data)
+    scan, kept = walked(path)
+    assert len(kept) < len(walked(logs / "saved.mcap")[1])
+    assert scan.missing is None
+    code, out, _ = rig("recover", path)
+    assert code == 1
+    assert "missing" in scan.fault
+    assert "nobody knows how much" in out
+    assert "no message" not in out
+
+
 def test_messages_of_channels_that_nothing_describes_are_counted_as_missing(tmp_path):
     path = tmp_path / "run.mcap"
     with path.open("wb") as file:
