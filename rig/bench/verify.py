@@ -117,9 +117,8 @@ def _pairs(run: Run, again: Run) -> Iterator[tuple[str, Integers, Reals, Reals]]
     """What both have at the same instant: name, times [ns], recorded and simulated values."""
     for name, (t_ns, v) in run.measurements.items():
         yield _common(f"meas/{name}", t_ns, v, *again.measurements[name])
-    recorded, simulated = (np.rint(one.time * 1e9).astype(np.int64) for one in (run, again))
-    for name, v in run.signals.items():
-        yield _common(name, recorded, v, simulated, again.signals[name])
+    for name in run.signals:
+        yield _common(name, *run.recorded(name), *again.recorded(name))
 
 
 def _common(name: str, t_ns: Integers, v: Reals, u_ns: Integers, u: Reals) -> tuple[str, Integers, Reals, Reals]:

@@ -98,9 +98,8 @@ def compare(first: Run | Path, second: Run | Path) -> Comparison:
 
 
 def _series(run: Run) -> Iterator[tuple[str, Series]]:
-    time_ns = np.rint(run.time * 1e9).astype(np.int64)
-    for name, v in run.signals.items():
-        yield name, Series(time_ns, v)
+    for name in run.signals:
+        yield name, Series(*run.recorded(name))
     for name, (t_ns, v) in run.measurements.items():
         yield f"meas/{name}", Series(t_ns, v)
     for name, commands in run.commands.items():

@@ -138,7 +138,7 @@ def _truth(
         for name, (t_ns, v) in found.items():
             signals[name][np.searchsorted(time_ns, t_ns)] = v
         mode = signals.pop("mode", np.empty(0))
-        return time_ns, signals, np.nan_to_num(mode).astype(np.int64)
+        return time_ns, signals, np.nan_to_num(mode, nan=-1.0).astype(np.int64)
     states = read("state")
     fields = [messages.field_name(name) for name in setup.outputs]
     table = np.array([[getattr(state, f) for f in fields] for state in states], float).reshape(len(states), len(fields))

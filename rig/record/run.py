@@ -54,7 +54,7 @@ class Run:
     energy: dict[str, float] = field(default_factory=dict)
     summary: dict[str, Any] = field(default_factory=dict)
     mode: Integers = field(default_factory=lambda: np.empty(0, np.int64))
-    """Number of the contact mode at `time`, [n]; empty where it was not recorded."""
+    """Number of the contact mode at `time`, [n]; -1 where a recording lost it; empty where it was not recorded."""
     provenance: dict[str, str] = field(default_factory=dict)
     fault: str = ""
     """Why it is not whole: stopped by the numerics, or `damage`. Empty for a whole one."""
@@ -70,6 +70,15 @@ class Run:
         if not self.scene:
             raise LogError(f"the recording has lost its scene: {self.damage}")
         return self.scene
+
+    def recorded(self, name: str) -> Samples:
+        """Signal `name` at the times [ns] at which it was recorded.
+
+        A damaged recording may hold less of one signal than of another; the rows that it lost are NaN in `signals`.
+        """
+        t_ns, v = np.rint(self.time * 1e9).astype(np.int64), self.signals[name]
+        here = ~np.isnan(v) if self.notes else np.ones(v.size, np.bool_)
+        return Samples(t_ns[here], v[here])
 
     @property
     def told(self) -> list[dict[str, Any]]:

@@ -41,13 +41,17 @@ def stages(run: Run) -> Stages | None:
     speed = next((name for name in SPEEDS if name in run.signals), "")
     if not speed or len(run.mode) != len(run.time):
         return None
-    v = run.signals[speed]
+    # A cut recording may hold less of one output than of another, or of the contact modes.
+    known = np.isfinite(run.signals[speed]) & (run.mode >= 0)
+    v, modes = run.signals[speed][known], run.mode[known]
+    if not v.size:
+        return None
     top = np.flatnonzero(v >= v.max() * (1.0 - 1e-9))
     if max(v[0], v[-1]) > _HALF * v.max():
         return None
     system = Scene.from_json(run.scene_text()).assemble().system()
-    sticks = {int(key): _sticks(system, int(key)) for key in np.unique(run.mode)}
-    stuck = np.array([sticks[int(key)] for key in run.mode])
+    sticks = {int(key): _sticks(system, int(key)) for key in np.unique(modes)}
+    stuck = np.array([sticks[int(key)] for key in modes])
     moving = v > 0.0
     up = np.flatnonzero((stuck & moving)[: top[0]])
     down = np.flatnonzero((stuck & moving)[top[-1] :])

@@ -106,7 +106,7 @@ def circuits(run: Run, system: System | None) -> list[Span]:
     if system is None or not system.switches or not run.mode.size:
         return []
     known, inverse = np.unique(run.mode, return_inverse=True)
-    told = [_closed(system, int(key)) for key in known]
+    told = [_closed(system, int(key)) if key >= 0 else "" for key in known]  # -1: a recording lost it
     names = list(dict.fromkeys(told))
     which = np.array([names.index(text) for text in told])[inverse.ravel()]
     cuts = [0, *(np.flatnonzero(np.diff(which)) + 1).tolist(), which.size]

@@ -42,6 +42,18 @@ def test_one_flipped_bit_is_found(rig, log, tmp_path):
     assert "velocity parts at t = 0.3 s: 0" in out or "velocity parts at t = 0.3 s: -" in out  # a number, not its type
 
 
+def test_what_a_cut_took_of_a_signal_is_no_deviation(rig, tmp_path):
+    whole, cut = tmp_path / "whole.mcap", tmp_path / "cut.mcap"
+    assert rig("simulate", "belt", "--duration", "0.5", "--out", whole)[0] == 0
+    data = whole.read_bytes()
+    for end in range(len(data) // 2, len(data) * 3 // 4, len(data) // 20):
+        cut.write_bytes(data[:end])
+        code, out, _ = rig("verify", cut)
+        assert code == 1
+        assert "breaks off after" in out
+        assert "parts at" not in out
+
+
 def test_commands_that_the_recorder_lost_are_told(rig, log, tmp_path):
     run = lab.open(log)
     run.summary["lost"] = {"applied/nf to recorder": 3, "step to recorder": 5}

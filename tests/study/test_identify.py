@@ -127,3 +127,18 @@ def test_a_run_without_stages_has_none():
     assert stages(recorded(np.ones(t.size), t < 1.0, np.sin(t))) is None
     whole = recorded(t, t < 1.0, np.sin(t))
     assert stages(whole) is None
+
+
+def test_what_a_cut_recording_lost_of_speed_and_contact_modes_counts_for_no_stage():
+    t = np.arange(3001) * 1e-3
+    speed = np.minimum(np.minimum(t, 1.0), 3.0 - t)
+    run = recorded(speed, (t < 0.6) | (t > 2.7), np.sin(t))
+    whole = stages(run)
+    run.signals["surface_speed"][2900:] = np.nan
+    run.mode[2950:] = -1
+    assert stages(run) == whole
+    run.mode[2650:] = -1
+    assert stages(run).up == whole.up
+    assert np.isnan(stages(run).down)
+    run.signals["surface_speed"][:] = np.nan
+    assert stages(run) is None
