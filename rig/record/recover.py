@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -56,8 +57,9 @@ def recover(source: Path, target: Path | None = None, replace: bool = False) -> 
     `replace`d; UsageError for a target that is the source.
     """
     target = target or source.with_suffix(".recovered.mcap")
-    if target.exists() and source.exists() and target.samefile(source):
-        raise UsageError(f"--out {target}: is the damaged file itself; name another one")
+    with suppress(OSError):  # what is not there, or cannot be, is told by whoever opens it
+        if target.samefile(source):
+            raise UsageError(f"--out {target}: is the damaged file itself; name another one")
     scan = Scan(source)
     decode = _surveyed(scan)
     if scan.whole and not decode.refused:
@@ -90,25 +92,29 @@ def _surveyed(scan: Scan) -> Decoder:
 def _put(found: Recovered, scan: Scan, target: Path, replace: bool) -> None:
     """Write the copy beside the target, check it, and put it in place: the target is this or what it was."""
     try:
-        fresh = not target.exists()
+        place = Path(os.path.realpath(target))  # a link stays one, and what it points to is written
+        fresh = not place.exists()
         if not fresh:
-            regular(target)  # a device or a pipe would be replaced by the copy
+            regular(place)  # a device or a pipe would be replaced by the copy
         if fresh or not replace:
-            claim(target, replace=False).close()
-        draft, name = tempfile.mkstemp(".mcap", f".{target.stem}-", target.parent)
+            claim(place, replace=False).close()
+        draft: Path | None = None
         try:
-            with os.fdopen(draft, "wb") as file:
+            number, name = tempfile.mkstemp(".mcap", ".recover-", place.parent)  # short, however long the target's is
+            draft = Path(name)
+            with os.fdopen(number, "wb") as file:
                 _copy(found, scan, file)
-            if (read := _readable(Path(name))) != found.messages:
+            if (read := _readable(draft)) != found.messages:
                 raise LogError(
                     f"{scan.path}: {found.messages} messages were copied, {read} can be read; nothing was kept"
                 )
-            Path(name).chmod(target.stat().st_mode)
-            os.replace(name, target)
+            draft.chmod(place.stat().st_mode)
+            draft.replace(place)
         except BaseException:
-            Path(name).unlink(missing_ok=True)
+            if draft is not None:
+                draft.unlink(missing_ok=True)
             if fresh:
-                target.unlink(missing_ok=True)
+                place.unlink(missing_ok=True)
             raise
     except OSError as fault:
         raise LogError(f"{target} cannot be written: {fault.strerror}") from None

@@ -243,6 +243,46 @@ def test_recover_replaces_neither_its_source_nor_what_is_there(logs, tmp_path):
     assert walked(tmp_path / "other.mcap")[0].sealed
 
 
+def test_a_target_of_the_longest_name_is_written_and_one_beyond_is_told(logs, tmp_path):
+    cut, longest = tmp_path / "c.mcap", tmp_path / f"{'x' * 244}.mcap"
+    cut.write_bytes((logs / "saved.mcap").read_bytes()[:-500])
+    recover(cut, longest)
+    assert walked(longest)[0].sealed
+    with pytest.raises(LogError, match="cannot be written: File name too long"):
+        recover(cut, tmp_path / f"{'x' * 300}.mcap")
+    assert set(tmp_path.iterdir()) == {cut, longest}
+
+
+def test_a_draft_that_cannot_be_made_leaves_no_empty_target(logs, tmp_path, monkeypatch):
+    def refused(*_):
+        raise OSError(13, "Permission denied")
+
+    (tmp_path / "c.mcap").write_bytes((logs / "saved.mcap").read_bytes()[:-500])
+    monkeypatch.setattr("tempfile.mkstemp", refused)
+    with pytest.raises(LogError, match="Permission denied"):
+        recover(tmp_path / "c.mcap")
+    assert [path.name for path in tmp_path.iterdir()] == ["c.mcap"]
+
+
+@pytest.mark.parametrize("there", [False, True])
+def test_recover_writes_through_a_link(logs, tmp_path, there):
+    cut, link, file = (tmp_path / name for name in ("c.mcap", "link.mcap", "file.mcap"))
+    cut.write_bytes((logs / "saved.mcap").read_bytes()[:-500])
+    link.symlink_to(file)
+    if there:
+        file.write_text("mine")
+        with pytest.raises(LogError, match="it exists"):
+            recover(cut, link)
+    recover(cut, link, replace=there)
+    assert link.is_symlink()
+    assert walked(file)[0].sealed
+    assert set(tmp_path.iterdir()) == {cut, link, file}
+    loop = tmp_path / "loop.mcap"
+    loop.symlink_to(loop)
+    with pytest.raises(LogError, match="cannot be written"):
+        recover(cut, loop)
+
+
 def test_a_recovery_that_fails_leaves_nothing_behind(logs, tmp_path, monkeypatch):
     cut = tmp_path / "c.mcap"
     cut.write_bytes((logs / "saved.mcap").read_bytes()[:-500])
