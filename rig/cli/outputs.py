@@ -73,10 +73,31 @@ def _hold(context: typer.Context, option: str, path: Path) -> None:
 
 @contextmanager
 def held(option: str, path: Path, force: bool) -> Iterator[None]:
-    """Make an empty file at `path`; it goes again if nothing has been written to it in the end.
+    """Make an empty file at `path`; it and new folders go again if nothing has been written to it in the end.
 
     Raises UsageError for a file with something in it, unless `force`, and for a place that cannot be written.
     """
+    with _parents(path), _made(option, path, force):
+        yield
+
+
+@contextmanager
+def _parents(path: Path) -> Iterator[None]:
+    """Take away the folders above `path` that are not there yet, if they are there and empty in the end."""
+    try:
+        new = [folder for folder in path.parents if not folder.exists()]
+    except OSError:  # a name that is too long: nothing can be made
+        new = []
+    try:
+        yield
+    finally:
+        for folder in new:
+            with suppress(OSError):  # something is in it
+                folder.rmdir()
+
+
+@contextmanager
+def _made(option: str, path: Path, force: bool) -> Iterator[None]:
     made = False
     try:
         if path.is_dir():

@@ -113,6 +113,14 @@ def test_a_command_that_fails_leaves_no_empty_file(rig, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+def test_a_command_that_fails_leaves_no_folder_of_its_own(rig, tmp_path):
+    (tmp_path / "there").mkdir()
+    for place in ("new/x/a.mcap", "there/x/a.mcap", f"new/x/{'a' * 300}"):
+        code, _ = rig("simulate", "no_such_scene", "--out", tmp_path / place, "--figure", tmp_path / "new" / "a.png")
+        assert code == 2
+        assert [path.name for path in tmp_path.rglob("*")] == ["there"]
+
+
 def test_places_that_cannot_be_written_are_told_before_anything_is_computed(rig, tmp_path):
     (tmp_path / "file").write_text("")
     for path, why in ((tmp_path, "is a folder"), (tmp_path / "file" / "a.mcap", "cannot be written: ")):
