@@ -161,7 +161,7 @@ class Attendant:
             "late": timing.late + timing.given_up,
             "overruns": sum(timing.overruns.values()),
             "drops": sum(self._hub.lost().values()),
-            "held": sum(line.counts.held for line in self._operation.exchange.lines.values()),
+            "held": sum(line.counts.held for line in self._operation.exchange.all_lines.values()),
             "energy_error": statistics["energy_error"],
             "stick_share": statistics["stick_share"],
             "refused": self._hub.session.door.total,

@@ -82,7 +82,7 @@ def conclude(plant: Plant) -> dict[str, Any]:
 
 def _verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> Verdict:
     faults = list(plant.attendant.faults)
-    for name, line in plant.operation.exchange.lines.items():
+    for name, line in plant.operation.exchange.all_lines.items():
         if line.counts.safe:
             faults.append(f"safe values stepped in for {name} {line.counts.safe} times")
     if plant.fault:

@@ -57,6 +57,8 @@ class Exchange:
 
     def __init__(self, stand: Actuators, frame_ns: int, hold: int, journal: Journal, keeps: bool = True) -> None:
         self.lines: dict[str, Line] = {}
+        self.all_lines: dict[str, Line] = {}
+        """The last line of every name, also of controllers that were dismissed: what was counted stays counted."""
         self.refused: dict[str, int] = {}
         """Senders without a line, and how often they were refused."""
         self._stand, self._frame_ns, self._hold = stand, frame_ns, hold
@@ -97,8 +99,10 @@ class Exchange:
     def admit(self, name: str, drives: Sequence[str], period_ns: int, delay_ns: int = 0) -> Line:
         """A line for a controller. Raises UsageError if it cannot have one."""
         self.check(name, drives, period_ns)
-        line = Line(name, self._stand.inputs, drives, period_ns // self._frame_ns, delay_ns // self._frame_ns)
-        self.lines[name] = line
+        line = Line(name, drives, period_ns // self._frame_ns, delay_ns // self._frame_ns)
+        if name in self.all_lines:
+            line.follow(self.all_lines[name])
+        self.lines[name] = self.all_lines[name] = line
         self._order = [self.lines[key] for key in sorted(self.lines)]
         self._owner.update(dict.fromkeys(drives, name))
         return line
@@ -174,11 +178,13 @@ class Exchange:
         counts, status = line.counts, AS_SENT
         if not isfinite(sum(given)):
             given = self._without_gaps(line, given)
-        for value, low, high in zip(given, line.low, line.high):
-            if not low <= value <= high:
+        inputs = self._stand.inputs  # ranges as they are now: a parameter of the rig may have changed them
+        for value, drive in zip(given, line.drives):
+            one = inputs[drive]
+            if not one.low <= value <= one.high:
                 status = CLAMPED
                 counts.clamped += 1
-                given = [min(max(v, low), high) for v, low, high in zip(given, line.low, line.high)]
+                given = [min(max(v, inputs[d].low), inputs[d].high) for v, d in zip(given, line.drives)]
                 break
         age = tick - answered
         if age > counts.oldest:
@@ -222,7 +228,7 @@ class Exchange:
         text = f"{line.name} has been silent for {silent:g} ms: {', '.join(line.drives)} to safe values"
         self._journal.note("safe", text, controller=line.name)
         line.wanted = ()
-        self.impose(line, -1, SAFE, line.safe)
+        self.impose(line, -1, SAFE, tuple([self._stand.inputs[drive].safe for drive in line.drives]))
 
     def ask(self, name: str, value: float) -> None:
         """The protocol wants an actuator to take a value; clamped like any other."""
@@ -319,7 +325,7 @@ class Exchange:
 
     def counters(self) -> dict[str, dict[str, Any]]:
         """What was counted, controller by controller; strangers under "refused"."""
-        found: dict[str, dict[str, Any]] = {name: asdict(line.counts) for name, line in self.lines.items()}
+        found: dict[str, dict[str, Any]] = {name: asdict(line.counts) for name, line in self.all_lines.items()}
         return found | ({"refused": dict(self.refused)} if self.refused else {})
 
 

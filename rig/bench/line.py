@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from array import array
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from rig.record.run import Commands
-from rig.solve.assembly import Input
 
 AS_SENT, CLAMPED, SAFE = 0, 1, 2
 """What `status` says of a command taken over."""
@@ -39,15 +38,12 @@ class Line:
     """The line from one controller to its actuators. Times in ticks."""
 
     __slots__ = (
-        "_columns", "answered", "connected", "counts", "delay", "drives", "high", "hold", "last", "low", "name",
-        "period", "queue", "safe", "status", "values", "wanted",
+        "_columns", "answered", "connected", "counts", "delay", "drives", "hold", "last", "name", "period", "queue",
+        "status", "values", "wanted",
     )  # fmt: skip
 
-    def __init__(self, name: str, inputs: Mapping[str, Input], drives: Sequence[str], period: int, delay: int) -> None:
+    def __init__(self, name: str, drives: Sequence[str], period: int, delay: int) -> None:
         self.name, self.drives, self.period, self.delay = name, tuple(drives), period, delay
-        self.low = tuple(inputs[drive].low for drive in drives)
-        self.high = tuple(inputs[drive].high for drive in drives)
-        self.safe = tuple(inputs[drive].safe for drive in drives)
         self.queue: deque[tuple[int, int, Sequence[float]]] = deque()
         self.connected = True
         self.values: tuple[float, ...] = ()
@@ -57,6 +53,15 @@ class Line:
         self.answered, self.status, self.last = -1, AS_SENT, 0
         self.counts = Counts()
         self._columns = (array("q"), array("q"), array("q"), array("d"))
+
+    def follow(self, former: Line) -> None:
+        """Go on with the counts and commands of the line that the controller of this name had before.
+
+        A recording has one number of values for each name, so commands to another number of actuators are left out.
+        """
+        self.counts = former.counts
+        if len(former.drives) == len(self.drives):
+            self._columns = former._columns
 
     def keep(self, tick: int) -> None:
         """Write down what is in force from `tick` on."""
@@ -69,4 +74,4 @@ class Line:
     def commands(self) -> Commands:
         """What was written down."""
         ticks, answered, status = (np.array(column, np.int64) for column in self._columns[:3])
-        return Commands(ticks, answered, status, np.array(self._columns[3]).reshape(-1, len(self.drives)))
+        return Commands(ticks, answered, status, np.array(self._columns[3]).reshape(len(ticks), len(self.drives)))

@@ -193,7 +193,7 @@ def _run(
         signals={name: np.ascontiguousarray(outputs[:, i]) for i, name in enumerate(stand.outputs)},
         units=units,
         measurements=measurements.samples(),
-        commands={name: line.commands() for name, line in operation.exchange.lines.items()},
+        commands={name: line.commands() for name, line in operation.exchange.all_lines.items()},
         events=sorted(events, key=lambda event: event["t_ns"]),
         energy=statistics.pop("energy"),
         summary={

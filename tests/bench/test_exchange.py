@@ -1,5 +1,6 @@
 """What becomes of commands: held, clamped, refused, counted, replaced by safe values."""
 
+from dataclasses import replace
 from math import inf, isfinite, nan
 
 import numpy as np
@@ -146,6 +147,42 @@ def test_a_controller_from_outside_gives_its_actuator_back(stand):
     made.dismiss("mine")
     assert stand.value["drive.speed"] == 0.06
     made.admit("yours", ["drive.speed"], MS)
+
+
+def test_the_counts_and_commands_of_a_dismissed_controller_stay(stand):
+    made = Exchange(stand, MS, 5, Journal(MS, lambda: stand.tick))
+    for begin in (0, 100):
+        stand.tick = begin
+        made.admit("mine", ["drive.speed"], MS)
+        made.receive("mine", begin, (0.5,))
+        made.take_over()
+        stand.tick = begin + 50
+        made.take_over()
+        made.dismiss("mine")
+        assert made.lines == {}
+    made.admit("yours", ["drive.speed"], MS)
+    counts = made.counters()
+    assert (counts["mine"]["taken"], counts["mine"]["safe"], counts["yours"]["taken"]) == (2, 2, 0)
+    assert made.all_lines["mine"].commands().tick.tolist() == [0, 50, 100, 150]
+
+
+def test_a_controller_that_drives_nothing_is_written_down(stand):
+    made = Exchange(stand, MS, 5, Journal(MS, lambda: stand.tick))
+    made.admit("watcher", [], MS)
+    made.receive("watcher", 0, ())
+    made.take_over()
+    assert made.lines["watcher"].commands().values.shape == (1, 0)
+
+
+def test_a_command_is_clamped_to_the_range_as_it_is_now(stand):
+    made = exchange(stand)
+    stand.inputs["load.force"] = replace(stand.inputs["load.force"], low=15.0, safe=25.0)
+    made.receive("nf", 0, (10.0,))
+    made.take_over()
+    assert (stand.value["load.force"], made.lines["nf"].status) == (15.0, CLAMPED)
+    stand.tick = 60
+    made.take_over()
+    assert (stand.value["load.force"], made.lines["nf"].status) == (25.0, SAFE)
 
 
 def test_the_protocol_waits_until_the_controller_is_disconnected(stand):

@@ -124,6 +124,29 @@ def test_an_admission_is_simulated_again_to_the_bit():
     assert not any("load" in judged["effect"] and not judged["on"] for judged in one.summary["audit"])
 
 
+def test_a_recording_holds_in_which_controllers_came_and_went(tmp_path):
+    """One leaves and another takes its actuator over; one drives nothing; the range of the actuator changes."""
+    told = {"by": "operator", "drives": ["load.force"], "period_ns": MS}
+    outside = [
+        (20, "admitted", {**told, "controller": "watcher", "drives": []}),
+        (40, "admitted", {**told, "controller": "mine"}),
+        (200, "dismissed", {"by": "operator", "controller": "mine"}),
+        (200, "admitted", {**told, "controller": "yours"}),
+        (300, "parameter", {"by": "operator", "set": {"load.force_min": 15.0}}),
+    ]
+    events = [{"tick": tick, "kind": kind, "data": data} for tick, kind, data in outside]
+    commands = {}
+    for name, width, first, last in (("watcher", 0, 30, 400), ("mine", 1, 50, 150), ("yours", 1, 210, 400)):
+        ticks = np.arange(first, last, dtype=np.int64)
+        commands[name] = Commands(ticks, ticks, np.zeros_like(ticks), np.full((ticks.size, width), 22.0))
+    run = simulate(shorn("belt"), {}, 5 * 10**8, commands, events=events)
+    assert {name: one.tick.size for name, one in run.commands.items()} == {"watcher": 370, "mine": 100, "yours": 190}
+    save(run, tmp_path / "run.mcap")
+    found = verify(tmp_path / "run.mcap")
+    assert found.passed, found.text()
+    assert found.identical
+
+
 class Slow:
     """A stand whose rigs take until `finish` to be built, and count."""
 
