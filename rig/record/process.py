@@ -133,7 +133,10 @@ def record(
 class _Recorder:
     def __init__(self, session: Session, heard: Receiver, plant: Watch, writer: Writer) -> None:
         self._session, self._heard, self._plant, self._writer = session, heard, plant, writer
-        self._sent: dict[str, int] = {}
+        self._told: dict[str, tuple[int, int]] = {}
+        """Messages that a sender told it had sent, and the number of the last one received, by topic."""
+        self._tails: dict[str, int] = {}
+        """Messages missing at the end of what a sender sent before it left and another one began to count anew."""
         self._totals = False
         self._summary: dict[str, Any] = {}
 
@@ -157,6 +160,8 @@ class _Recorder:
         taken = 0
         while taken < _TURN and (message := self._heard.get()) is not None:
             taken += 1
+            if message.topic in self._told:
+                self._follow(message)
             self._writer.write(message.topic, message.payload, message.t_ns, message.seq, time.time_ns())
             if message.topic.startswith("total/"):
                 self._compare(message)
@@ -166,11 +171,22 @@ class _Recorder:
         return taken == _TURN
 
     def _compare(self, message: Message) -> None:
-        self._sent |= dict(zip(message.said.sent_topic, message.said.sent))
+        counts = self._heard.counts
+        for topic, sent in zip(message.said.sent_topic, message.said.sent):
+            self._told[topic] = (sent, counts.get(topic, Count()).last)
         if message.topic == "total/plant":  # answer at once: the plant waits for it to pass its verdict
             self._totals = True
             own = f"total/{self._session.name}"
             self._session.publisher(own).put(self._session.totals(), message.t_ns)
+
+    def _follow(self, message: Message) -> None:
+        """A message of a topic whose total is told; a number not above the last one is that of a new sender."""
+        topic, (sent, last) = message.topic, self._told[message.topic]
+        if message.seq > last:
+            self._told[topic] = (sent, message.seq)
+        else:  # the total is of the sender before, and says nothing of this one
+            self._tails[topic] = self._tails.get(topic, 0) + Count(last=last).tail(sent)
+            del self._told[topic]
 
     def _look(self, message: Message) -> None:
         event = message.said
@@ -179,7 +195,9 @@ class _Recorder:
 
     def _account(self, ended: str) -> Recording:
         counts = self._heard.counts
-        tails = {topic: counts.get(topic, Count()).tail(sent) for topic, sent in self._sent.items()}
+        tails = dict(self._tails)
+        for topic, (sent, last) in self._told.items():
+            tails[topic] = tails.get(topic, 0) + Count(last=last).tail(sent)
         return Recording(
             path=str(self._writer.path),
             run=self._session.run,

@@ -3,14 +3,17 @@
 import json
 import signal
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from rig import bus
 from rig.bus import encode, messages
+from rig.bus.arrivals import Count, Message
 from rig.bus.setup import Setup
 from rig.record import reader
+from rig.record.process import _Recorder
 
 RECORDER = """
 import json, sys
@@ -171,6 +174,41 @@ def test_losses_are_counted_equally_at_both_ends(plant, script, tmp_path):
     assert account["lost"] == sum(lost.values())
     heard = dict(zip(told.heard_topic, told.received))
     assert sent["truth/velocity"] - heard["truth/velocity"] == lost["truth/velocity"]
+
+
+def test_the_total_of_a_sender_that_left_is_not_applied_to_the_next_one(plant, script, tmp_path):
+    """A controller leaves in order, another one takes its name and is killed after fewer commands."""
+    recorder = script(RECORDER, tmp_path / "run.mcap")
+    plant.wait_for_recorder()
+    for commands, tells in ((40, True), (7, False)):
+        with bus.join("recorded", role="controller", name="mine") as mine:
+            act = mine.publisher("act/mine")
+            for tick in range(commands):
+                act.put(encode.act(tick, tick * 1_000_000, (1.0,)), tick * 1_000_000)
+            if tells:
+                mine.publisher("total/mine").put(mine.totals(), 0)
+            time.sleep(0.3)
+    plant.advance(10)
+    plant.finish()
+    account = json.loads(recorder.communicate(timeout=10)[0])
+    assert account["received"]["act/mine"] == 47
+    assert (account["tail"], account["lost"]) == ({}, 0)
+
+
+def test_what_is_lost_at_the_end_of_a_sender_stays_counted(tmp_path):
+    """Of ten commands the last two are lost, as the sender tells; the next one of its name sends three."""
+    recorder = _Recorder(None, SimpleNamespace(counts={"act/mine": Count()}), None, None)
+    count = recorder._heard.counts["act/mine"]
+    for first, last in ((0, 8), (0, 3)):
+        for seq in range(first, last):
+            count.see(seq)
+            if "act/mine" in recorder._told:
+                recorder._follow(Message("act/mine", b"", seq, 0))
+        said = SimpleNamespace(sent_topic=["act/mine"], sent=[10 if last == 8 else 3])
+        recorder._compare(Message("total/mine", b"", 0, 0, said=said))
+    recorder._session = SimpleNamespace(run="run", door=SimpleNamespace(told=dict))
+    recorder._writer = SimpleNamespace(path=tmp_path, messages=0, last_ns=0)
+    assert recorder._account("").tail == {"act/mine": 2}
 
 
 def test_a_recorder_that_cannot_write_says_so_and_the_run_goes_on(plant, script, tmp_path):
