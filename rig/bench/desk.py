@@ -126,18 +126,24 @@ class Desk:
         return later
 
     def _tuned(self, body: dict[str, Any]) -> Later:
-        tuning, changes = self._operation.tuning, body.get("set")
+        tuning, changes, wanted = self._operation.tuning, body.get("set"), body.get("get", [])
+        if not (isinstance(wanted, list) and all(isinstance(key, str) for key in wanted)):
+            raise UsageError(f'"get" is {wanted!r:.80}; expected a list of keys, e.g. ["load.force"]')
+        if not (changes is None or isinstance(changes, dict)):
+            raise UsageError(f'"set" is {changes!r:.80}; expected the keys to change, each with its value')
         if body.get("list"):
+            if changes or wanted:
+                raise UsageError('"list" comes alone; send "get" or "set" as a request of its own')
             units = tuning.tunable()
             values = {key: tuning.value(key) for key in units}
             return lambda: {"values": json.loads(json.dumps(values, default=_plain)), "units": units}
 
         def told(values: dict[str, Any]) -> dict[str, Any]:
-            found = values | {key: tuning.value(key) for key in body.get("get", ())}
+            found = values | {key: tuning.value(key) for key in wanted}
             overruled = {key: owner for key in found if (owner := tuning.exchange.overruler(key))}
             return {"values": json.loads(json.dumps(found, default=_plain)), "overruled": overruled}
 
-        if changes is None:
+        if not changes:  # to set nothing is no event
             return lambda: told({})
         return self._rebuilt(
             lambda: tuning.wanted(changes),
@@ -173,7 +179,10 @@ class Desk:
             self._operation.journal.note("paused" if on else "resumed", "paused" if on else "goes on")
 
     def _knock(self, body: dict[str, Any]) -> None:
-        self._operation.knock(float(body["impulse"]))
+        impulse = body["impulse"]
+        if isinstance(impulse, bool) or not isinstance(impulse, int | float):
+            raise UsageError(f"an impulse of {impulse!r:.80} cannot be struck; expected a number [N s]")
+        self._operation.knock(float(impulse))
 
     def _switch(self, body: dict[str, Any]) -> None:
         self._operation.switch(str(body["controller"]), body["do"] == "connect")
@@ -201,8 +210,7 @@ class Desk:
                 raise UsageError(
                     f"the name {name!r:.80} is taken in this run; give the controller another one, or end that one"
                 )
-            if asked.hears:
-                hub.places(asked.reads)
+            hub.places(asked.reads)  # raises for a sensor that is not there
             return operation.admission(*told, gone())
 
         def then(variant: Variant | None) -> dict[str, Any]:

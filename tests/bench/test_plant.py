@@ -262,9 +262,14 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene, numbers):
             ("param/plant", {"set": {"friction.mu_statc": 0.4}}, "did you mean friction.mu_static"),
             ("param/plant", {"set": {"friction.mu_static": "x"}}, "mu_static"),
             ("param/plant", {"set": {"load.force": 5.0, "friction.mu_static": -1.0}}, "mu_static"),
-            ("param/plant", {"set": 5}, "cannot be done"),
+            ("param/plant", {"set": 5}, '"set" is 5; expected the keys to change'),
+            ("param/plant", {"set": "x"}, "\"set\" is 'x'; expected the keys to change"),
+            ("param/plant", {"get": "load.force"}, "\"get\" is 'load.force'; expected a list of keys"),
+            ("param/plant", {"get": [5]}, "expected a list of keys"),
+            ("param/plant", {"list": True, "set": {"load.force": 5.0}}, '"list" comes alone'),
             ("param/plant", {"get": ["nothing"]}, "nothing"),
-            ("cmd/plant", {"do": "knock", "impulse": "hard"}, "cannot be done"),
+            ("cmd/plant", {"do": "knock", "impulse": "hard"}, "'hard' cannot be struck; expected a number"),
+            ("cmd/plant", {"do": "knock", "impulse": True}, "True cannot be struck; expected a number"),
             ("param/plant", {"set": {"load.force": "3 m"}}, "load.force"),
             ("param/plant", {"set": {"load.force": -1.0}}, "must be"),
             ("cmd/plant", {"do": "fly"}, "cannot 'fly'"),
@@ -293,6 +298,7 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene, numbers):
                     ({"drives": [5]}, "drives.0: "),
                     ({"hears": "yes"}, "hears: "),
                     ({"sees": 1}, "sees: "),
+                    ({"reads": ["y"]}, "no sensor y; there are vibrometer"),
                 ]
             ],
             (
@@ -303,6 +309,8 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene, numbers):
         ]:
             with pytest.raises(BusError, match=wrong):
                 ask(topic, body, 2.0)
+        assert ask("param/plant", {"set": {}}, 2.0)["values"] == {}
+        assert "parameter" not in [event.kind for event in bench.plant.operation.journal.events]
         assert ask("param/plant", {"get": ["friction", "load.force"]}, 2.0)["values"]["load.force"] == 20.0
         ask("cmd/plant", {"do": "pause"}, 2.0)
         first = ask("cmd/plant", {"do": "pause"}, 2.0)["tick"]
