@@ -11,6 +11,7 @@ import controllers
 from controllers.file import load_file
 from controllers.process import Worker
 from rig import scenes
+from rig.bench.conclude import _verdict
 from rig.bench.exchange import Playback
 from rig.bench.job import Job
 from rig.bench.operation import Operation
@@ -446,6 +447,19 @@ def test_the_name_of_an_admitted_controller_is_free_as_soon_as_it_came_and_left(
                 desk._command(wanted)
         hub.look()
         desk._command(wanted)
+
+
+def test_the_verdict_tells_of_every_life_of_a_controller_that_has_gone(scene, numbers):
+    with Bench(scene, numbers, pace=None) as bench:
+        operation, hold = bench.plant.operation, scene.clock.hold_frames
+        for _ in range(2):
+            operation.admit("mine", ["drive.speed"], scene.frame_ns)
+            operation.exchange.receive("mine", operation.stand.tick, (0.1,))
+            for _ in range(hold + 2):
+                operation.take_over()
+                operation.stand.frame()
+            operation.dismiss("mine")
+        assert "safe values stepped in for mine 2 times" in _verdict(bench.plant, {}, []).reasons
 
 
 def test_what_is_still_being_built_at_the_end_of_a_run_is_refused(scene, numbers):
