@@ -144,7 +144,7 @@ class Folder:
             yield True
             return
         try:
-            lock = (self.path / f".{part}").open("ab")
+            lock = (self.path / f".{part}").open("ab", buffering=0)
         except OSError:
             yield True
             return
@@ -155,8 +155,9 @@ class Folder:
                 time.sleep(_ASK_S)
                 mine = _taken(lock)
             yield mine or longest > 0.0
-            if mine and lock.tell() == 0:
-                lock.write(b"compiled")
+            if mine and not self.noted(part):
+                with suppress(OSError):  # a full disk: it is compiled anew where it could not be kept either
+                    lock.write(b"compiled")
 
     def noted(self, part: str) -> bool:
         """Whether `part` has been compiled before."""
@@ -234,6 +235,6 @@ class Teller(event.Listener):  # type: ignore[misc]
     def _done(self) -> None:
         if sys.stderr.isatty():
             sys.stderr.write(f"\r{self._count} kernels compiled in {self._spent:.0f} s\n")
-        if self._spent >= _WORTH_S:
+        if self._spent >= _WORTH_S and not self._depth:  # else it was interrupted
             with suppress(OSError):
                 self._notes.write_text(f"{self._spent:.0f}")
