@@ -415,7 +415,7 @@ class Motion:
             raise Diverged(f"no step is short enough for the tolerance {self.tolerance:g}", *where)
         what = f"the state has left the limit of {self.limit:g} or is not finite"
         if self.method in ("rk4", "kick"):
-            what += f"; {blame(self.system, self.method, self.step_ns * 1e-9 / self.substeps)}"
+            what += f"; {blame(self.system, self.method, self.step_ns * 1e-9, self.substeps)}"
         raise Diverged(what, *where)
 
     def events(self) -> list[Event]:

@@ -80,14 +80,23 @@ def verdict(system: System, method: str, step: float, substeps: int = 1, toleran
         found += _growth(at, name, fastest)
     found += _steps(fastest, where, method, step, substeps)
     if method == "rk4":
-        found += _bends(system, step / substeps)
+        found += _bends(system, step, substeps)
     if method == "dopri5":
         found += _narrow(system, tolerance)
     return sorted(found, key=lambda one: ("error", "warning", "info").index(one.level))
 
 
-def blame(system: System, method: str, h: float) -> str:
-    """What a step of `h` s has to do with a run by rk4 or kick that has diverged, and what would help."""
+def part(step: float, most: float) -> str:
+    """The longest step up to `most` s that the sample step of `step` s is a whole number of, with its unit."""
+    whole = round(step * 1e9)
+    count = max(1, math.ceil(step / most * (1.0 - 1e-12)))
+    count = next((n for n in range(count, whole) if whole % n == 0), whole)
+    return f"{whole // count * 1e-9:.12g} s"
+
+
+def blame(system: System, method: str, step: float, substeps: int) -> str:
+    """What the steps have to do with a run by rk4 or kick that has diverged, and what would help; see `verdict`."""
+    h = step / substeps
     fastest = max(float(np.abs(np.linalg.eigvals(assembled(system, key).A)).max()) for key in mode_sets(system))
     fastest = max(fastest, steepest(system))
     size, limit = fastest * h, RK4_LIMIT if method == "rk4" else KICK_LIMIT
@@ -95,7 +104,7 @@ def blame(system: System, method: str, h: float) -> str:
     if size <= _COARSE:
         return f"{told}, which is short enough; what grows is the motion itself"
     why = f"unstable beyond {limit}" if size > limit else f"coarse beyond {_COARSE}"
-    return f"{told}, {why}. Set clock.rk4_step to {at_most(0.1 / fastest)} s or less" + (
+    return f"{told}, {why}. Set clock.rk4_step to {part(step, 0.1 / fastest)} or less" + (
         ", or clock.method to dopri5" if method == "rk4" else ""
     )
 
@@ -276,15 +285,15 @@ def _width(law: Law) -> float:
     return change / slope if slope > 0.0 else math.inf
 
 
-def _bends(system: System, h: float) -> Iterator[Finding]:
+def _bends(system: System, step: float, substeps: int) -> Iterator[Finding]:
     """Whether rk4 can follow a law over speed where it is steepest."""
-    fastest = steepest(system)
+    fastest, h = steepest(system), step / substeps
     if fastest * h > _COARSE:
         yield Finding(
             "warning",
             f"rk4 is coarse at a step of {h:g} s: |lambda| h = {fastest * h:.3g} where the friction law is steepest",
             fastest * h,
-            f"rk4_step of {at_most(0.1 / fastest)} s or less, or method dopri5",
+            f"rk4_step of {part(step, 0.1 / fastest)} or less, or method dopri5",
         )
 
 
@@ -297,14 +306,14 @@ def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -
             "error",
             f"rk4 is unstable at a step of {h:g} s: |lambda| h = {size:.3g} in {name}, at most {RK4_LIMIT}",
             size,
-            f"rk4_step below {at_most(0.9 * RK4_LIMIT / fastest)} s, or method exact or dopri5",
+            f"rk4_step of {part(step, 0.9 * RK4_LIMIT / fastest)} or less, or method exact or dopri5",
         )
     elif method == "kick" and size > KICK_LIMIT:
         yield Finding(
             "error",
             f"kick is unstable at a step of {h:g} s: |lambda| h = {size:.3g} in {name}, at most {KICK_LIMIT}",
             size,
-            f"rk4_step below {at_most(0.9 * KICK_LIMIT / fastest)} s",
+            f"rk4_step of {part(step, 0.9 * KICK_LIMIT / fastest)} or less",
         )
     elif method == "smooth":
         yield Finding(
@@ -318,7 +327,7 @@ def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -
             "warning",
             f"{method} is coarse at a step of {h:g} s: |lambda| h = {size:.3g} in {name}",
             size,
-            f"rk4_step of {at_most(0.1 / fastest)} s or less",
+            f"rk4_step of {part(step, 0.1 / fastest)} or less",
         )
     elif method == "dopri5" and size > _STIFF:
         yield Finding(

@@ -20,7 +20,8 @@ class Cycle:
     period, frequency   [s], [Hz]             amplitude   half of peak to peak, of each output
     stick_time          [s] in one period, and its share, for each contact
     extremes            (lowest, highest) of each plant output in its unit; start and end of stick: outputs there
-    energy              [J] in one cycle by term; `error`: what does not close, relative to the largest term
+    energy              [J] in one cycle by term; `error`: what does not close, relative to the largest term or
+                        to what is stored
     repeats             largest difference of an event's time from the cycle before, relative to the period; of a
                         cycle without events that of a turning point, relative to the span of each state
     floquet             multipliers: what a round leaves of a small disturbance

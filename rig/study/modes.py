@@ -235,15 +235,17 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
 
 def missing(at: Steady) -> str:
     """What keeps a rig from sliding steadily."""
-    for patch, speed, load in zip(at.system.patches, at.speed.tolist(), at.load.tolist()):
+    contacts = list(zip(at.system.patches, at.speed.tolist(), at.load.tolist()))
+    for patch, speed, load in contacts:
         if speed == 0.0:
             return f"the surface at {patch.name} stands still"
-        if load == 0.0:
-            return f"nothing presses {patch.name}"
         if load < 0.0:
             return f"where all forces balance, {patch.name} would have to pull (normal force {load:.4g} N)"
     if at.inertia <= 0.0:
         return "friction takes up all of the inertia"
+    for patch, _, load in contacts:
+        if load == 0.0:
+            return f"nothing presses {patch.name}"
     return "no such equilibrium is found"
 
 

@@ -183,7 +183,7 @@ class _Ledger:
         self._stored += ledger.stored(motion.system, motion.x, motion.key) - self._held
 
     def terms(self) -> dict[str, float]:
-        """By name, and `error`: what does not close, relative to the largest term."""
-        largest = max(float(np.abs(self._sum).max()), 1e-30)
+        """By name, and `error`: what does not close, relative to the largest term or to what is stored."""
+        largest = max(float(np.abs(self._sum).max()), abs(self._held), 1e-30)
         error = (float(self._sum @ ledger.SIGNS) - self._stored) / largest
         return {**ledger.by_name(self._system, self._sum), "stored": self._stored, "error": error}

@@ -25,7 +25,10 @@ class Rest:
 
     def __init__(self, sliding: Steady, start: Array) -> None:
         self._sliding, self._nq = sliding, len(sliding.system.coordinates)
-        rates = sliding.eigenvalues() if sliding.exists else np.zeros(0, dtype=np.complex128)
+        self._free = not sliding.load.any()
+        """Nothing presses: the structure swings by itself, and comes to rest where it would slide."""
+        there = sliding.exists or self._free
+        rates = sliding.eigenvalues() if there else np.zeros(0, dtype=np.complex128)
         self.least = complex(rates[0]) if len(rates) else complex(math.nan, math.nan)
         self._turn = abs(self.least)
         self._scale = self._distance(start)
@@ -47,7 +50,8 @@ class Rest:
         """Why there is no limit cycle."""
         hertz = abs(self.least.imag) / (2.0 * math.pi)
         at = f" at {hertz:.6g} Hz" if hertz else ""
-        return f"no limit cycle: sliding is stable, its least stable motion decays with {-self.least.real:.6g} 1/s{at}"
+        what = "nothing presses a contact, and the" if self._free else "sliding is stable, its"
+        return f"no limit cycle: {what} least stable motion decays with {-self.least.real:.6g} 1/s{at}"
 
     def _distance(self, x: Array) -> float:
         d, nq, mass = x - self._sliding.x, self._nq, self._sliding.system.mass

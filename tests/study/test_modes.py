@@ -197,3 +197,7 @@ def test_an_equilibrium_tells_no_rounding(name):
     told = modes(rig.load(name)).sliding.equilibrium
     assert not [key for key, value in told.items() if value and abs(value) < 1e-9]
     assert told["slip_speed"] > 0.01
+
+
+def test_a_rig_that_jams_says_so_without_a_load_too():
+    assert "inertia" in modes(rig.load("pin", {"friction.mu": 1.2, "load.force": 0.0})).sliding.why

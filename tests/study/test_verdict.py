@@ -17,7 +17,7 @@ from rig.quantities import at_least, at_most
 from rig.solve import laws
 from rig.solve.assembly import Assembly
 from rig.solve.linear import sliding_key, steady
-from rig.solve.verdict import RK4_LIMIT, blame, verdict
+from rig.solve.verdict import RK4_LIMIT, blame, part, verdict
 
 STEP = 1e-3
 COULOMB = laws.coulomb(0.4, 0.25)
@@ -259,10 +259,10 @@ def test_the_tolerance_of_shipped_scenes_is_fine_enough(name):
 def test_rk4_that_has_diverged_names_its_step_and_one_that_does():
     """A law that falls within 1e-4 m/s: |lambda| = N (mu_s - mu_d) / (m v_s) = 12800 1/s where it is steepest."""
     system = belt(laws.stribeck(0.5, 0.18, 1e-4)).system()
-    told = blame(system, "rk4", 1e-3)
+    told = blame(system, "rk4", 1e-3, 1)
     assert "rk4 took steps of 0.001 s: |lambda| h = 12.8, unstable beyond 2.785" in told
-    assert "clock.rk4_step to 7.8e-06 s or less" in told
-    assert "short enough" in blame(belt().system(), "rk4", 1e-3)
+    assert "clock.rk4_step to 6.25e-06 s or less" in told
+    assert "short enough" in blame(belt().system(), "rk4", 1e-3, 1)
     [warned] = [one for one in verdict(system, "rk4", STEP, 10) if "steepest" in one.what]
     assert warned.number == pytest.approx(1.28, rel=1e-3)
 
@@ -279,3 +279,17 @@ def test_a_run_that_diverges_under_rk4_says_so():
     run = rig.simulate(rig.load("belt", changes), 1.0)
     assert "rk4 took steps of 0.001 s" in run.fault
     assert "Set clock.rk4_step to" in run.fault
+
+
+@pytest.mark.parametrize(
+    ("step", "most", "told"), [(1e-3, 1.18e-4, "0.0001 s"), (1e-3, 2.0, "0.001 s"), (7e-9, 4e-9, "1e-09 s")]
+)
+def test_a_step_that_is_told_is_a_whole_part_of_the_sample_step(step, most, told):
+    assert part(step, most) == told
+
+
+@pytest.mark.parametrize("scene", ["belt", "belt_c_damped"])
+def test_a_damped_rig_on_which_nothing_presses_comes_to_rest(scene):
+    found = rig.limit_cycle(rig.load(scene, {"load.force": 0.0}))
+    assert not found.found
+    assert "nothing presses" in found.why
