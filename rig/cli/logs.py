@@ -9,7 +9,7 @@ import typer
 
 from rig.cli import tell
 from rig.cli.options import Force, Json, Pace, pace, seconds
-from rig.cli.outputs import new, reads
+from rig.cli.outputs import named, new, reads
 from rig.errors import LogError, UsageError
 
 if TYPE_CHECKING:
@@ -21,10 +21,15 @@ def _file(context: typer.Context, path: Path) -> Path:
     from rig.files import regular
 
     try:
+        named("recording", path)
         regular(path)
     except FileNotFoundError:
         pass
+    except UsageError:
+        context.close()  # see `new`
+        raise
     except OSError as error:
+        context.close()
         raise UsageError(f"{path}: cannot be read: {error.strerror}") from None
     reads(context, path)
     return path
@@ -128,6 +133,8 @@ def recover(
     """
     from rig.record.recover import recover as save
 
+    if out is not None:
+        named("--out", out)
     found = save(log, out, force)
     if as_json:
         tell.report({**vars(found), "complete": found.complete})

@@ -21,6 +21,12 @@ _TAKEN = "rig.cli.outputs"
 _READ = "what is read"
 
 
+def named(what: str, path: Path) -> None:
+    """Raise UsageError for a name that is empty; as a path it is the same as "."."""
+    if path == Path():
+        raise UsageError(f"{what}: the name is empty, or it is this folder; name a file")
+
+
 def new(context: typer.Context, option: typer.CallbackParam, path: Path | None) -> Path | None:
     """Hold the file that an option names while its command runs, from before the command computes anything."""
     if path is not None:
@@ -65,6 +71,7 @@ def _same(one: Path, other: Path) -> bool:
 
 
 def _hold(context: typer.Context, option: str, path: Path) -> None:
+    named(option, path)
     if option == "--figure" and path.suffix.lower() not in FIGURES:
         raise UsageError(f"{option} {path}: the name of a figure ends in {', '.join(FIGURES[:-1])} or {FIGURES[-1]}")
     _claim(context, option, path)

@@ -182,6 +182,21 @@ def test_no_command_overwrites_what_it_reads(rig, log, tmp_path, monkeypatch, co
     assert (tmp_path / "belt.png").read_text() == "title = 'mine'"
 
 
+@pytest.mark.usefixtures("log")
+@pytest.mark.parametrize(
+    "command",
+    [*FILES, ("verify",), ("diff", "log.mcap"), ("simulate", "belt", "--figure", "f.png", "--out")],
+    ids=lambda command: f"{command[0]} {command[-1]}",
+)
+def test_an_empty_name_is_told(rig, tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    before = sorted(tmp_path.iterdir())
+    code, err = rig(*command, "")
+    assert code == 2
+    assert "the name is empty" in err
+    assert sorted(tmp_path.iterdir()) == before
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
 @pytest.mark.usefixtures("log")
 @pytest.mark.parametrize("command", FILES, ids=lambda command: f"{command[0]} {command[-1]}")
