@@ -10,7 +10,7 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-TIMED := tests/bench tests/bus tests/controllers/test_process.py tests/record tests/test_process.py tests/view/test_bridge.py
+TIMED := tests/bench tests/bus tests/controllers/test_process.py tests/record tests/test_child.py tests/test_process.py tests/view/test_bridge.py
 RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
 

@@ -140,12 +140,10 @@ class Folder:
 
         When that has ended, what it compiled is found here. After `longest` it counts as hung, and yes is the answer.
         """
-        if not self.keeps:
-            yield True
-            return
-        try:
+        lock = None
+        with suppress(OSError):  # no place, no room: everybody compiles
             lock = (self.path / f".{part}").open("ab", buffering=0)
-        except OSError:
+        if lock is None:
             yield True
             return
         with lock:

@@ -17,11 +17,11 @@ from pathlib import Path
 from typing import Any
 
 from rig import bus
-from rig.bench.child import Child, end
 from rig.bench.job import Job
 from rig.bench.outcome import Outcome
 from rig.bench.status import Live
 from rig.bus.port import Receiver, Session
+from rig.child import Child, end
 from rig.errors import BusError, Interrupted, RigError, UsageError
 from rig.process import told_to_stop
 from rig.scenes.scene import Scene

@@ -1,7 +1,7 @@
 """The parts of compiled code that a rig needs (rig.solve.leaf), where they begin, and two processes that compile them.
 
 The second process takes the parts from the end of the list, this one from its begin; none is compiled by both
-(rig.kept.Folder.claimed). So the first start of a kind of rig takes little more than half of the time.
+(rig.kept.Folder.claimed).
 """
 
 from __future__ import annotations
@@ -10,19 +10,20 @@ import base64
 import importlib
 import os
 import pickle
-import subprocess
+import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from rig import scheduling
+from rig.child import Child, end
 from rig.kernel import FOLDER
 from rig.solve.leaf import Shape
 
-_ROOT = Path(__file__).resolve().parents[2]
+_ADDRESSES: dict[tuple[Any, Shape], int] = {}
+_HUNG = 120.0  # s that another process may compile one part
 _PATIENCE = 5.0  # s, for the second process to end
 
 
@@ -34,30 +35,13 @@ def _beside(names: Sequence[str], kinds: tuple[Any, ...]) -> Iterator[None]:
     if len(names) < 2 or not FOLDER.keeps or scheduling.cores() < 2 or apart:
         yield
         return
-    path = os.pathsep.join(filter(None, (str(_ROOT), os.environ.get("PYTHONPATH", ""))))
     task = base64.b64encode(pickle.dumps((list(reversed(names)), kinds))).decode()
-    environment = {**os.environ, "PYTHONPATH": path}
-    environment.pop("RIG_OWN_PROCESS")  # it says nothing and asks nobody for help
-    with subprocess.Popen(
-        [sys.executable, "-m", "rig.solve.parts", task],
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-        env=environment,
-    ) as fellow:
-        try:
-            yield
-        finally:
-            fellow.terminate()  # all is there, or is not wanted any more
-            try:
-                fellow.wait(_PATIENCE)
-            except subprocess.TimeoutExpired:
-                fellow.kill()
-
-
-_ADDRESSES: dict[tuple[Any, Shape], int] = {}
-_HUNG = 120.0  # s that another process may compile one part
+    fellow = Child("compiler", ["rig.solve.parts", task])
+    try:
+        yield
+    finally:
+        fellow.send(signal.SIGTERM)  # all is there, or is not wanted any more
+        end([fellow], _PATIENCE)
 
 
 def addresses(wanted: Mapping[str, tuple[Any, Shape]], kinds: Callable[[], Sequence[Any]]) -> dict[str, int]:

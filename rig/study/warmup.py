@@ -25,8 +25,8 @@ import controllers
 import rig
 import sensors
 from rig import kernel, scenes
-from rig.bench.child import Child, end
 from rig.bench.stand import Stand
+from rig.child import Child, end
 from rig.errors import NumericsError, WorkerError
 from rig.process import as_process
 from rig.scenes.scene import Scene

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from rig.bench.child import Child, end
+from rig.child import Child, end
 from rig.errors import WorkerError
 from rig.study import warmup
 from rig.study.map.job import Arrays, Job, compute

@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from rig.bench import child
-from rig.bench.child import Child, end
+from rig import child
+from rig.child import Child, end
 
 
 @pytest.fixture
