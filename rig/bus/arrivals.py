@@ -66,10 +66,12 @@ class Count:
     last: int = -1
     tick: int = -1
     at: float = 0.0
-    """When the last message was read [s on the monotonic clock]."""
+    """When the last message was sent at the earliest [s on the monotonic clock]: at `FASTEST` since the first one."""
 
-    def see(self, seq: int) -> None:
+    def see(self, seq: int, now: float) -> None:
         """Count a message; a number that is not above the last one means that the publisher started anew."""
+        # The time since the last message is not used up by reading one: a backlog is read at one instant.
+        self.at = min(self.at + self.steps(seq) / FASTEST, now) if self.received else now
         if seq > self.last >= 0:
             self.lost += seq - self.last - 1
         elif self.last < 0:
@@ -77,8 +79,12 @@ class Count:
         self.last = seq
         self.received += 1
 
+    def steps(self, seq: int) -> int:
+        """Messages that the publisher has sent after the last one, up to number `seq`."""
+        return seq - self.last if seq > self.last else seq + 1
+
     def plausible(self, steps: int, now: float) -> bool:
-        """Whether a publisher can have sent `steps` messages since the last one that was read."""
+        """Whether the publisher can have sent `steps` messages after the last one by now."""
         return steps <= AT_ONCE + FASTEST * (now - self.at)
 
     def tail(self, sent: int) -> int:

@@ -135,8 +135,7 @@ class Door:
                 raise Refused("too many topics", f"more than {_TOPICS} topics")
             count = Count()
         if seq != count.last + 1 or t_ns >= TIMES_NS:
-            since = seq - count.last if seq > count.last else seq + 1  # or the publisher started anew
-            if t_ns >= TIMES_NS or not count.plausible(since, now):
+            if t_ns >= TIMES_NS or not count.plausible(count.steps(seq), now):
                 raise Refused("implausible number", f"number {seq}, t = {t_ns} ns after number {count.last} on {topic}")
         said = None
         if granted.read is not None:
@@ -155,8 +154,7 @@ class Door:
             counts[topic] = count
         if (user, topic) not in self.granted:  # not before: what is refused takes no room
             self.granted[user, topic] = granted
-        count.see(seq)
-        count.at = now
+        count.see(seq, now)
         return Message(topic, payload, seq, t_ns, arrived_ns, said, user)
 
     def _grant(self, user: str, topic: str, encoding: str) -> _Granted:

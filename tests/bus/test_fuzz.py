@@ -306,6 +306,27 @@ def test_numbers_that_cannot_be_are_not_counted_as_losses():
     assert counts["act/nf"] == Count(received=2, lost=1, first=7, last=9, at=counts["act/nf"].at)
 
 
+def test_a_backlog_that_is_read_at_one_instant_is_let_in(monkeypatch):
+    """A process was stopped for 12 s: some of what was sent meanwhile arrives, more is dropped, then comes the rest."""
+    door, counts, now = Door(frozenset({"plant"})), {}, 1000.0
+    monkeypatch.setattr("rig.bus.inbound.time.monotonic", lambda: now)
+
+    def step(tick, seq=None):
+        payload = encode.step(tick, tick * MS, [0.0], np.ones(1, np.int64))
+        door.message(arrived("step", payload, tick if seq is None else seq), counts)
+
+    step(0)
+    now += 12.0
+    for tick in (*range(1, 500), *range(6_000, 6_100), *range(11_990, 12_000)):
+        step(tick)
+    assert counts["step"].lost == 12_000 - 610
+    for tick, seq in ((12_000, 2**63), (12_000, 10**9), (10**12, 12_000)):
+        with pytest.raises(Refused) as found:
+            step(tick, seq)
+        assert "implausible" in found.value.kind
+    step(12_000)
+
+
 def test_a_step_far_ahead_does_not_silence_a_controller(followed):
     hub, plant = followed
     mine = hub.open("controller", "nf")

@@ -122,14 +122,14 @@ def test_polled_overflow_is_counted_too(wire):
 def test_what_is_lost_at_the_end_shows_in_the_totals():
     count = Count()
     for seq in (3, 4, 6):
-        count.see(seq)
+        count.see(seq, 0.0)
     assert (count.first, count.received, count.lost, count.tail(10)) == (3, 3, 1, 3)
 
 
 def test_a_publisher_that_starts_anew_is_not_a_loss():
     count = Count()
     for seq in (0, 1, 2, 0, 1):
-        count.see(seq)
+        count.see(seq, 0.0)
     assert (count.received, count.lost) == (5, 0)
 
 

@@ -201,7 +201,7 @@ def test_what_is_lost_at_the_end_of_a_sender_stays_counted(tmp_path):
     count = recorder._heard.counts["act/mine"]
     for first, last in ((0, 8), (0, 3)):
         for seq in range(first, last):
-            count.see(seq)
+            count.see(seq, 0.0)
             if "act/mine" in recorder._told:
                 recorder._follow(Message("act/mine", b"", seq, 0))
         said = SimpleNamespace(sent_topic=["act/mine"], sent=[10 if last == 8 else 3])
