@@ -22,7 +22,7 @@ from typing import IO, Any
 
 import platformdirs
 from numba.core import event
-from numba.core.caching import IndexDataCacheFile
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
 
 from rig import locks
 
@@ -85,6 +85,26 @@ class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
             file.write(zlib.crc32(whole).to_bytes(_SUM) + whole)
 
 
+class _Place(UserProvidedCacheLocator):  # type: ignore[misc]
+    """A folder that need not be there: numba would try to write, and take the sources' own folder instead."""
+
+    def ensure_cache_path(self) -> None:
+        """Nothing is written."""
+
+
+class _Places(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes: list[type[object]] = [_Place]  # noqa: RUF012 (as numba declares it)
+
+
+class _Found(FunctionCache):  # type: ignore[misc]
+    """The kernels of a folder that cannot be written: those that are there are loaded."""
+
+    _impl_class = _Places
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Nothing is kept."""
+
+
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
     """While nobody else writes into a folder of kernels."""
@@ -110,7 +130,7 @@ def root() -> Path:
 
 
 class Folder:
-    """The kernels of one set of sources. `keeps`: whether any can be kept there."""
+    """The kernels of one set of sources. `keeps`: whether more can be kept there; what is there is loaded anyway."""
 
     def __init__(self, key: str) -> None:
         self.path = root() / key
@@ -124,6 +144,8 @@ class Folder:
 
     def keep(self, dispatcher: Any, beside_sources: bool) -> None:
         """Have what `dispatcher` compiles kept; with `beside_sources` for its own file in its present state only."""
+        if not self.keeps:
+            dispatcher._cache = _Found(dispatcher.py_func)  # type: ignore[no-untyped-call]  # noqa: SLF001
         cache = dispatcher._cache  # noqa: SLF001 (numba has no public way)
         if beside_sources:
             cache._cache_file.__class__ = CheckedFile  # noqa: SLF001
@@ -160,7 +182,7 @@ class Folder:
     def noted(self, part: str) -> bool:
         """Whether `part` has been compiled before."""
         try:
-            return self.keeps and (self.path / f".{part}").stat().st_size > 0
+            return (self.path / f".{part}").stat().st_size > 0
         except OSError:
             return False
 

@@ -57,8 +57,7 @@ def _compiled(function: F, **options: Any) -> F:
     # A number that is written in the source of a caller would be a type of its own, and a kernel compiled for it alone.
     plain: Any = types.unliteral
     dispatcher.get_call_template = lambda kinds, named: templates([plain(kind) for kind in kinds], named)
-    if FOLDER.keeps:
-        FOLDER.keep(dispatcher, beside_sources=not function.__module__.startswith(_ROOMS))
+    FOLDER.keep(dispatcher, beside_sources=not function.__module__.startswith(_ROOMS))
     return dispatcher  # type: ignore[no-any-return]
 
 

@@ -56,6 +56,36 @@ def test_a_place_that_cannot_be_written_costs_time_only(tmp_path):
     assert not list(tmp_path.rglob("*.nbi"))  # nothing that an edit elsewhere would not renew
 
 
+READ_ONLY = """
+import os, sys
+
+def refuse(event, arguments):
+    writes = event == "open" and arguments[2] & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
+    writes = writes or event in ("os.utime", "os.mkdir", "os.rename", "os.remove")
+    if writes and str(arguments[0]).startswith({!r}):
+        raise PermissionError(30, "Read-only file system")
+
+sys.addaudithook(refuse)
+"""
+
+
+@pytest.mark.parametrize("rooms", ["rig.solve", "__main__"], ids=["of a user", "of the rig"])
+def test_kernels_in_a_place_that_cannot_be_written_are_loaded(tmp_path, monkeypatch, rooms):
+    """A user without rights, on a disk that is shared: nothing is compiled, nothing written; a new kernel is told."""
+    kept = tmp_path / "kept"
+    monkeypatch.setattr(sys.modules[__name__], "CODE", f"from rig import kernel\nkernel._ROOMS = ({rooms!r},)\n{CODE}")
+    assert run(tmp_path, RIG_KERNELS=str(kept)).stderr == TOLD
+    before = sorted(kept.rglob("*"))
+    assert any(path.suffix == ".nbc" for path in before)
+    (tmp_path / "sitecustomize.py").write_text(READ_ONLY.format(str(kept)))
+    found = run(tmp_path, RIG_KERNELS=str(kept))
+    assert (found.stdout, found.stderr) == ("2.0\n", "")
+    found = run(tmp_path, "1.0), twice(1", RIG_KERNELS=str(kept))
+    assert found.stdout == "2.0 2\n"
+    assert f"at every start, for {kept} cannot be written" in found.stderr
+    assert sorted(kept.rglob("*")) == before
+
+
 def test_kernels_that_many_compile_at_once_are_all_kept(tmp_path):
     def keep(number):
         CheckedFile(str(tmp_path), "one", "stamp").save(("key", number), number)
