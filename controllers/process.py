@@ -29,6 +29,7 @@ from controllers.loop import Loop
 from rig import bus
 from rig.bus import encode, messages, setup
 from rig.bus.port import Session
+from rig.bus.questions import param_request
 from rig.errors import BusError, RigError, UsageError
 from rig.memory import locked
 from rig.process import as_process, stopping
@@ -110,12 +111,14 @@ class Worker:
 
     def asked(self, body: dict[str, Any]) -> dict[str, Any]:
         """Get or set parameters; a set is whole or not at all, and in force from the next step on."""
-        if body.get("list"):
+        everything, keys, changes = param_request(body)
+        if everything:
             units, now = tunable(self.loop.controller), parameters(self.loop.controller)
             return {"values": {key: now[key] for key in units}, "units": units}
-        if (changes := body.get("set")) is not None:
-            if not isinstance(changes, dict):
-                raise UsageError(f"set is {changes!r}; expected the parameters to change, each with its value")
+        values = parameters(self.loop.controller)
+        if unknown := [key for key in keys if key not in values]:
+            raise UsageError(f"no parameter is called {', '.join(unknown)}; there are {', '.join(values)}")
+        if changes:
             try:
                 self.loop.retune(changes)
             except UsageError as fault:
@@ -123,12 +126,8 @@ class Worker:
                 raise
             text = ", ".join(f"{key} = {value}" for key, value in changes.items())
             self.tell("parameter", text, {"set": changes, "after_tick": self.tick})
-        values = parameters(self.loop.controller)
-        unknown = [key for key in body.get("get", ()) if key not in values]
-        if unknown:
-            raise UsageError(f"no parameter is called {', '.join(unknown)}; there are {', '.join(values)}")
-        wanted = body.get("get") or values
-        return {"values": {key: values[key] for key in wanted}, "counters": self.loop.counters()}
+            values = parameters(self.loop.controller)
+        return {"values": {key: values[key] for key in keys or values}, "counters": self.loop.counters()}
 
     def fell_back(self) -> None:
         """Say that real-time scheduling has ended for this process."""

@@ -25,7 +25,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rig.bench.hub import Hub
 from rig.bench.variant import Build, Variant, Wanted
-from rig.bus.questions import Later
+from rig.bus.questions import Later, param_request
 from rig.errors import RigError, UsageError
 
 
@@ -126,25 +126,23 @@ class Desk:
         return later
 
     def _tuned(self, body: dict[str, Any]) -> Later:
-        tuning, changes, wanted = self._operation.tuning, body.get("set"), body.get("get", [])
-        if not (isinstance(wanted, list) and all(isinstance(key, str) for key in wanted)):
-            raise UsageError(f'"get" is {wanted!r:.80}; expected a list of keys, e.g. ["load.force"]')
-        if not (changes is None or isinstance(changes, dict)):
-            raise UsageError(f'"set" is {changes!r:.80}; expected the keys to change, each with its value')
-        if body.get("list"):
-            if changes or wanted:
-                raise UsageError('"list" comes alone; send "get" or "set" as a request of its own')
+        tuning, (everything, wanted, changes) = self._operation.tuning, param_request(body)
+        if everything:
             units = tuning.tunable()
             values = {key: tuning.value(key) for key in units}
             return lambda: {"values": json.loads(json.dumps(values, default=_plain)), "units": units}
 
+        def now() -> dict[str, Any]:
+            return {key: tuning.value(key) for key in wanted}
+
         def told(values: dict[str, Any]) -> dict[str, Any]:
-            found = values | {key: tuning.value(key) for key in wanted}
+            found = values | now()
             overruled = {key: owner for key in found if (owner := tuning.exchange.overruler(key))}
             return {"values": json.loads(json.dumps(found, default=_plain)), "overruled": overruled}
 
         if not changes:  # to set nothing is no event
             return lambda: told({})
+        now()  # raises for an unknown key, before anything is changed
         return self._rebuilt(
             lambda: tuning.wanted(changes),
             lambda variant: told(tuning.change(changes, variant=variant)),

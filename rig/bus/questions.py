@@ -6,11 +6,11 @@ import json
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 from rig.bus.arrivals import Arrived
 from rig.bus.inbound import Door
-from rig.errors import RigError
+from rig.errors import RigError, UsageError
 
 _QUESTIONS = 16
 """Most questions that one call answers."""
@@ -35,6 +35,30 @@ class Request(ABC):
 Later = Callable[[], "dict[str, Any] | None"]
 """An answer that takes a while: asked again at every poll until it is there."""
 Answer = Callable[[dict[str, Any]], "dict[str, Any] | bytes | Later"]
+
+
+class ParamRequest(NamedTuple):
+    """What a request on `param/<process>` asks for: all that can be set, or the values of `keys` after `changes`."""
+
+    everything: bool
+    keys: list[str]
+    changes: dict[str, Any]
+
+
+def param_request(body: dict[str, Any]) -> ParamRequest:
+    """Read a request on `param/<process>`. Raises UsageError for a malformed one."""
+    keys, changes = body.get("get", []), body.get("set", {})
+    if unknown := [key for key in body if key not in ("get", "set", "list")]:
+        raise UsageError(f'the request has {unknown[0]!r:.80}; it can have "get" and "set", or "list" alone')
+    if not (isinstance(keys, list) and all(isinstance(key, str) for key in keys)):
+        raise UsageError(f'"get" is {keys!r:.80}; expected a list of keys, e.g. ["load.force"]')
+    if not isinstance(changes, dict):
+        raise UsageError(f'"set" is {changes!r:.80}; expected the keys to change, each with its value')
+    if body.get("list", True) is not True:
+        raise UsageError(f'"list" is {body["list"]!r:.80}; expected true')
+    if "list" in body and len(body) > 1:
+        raise UsageError('"list" comes alone; send "get" or "set" as a request of its own')
+    return ParamRequest("list" in body, keys, changes)
 
 
 class Server(ABC):

@@ -178,6 +178,18 @@ def test_parameters_are_read_and_set_while_it_works():
         ({"set": {"gain": "3 kg", "lowest": "1 N"}}, "gain: is '3 kg'"),
         ({"set": {"period": "2 ms"}}, "is fixed"),
         ({"get": ["gian"]}, "no parameter is called gian"),
+        ({"get": ["gian"], "set": {"gain": 1.0}}, "no parameter is called gian"),
+        ({"get": "gain"}, "\"get\" is 'gain'; expected a list of keys"),
+        ({"get": ""}, "\"get\" is ''; expected a list of keys"),
+        ({"get": {"gain": 1}}, '"get" is .*; expected a list of keys'),
+        ({"get": [5]}, r'"get" is \[5\]; expected a list of keys'),
+        ({"get": None}, '"get" is None; expected a list of keys'),
+        ({"set": ["gain", 1.0]}, '"set" is .*; expected the keys to change, each with its value'),
+        ({"set": None}, '"set" is None; expected the keys to change'),
+        ({"list": True, "set": {"gain": 1.0}}, '"list" comes alone'),
+        ({"list": True, "get": ["gain"]}, '"list" comes alone'),
+        ({"list": "gain"}, "\"list\" is 'gain'; expected true"),
+        ({"sett": {"gain": 1.0}}, 'has \'sett\'; it can have "get" and "set", or "list" alone'),
     ],
 )
 def test_a_faulty_question_is_refused_and_changes_nothing(body, fault):
