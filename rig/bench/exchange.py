@@ -88,6 +88,12 @@ class Exchange:
         free = {name, *gone}
         taken = [(d, self._owner[d]) for d in drives if self._owner.get(d, name) not in free]
         faults += [f"{drive}: is driven by {owner} already" for drive, owner in taken]
+        former = self.all_lines.get(name)
+        if former is not None and former.counts.taken and len(former.drives) != len(drives):
+            faults.append(
+                f"commanded {len(former.drives)} actuators before in this run and would now command {len(drives)}; a "
+                "recording holds one number of commands under each name, so give the controller another name"
+            )
         if period_ns % self._frame_ns or not 0 < period_ns <= LONGEST_NS:
             frame, longest = f"{self._frame_ns / 1e6:g} ms", f"{LONGEST_NS / 1e9:g} s"
             faults.append(

@@ -452,6 +452,25 @@ def test_the_name_of_an_admitted_controller_is_free_as_soon_as_it_came_and_left(
         desk._command(wanted)
 
 
+def test_a_name_that_has_commanded_keeps_its_number_of_actuators(scene, numbers):
+    """A recording has one number of commands for each name; who has not commanded yet may come again with more."""
+    with Bench(scene, numbers, pace=None) as bench:
+        operation, both = bench.plant.operation, ["drive.speed", "load.force"]
+        operation.dismiss("nf")  # its load is free
+        for drives in (both, ["drive.speed"]):
+            operation.admit("mine", drives, scene.frame_ns)
+            operation.dismiss("mine")
+        operation.admit("mine", ["drive.speed"], scene.frame_ns)
+        operation.exchange.receive("mine", 0, (0.1,))
+        operation.take_over()
+        operation.dismiss("mine")
+        events = len(operation.journal.events)
+        with pytest.raises(UsageError, match=r"commanded 1 actuators before .* would now command 2; .* another name"):
+            operation.admit("mine", both, scene.frame_ns)
+        assert len(operation.journal.events) == events
+        operation.admit("mine", ["load.force"], scene.frame_ns)
+
+
 def test_the_verdict_tells_of_every_life_of_a_controller_that_has_gone(scene, numbers):
     with Bench(scene, numbers, pace=None) as bench:
         operation, hold = bench.plant.operation, scene.clock.hold_frames

@@ -147,6 +147,24 @@ def test_a_recording_holds_in_which_controllers_came_and_went(tmp_path):
     assert found.identical
 
 
+def test_a_recording_holds_in_which_a_name_drives_another_actuator_in_its_second_life(tmp_path):
+    told = {"by": "operator", "controller": "mine", "period_ns": MS}
+    outside = [
+        (40, "admitted", {**told, "drives": ["load.force"]}),
+        (200, "dismissed", told),
+        (200, "admitted", {**told, "drives": ["drive.speed"]}),
+    ]
+    events = [{"tick": tick, "kind": kind, "data": data} for tick, kind, data in outside]
+    ticks = np.arange(50, 400, dtype=np.int64)
+    commands = {"mine": Commands(ticks, ticks, np.zeros_like(ticks), np.where(ticks < 200, 22.0, 0.08)[:, None])}
+    run = simulate(shorn("belt"), {}, 5 * 10**8, commands, events=events)
+    assert run.commands["mine"].tick.size == 350
+    save(run, tmp_path / "run.mcap")
+    found = verify(tmp_path / "run.mcap")
+    assert found.passed, found.text()
+    assert found.identical
+
+
 class Slow:
     """A stand whose rigs take until `finish` to be built, and count."""
 
