@@ -154,7 +154,10 @@ class Exchange:
                 self._take(line, tick, answered, values)
                 changed.append(line)
             elif line.wanted and self.refit is not None and self.refit.done:
-                if (values := self._possible(line, line.wanted)) != line.values:
+                if (wanted := self._in_range(line.drives, line.wanted)) != line.wanted:
+                    line.status = CLAMPED
+                    line.counts.clamped += 1
+                if (values := self._possible(line, wanted)) != line.values:
                     last = line.last
                     self.impose(line, line.answered, line.status, values)
                     line.last = last  # of the command, which came then
@@ -184,14 +187,9 @@ class Exchange:
         counts, status = line.counts, AS_SENT
         if not isfinite(sum(given)):
             given = self._without_gaps(line, given)
-        inputs = self._stand.inputs  # ranges as they are now: a parameter of the rig may have changed them
-        for value, drive in zip(given, line.drives):
-            one = inputs[drive]
-            if not one.low <= value <= one.high:
-                status = CLAMPED
-                counts.clamped += 1
-                given = [min(max(v, inputs[d].low), inputs[d].high) for v, d in zip(given, line.drives)]
-                break
+        if (wanted := self._in_range(line.drives, given)) != tuple(given):
+            status = CLAMPED
+            counts.clamped += 1
         age = tick - answered
         if age > counts.oldest:
             counts.oldest = age
@@ -200,7 +198,12 @@ class Exchange:
         counts.taken += 1
         if line.status == SAFE:
             self._journal.note("back", f"{line.name} commands again", controller=line.name)
-        self.impose(line, answered, status, self._possible(line, tuple(given)))
+        self.impose(line, answered, status, self._possible(line, wanted))
+
+    def _in_range(self, drives: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
+        """Values clamped to the ranges of this tick: a parameter of the rig may have changed them."""
+        inputs = self._stand.inputs
+        return tuple([min(max(value, inputs[drive].low), inputs[drive].high) for drive, value in zip(drives, values)])
 
     def _possible(self, line: Line, wanted: tuple[float, ...]) -> tuple[float, ...]:
         """The values of `wanted` that can be in force at this tick; what cannot is remembered."""
@@ -295,8 +298,8 @@ class Exchange:
         if name in self._moves:
             start, to, begin, ticks = self._moves[name]
             share = min((self._stand.tick - begin) / ticks, 1.0)
-            return start + (to - start) * share
-        return self._asked[name]
+            return self._in_range([name], [start + (to - start) * share])[0]
+        return self._in_range([name], [self._asked[name]])[0]
 
     def overruler(self, name: str) -> str:
         """The controller that an actuator follows, whatever is asked of it; "" where it follows none."""

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from math import inf, isfinite, nan
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -106,6 +107,30 @@ def test_out_of_range_is_clamped_and_counted(stand, given, applied):
     (line,) = made.take_over()
     assert stand.value["load.force"] == applied
     assert (line.counts.clamped, line.status) == ((0, 0) if given == applied else (1, CLAMPED))
+
+
+def test_a_command_that_waits_is_clamped_to_the_range_of_the_tick_at_which_it_takes_effect(stand):
+    """It waits for a rig that is being built; meanwhile somebody makes the range of its actuator smaller."""
+    made = exchange(stand)
+    made.refit = SimpleNamespace(done=False, possible=lambda drives, values: (20.0,))
+    made.receive("nf", 0, (90.0,))
+    (line,) = made.take_over()
+    stand.inputs["load.force"] = replace(stand.inputs["load.force"], high=60.0)
+    made.refit = SimpleNamespace(done=True, possible=lambda drives, values: values)
+    stand.tick = 1
+    assert made.take_over() == [line]
+    assert stand.done == [(0, "load.force", 20.0), (1, "load.force", 60.0)]
+    assert (line.wanted, line.status, line.counts.clamped) == ((), CLAMPED, 1)
+
+
+def test_what_the_protocol_asked_for_comes_back_within_the_range_of_that_tick(stand):
+    made = exchange(stand)
+    made.ask("load.force", 90.0)
+    made.receive("nf", 0, (30.0,))
+    made.take_over()
+    stand.inputs["load.force"] = replace(stand.inputs["load.force"], high=60.0)
+    made.connect("nf", False)
+    assert stand.value["load.force"] == 60.0
 
 
 def test_what_is_not_finite_is_held_and_counted(stand):
