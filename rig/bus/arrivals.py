@@ -61,7 +61,7 @@ class Count:
 
     received: int = 0
     lost: int = 0
-    """Numbers missing between the first and the last message received."""
+    """Numbers missing between the first and the last message received; each publisher counts from 0."""
     first: int = -1
     last: int = -1
     tick: int = -1
@@ -76,6 +76,8 @@ class Count:
             self.lost += seq - self.last - 1
         elif self.last < 0:
             self.first = seq
+        else:
+            self.lost += seq
         self.last = seq
         self.received += 1
 

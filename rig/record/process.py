@@ -10,13 +10,14 @@ from __future__ import annotations
 import json
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rig import bus
-from rig.bus import messages, setup
+from rig.bus import messages, setup, topics
 from rig.bus.arrivals import Count, Message
 from rig.bus.port import Receiver, Session, Watch
 from rig.bus.setup import Setup
@@ -50,6 +51,8 @@ class Recording:
     """Messages missing between messages received, topic by topic; only topics that miss some."""
     tail: dict[str, int] = field(default_factory=dict)
     """Messages missing after the last one received, known from what the senders say that they sent."""
+    untold: list[str] = field(default_factory=list)
+    """Senders that another one of the same name followed before they told what they had sent; their tail is unknown."""
     late: dict[str, int] = field(default_factory=dict)
     """Messages sent before the recorder listened."""
     refused: dict[str, int] = field(default_factory=dict)
@@ -65,7 +68,7 @@ class Recording:
     @property
     def complete(self) -> bool:
         """Whether nothing is known to miss, nor is it unknown what was sent last: who stops a recording, ends it."""
-        return not self.lost and (self.totals or self.ended != _LEFT)
+        return not (self.lost or self.untold) and (self.totals or self.ended != _LEFT)
 
     def text(self) -> str:
         """For a reader, in a line; begins with the path."""
@@ -76,8 +79,9 @@ class Recording:
                 if self.lost
                 else "unknown how many lost at the end"
             )
+        untold = f", unknown how many of what {', '.join(self.untold)} said before it came again" if self.untold else ""
         late = f", {sum(self.late.values())} sent before it listened" if self.late else ""
-        return f"{self.path}: {self.messages} messages, {lost}{late}, {self.seconds:.3f} s ({self.ended})"
+        return f"{self.path}: {self.messages} messages, {lost}{untold}{late}, {self.seconds:.3f} s ({self.ended})"
 
 
 def default_path(run: str) -> Path:
@@ -130,13 +134,29 @@ def record(
     return recording
 
 
+@dataclass
+class _Life:
+    """What one process said until it left and another one of its name began to count anew."""
+
+    last: dict[str, int] = field(default_factory=dict)
+    """Topic -> number of the last message received."""
+    told: dict[str, int] = field(default_factory=dict)
+    """Topic -> messages that it told it had sent."""
+
+    def tail(self) -> dict[str, int]:
+        """Topic -> messages missing after the last one received."""
+        return {topic: Count(last=self.last.get(topic, -1)).tail(sent) for topic, sent in self.told.items()}
+
+
 class _Recorder:
     def __init__(self, session: Session, heard: Receiver, plant: Watch, writer: Writer) -> None:
         self._session, self._heard, self._plant, self._writer = session, heard, plant, writer
-        self._told: dict[str, tuple[int, int]] = {}
-        """Messages that a sender told it had sent, and the number of the last one received, by topic."""
-        self._tails: dict[str, int] = {}
-        """Messages missing at the end of what a sender sent before it left and another one began to count anew."""
+        self._lives: dict[str, _Life] = {}
+        """Sender -> its present life."""
+        self._tails: Counter[str] = Counter()
+        """Messages missing at the ends of lives that are over, by topic."""
+        self._untold: set[str] = set()
+        """Senders with a life that was over before they told what they had sent."""
         self._totals = False
         self._summary: dict[str, Any] = {}
 
@@ -160,8 +180,7 @@ class _Recorder:
         taken = 0
         while taken < _TURN and (message := self._heard.get()) is not None:
             taken += 1
-            if message.topic in self._told:
-                self._follow(message)
+            self._follow(message)
             self._writer.write(message.topic, message.payload, message.t_ns, message.seq, time.time_ns())
             if message.topic.startswith("total/"):
                 self._compare(message)
@@ -170,23 +189,36 @@ class _Recorder:
         self._writer.flush_if_due()
         return taken == _TURN
 
+    def _follow(self, message: Message) -> None:
+        """Note the number of a message; one that is not above the last one on its topic is that of a new life."""
+        owner = topics.owner(message.topic)
+        life = self._lives.get(owner)
+        if life is None or message.seq <= life.last.get(message.topic, -1):
+            life = self._anew(owner, {})
+        life.last[message.topic] = message.seq
+
+    def _anew(self, owner: str, last: dict[str, int]) -> _Life:
+        """Begin a life of a sender, of which the messages up to `last` have been received."""
+        before, life = self._lives.get(owner), _Life(last)
+        if before is not None:
+            self._tails.update(before.tail())
+            if not before.told:
+                self._untold.add(owner)
+        self._lives[owner] = life
+        return life
+
     def _compare(self, message: Message) -> None:
-        counts = self._heard.counts
-        for topic, sent in zip(message.said.sent_topic, message.said.sent):
-            self._told[topic] = (sent, counts.get(topic, Count()).last)
-        if message.topic == "total/plant":  # answer at once: the plant waits for it to pass its verdict
+        owner = topics.owner(message.topic)
+        life, told = self._lives[owner], dict(zip(message.said.sent_topic, message.said.sent))
+        past = {topic for topic, sent in told.items() if topic != message.topic and life.last.get(topic, -1) >= sent}
+        if past and owner != "plant":  # which goes on to speak, and may overtake its total
+            # More was received than this sender sent: that was said by one before it, and nothing of this one came.
+            life = self._anew(owner, {topic: last for topic, last in life.last.items() if topic not in past})
+        life.told = told
+        if owner == "plant":  # answer at once: the plant waits for it to pass its verdict
             self._totals = True
             own = f"total/{self._session.name}"
             self._session.publisher(own).put(self._session.totals(), message.t_ns)
-
-    def _follow(self, message: Message) -> None:
-        """A message of a topic whose total is told; a number not above the last one is that of a new sender."""
-        topic, (sent, last) = message.topic, self._told[message.topic]
-        if message.seq > last:
-            self._told[topic] = (sent, message.seq)
-        else:  # the total is of the sender before, and says nothing of this one
-            self._tails[topic] = self._tails.get(topic, 0) + Count(last=last).tail(sent)
-            del self._told[topic]
 
     def _look(self, message: Message) -> None:
         event = message.said
@@ -195,9 +227,9 @@ class _Recorder:
 
     def _account(self, ended: str) -> Recording:
         counts = self._heard.counts
-        tails = dict(self._tails)
-        for topic, (sent, last) in self._told.items():
-            tails[topic] = tails.get(topic, 0) + Count(last=last).tail(sent)
+        tails = self._tails.copy()
+        for life in self._lives.values():
+            tails.update(life.tail())
         return Recording(
             path=str(self._writer.path),
             run=self._session.run,
@@ -207,6 +239,7 @@ class _Recorder:
             received={topic: count.received for topic, count in counts.items()},
             gaps={topic: count.lost for topic, count in counts.items() if count.lost},
             tail={topic: tail for topic, tail in tails.items() if tail},
+            untold=sorted(self._untold),
             late={topic: count.first for topic, count in counts.items() if count.first},
             refused=self._session.door.told(),
             totals=self._totals,

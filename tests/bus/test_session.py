@@ -131,6 +131,10 @@ def test_a_publisher_that_starts_anew_is_not_a_loss():
     for seq in (0, 1, 2, 0, 1):
         count.see(seq, 0.0)
     assert (count.received, count.lost) == (5, 0)
+    count.see(3, 0.0)
+    assert count.lost == 1
+    count.see(2, 0.0)  # it starts anew, and its first two messages are lost
+    assert count.lost == 3
 
 
 def test_totals_tell_what_was_sent_and_heard(wire):

@@ -10,7 +10,7 @@ import pytest
 
 from rig import bus
 from rig.bus import encode, messages
-from rig.bus.arrivals import Count, Message
+from rig.bus.arrivals import Message
 from rig.bus.setup import Setup
 from rig.record import reader
 from rig.record.process import _Recorder
@@ -193,22 +193,53 @@ def test_the_total_of_a_sender_that_left_is_not_applied_to_the_next_one(plant, s
     account = json.loads(recorder.communicate(timeout=10)[0])
     assert account["received"]["act/mine"] == 47
     assert (account["tail"], account["lost"]) == ({}, 0)
+    assert account["untold"] == []  # nobody came after the one that was killed
+
+
+def accounted(tmp_path, *said):
+    """What a recorder tells of these messages of one sender: (topic, number), and how much it sent as (topic, sent)."""
+    recorder = _Recorder(None, SimpleNamespace(counts={}), None, None)
+    for topic, what in said:
+        if topic == "total":
+            told = SimpleNamespace(sent_topic=[f"{one}/mine" for one in (*what, "total")], sent=[*what.values(), 0])
+            message = Message("total/mine", b"", 0, 0, said=told)
+            recorder._follow(message)
+            recorder._compare(message)
+            continue
+        recorder._follow(Message(f"{topic}/mine", b"", what, 0))
+    recorder._session = SimpleNamespace(run="run", door=SimpleNamespace(told=dict))
+    recorder._writer = SimpleNamespace(path=tmp_path, messages=0, last_ns=0)
+    return recorder._account("")
+
+
+def acts(*numbers):
+    return [("act", number) for number in range(*numbers)]
 
 
 def test_what_is_lost_at_the_end_of_a_sender_stays_counted(tmp_path):
     """Of ten commands the last two are lost, as the sender tells; the next one of its name sends three."""
-    recorder = _Recorder(None, SimpleNamespace(counts={"act/mine": Count()}), None, None)
-    count = recorder._heard.counts["act/mine"]
-    for first, last in ((0, 8), (0, 3)):
-        for seq in range(first, last):
-            count.see(seq, 0.0)
-            if "act/mine" in recorder._told:
-                recorder._follow(Message("act/mine", b"", seq, 0))
-        said = SimpleNamespace(sent_topic=["act/mine"], sent=[10 if last == 8 else 3])
-        recorder._compare(Message("total/mine", b"", 0, 0, said=said))
-    recorder._session = SimpleNamespace(run="run", door=SimpleNamespace(told=dict))
-    recorder._writer = SimpleNamespace(path=tmp_path, messages=0, last_ns=0)
-    assert recorder._account("").tail == {"act/mine": 2}
+    lives = [*acts(8), ("total", {"act": 10}), *acts(3), ("total", {"act": 3})]
+    account = accounted(tmp_path, *lives)
+    assert (account.tail, account.untold) == ({"act/mine": 2}, [])
+
+
+@pytest.mark.parametrize(
+    ("said", "tail"),
+    [
+        ([*acts(40), ("event", 0), ("event", 0), ("total", {"act": 7, "event": 1})], {"act/mine": 7}),
+        ([*acts(40), ("event", 0), ("event", 0), ("total", {"act": 90, "event": 1})], {"act/mine": 90}),
+        ([*acts(40), ("event", 0), ("total", {"act": 7, "event": 1})], {"act/mine": 7}),
+        ([*acts(40), ("total", {"act": 7, "event": 1})], {"act/mine": 7, "event/mine": 1}),
+        ([*acts(40), *acts(5), ("event", 0), ("total", {"act": 7, "event": 1})], {"act/mine": 2}),
+    ],
+)
+def test_a_second_life_of_which_a_whole_topic_is_lost_is_counted_from_its_first_message(tmp_path, said, tail):
+    """The first life was killed: how much of its end is missing is unknown, and told to be."""
+    account = accounted(tmp_path, *said)
+    assert account.tail == tail
+    assert account.untold == ["mine"]
+    assert not account.complete
+    assert ", unknown how many of what mine said before it came again" in account.text()
 
 
 def test_a_recorder_that_cannot_write_says_so_and_the_run_goes_on(plant, script, tmp_path):
