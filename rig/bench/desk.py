@@ -104,24 +104,26 @@ class Desk:
         except Exception as fault:
             raise UsageError(f"{body!r} cannot be done: {type(fault).__name__}: {fault}") from None
 
-    def _rebuilt(self, wanted: Callable[[], Wanted], then: Callable[[Variant | None], dict[str, Any]]) -> Later:
-        """Does `then` with the rig as it is `wanted`, at the tick at which that has been built.
+    def _rebuilt(self, wanted: Callable[[], list[Wanted]], then: Callable[[], dict[str, Any]]) -> Later:
+        """Does `then` at the tick at which the rigs have been built that are `wanted` for it, one after the other.
 
         In lockstep that is the tick of the request: nobody minds that it takes longer.
         """
-        build: Build | None = None
+        build: Build[list[Variant]] | None = None
+        stand = self._stand
 
         def later() -> dict[str, Any] | None:
             nonlocal build
             if build is None:
-                if not (needed := wanted()):
-                    return then(None)
-                build = Build(partial(self._stand.variant, needed), apart=self._apart)
+                if stand.has(needed := wanted()):
+                    return then()
+                build = Build(partial(stand.variants, needed), apart=self._apart)
             if not build.done:
                 return None
-            variant, build = build.result(), None
-            fits = variant.before is self._stand.scene and variant.wanted == wanted()  # else somebody else was faster
-            return then(variant) if fits else later()
+            variants, build = build.result(), None
+            for one in variants:
+                stand.keep(one)
+            return later()  # builds again if somebody else was faster
 
         return later
 
@@ -144,8 +146,8 @@ class Desk:
             return lambda: told({})
         now()  # raises for an unknown key, before anything is changed
         return self._rebuilt(
-            lambda: tuning.wanted(changes),
-            lambda variant: told(tuning.change(changes, variant=variant)),
+            lambda: [wanted for wanted in [tuning.wanted(changes)] if wanted],
+            lambda: told(tuning.change(changes)),
         )
 
     def _carried_out(self, body: dict[str, Any]) -> Later:
@@ -159,6 +161,8 @@ class Desk:
             self._does[what](body)
             return {}
 
+        if what == "disconnect":
+            return self._rebuilt(lambda: self._operation.given_back(str(body["controller"])), done)
         return done
 
     def _begin(self, body: dict[str, Any]) -> None:
@@ -202,7 +206,7 @@ class Desk:
             others = [other for other in others if not hub.awaited(other, user)]
             return [o for o in others if ("controller", o) not in here and {*lines[o].drives} & {*asked.drives}]
 
-        def wanted() -> Wanted:
+        def wanted() -> list[Wanted]:
             here = ("controller", name) in hub.watch.present or hub.awaited(name, user)
             if here or name in hub.session.door.reserved:
                 raise UsageError(
@@ -211,9 +215,8 @@ class Desk:
             hub.places(asked.reads)  # raises for a sensor that is not there
             return operation.admission(*told, gone())
 
-        def then(variant: Variant | None) -> dict[str, Any]:
-            wanted()  # while it was built somebody else may have come
-            operation.admit(*told, gone(), variant)
+        def then() -> dict[str, Any]:
+            operation.admit(*told, gone())
             hub.admit(name, user)
             if asked.hears:
                 hub.hear(asked.reads)

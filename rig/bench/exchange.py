@@ -236,8 +236,8 @@ class Exchange:
         silent = (tick - line.last) * self._frame_ns / 1e6
         text = f"{line.name} has been silent for {silent:g} ms: {', '.join(line.drives)} to safe values"
         self._journal.note("safe", text, controller=line.name)
-        line.wanted = ()
-        self.impose(line, -1, SAFE, tuple([self._stand.inputs[drive].safe for drive in line.drives]))
+        safe = tuple([self._stand.inputs[drive].safe for drive in line.drives])
+        self.impose(line, -1, SAFE, self._possible(line, safe))
 
     def ask(self, name: str, value: float) -> None:
         """The protocol wants an actuator to take a value; clamped like any other."""
@@ -282,11 +282,16 @@ class Exchange:
             else:
                 self._write(name, one.safe)
 
+    def given_back(self, line: Line) -> dict[str, float]:
+        """What the actuators of a controller go back to when it is disconnected: what the protocol asks of them."""
+        return {drive: self._asked_now(drive) for drive in line.drives} if line.values else {}
+
     def _give_back(self, line: Line) -> None:
+        given_back = self.given_back(line)
         line.queue.clear()
-        spoke, line.values, line.status, line.wanted = bool(line.values), (), AS_SENT, ()
-        for drive in line.drives if spoke else ():
-            self._write(drive, self._asked_now(drive))
+        line.values, line.status, line.wanted = (), AS_SENT, ()
+        for drive, value in given_back.items():
+            self._write(drive, value)
             if drive in self._moves:
                 _, to, begin, ticks = self._moves[drive]
                 left = begin + ticks - self._stand.tick

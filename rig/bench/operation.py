@@ -21,10 +21,11 @@ import numpy as np
 from rig.bench.exchange import Exchange, Playback
 from rig.bench.journal import OPERATOR, Journal
 from rig.bench.line import Line
-from rig.bench.protocol import Apply, Change, Finish, Move, Note, Progress, Protocol, Strike, Switch
+from rig.bench.postponed import Postponed
+from rig.bench.protocol import Action, Apply, Change, Finish, Move, Note, Progress, Protocol, Strike, Switch
 from rig.bench.stand import Stand
 from rig.bench.tuning import Tuning
-from rig.bench.variant import Variant, Wanted
+from rig.bench.variant import Wanted
 from rig.errors import RigError, UsageError
 from rig.quantities import finite
 from rig.scenes.protocol import Connect, flat
@@ -77,6 +78,7 @@ class Operation:
         if length is not None:
             self._warn(length)
         told = [event for event in events if event.get("source", PLANT) == PLANT]  # others may say anything
+        self.postponed = Postponed(stand, self.journal, self._wants, told)
         first = next((i for i, event in enumerate(told) if event["kind"] == BEGIN), 0)
         self._before, self._outside = (
             deque(event for event in part if event["data"].get("by") == OPERATOR)
@@ -98,8 +100,11 @@ class Operation:
         if not self.aborted:
             self._watch()
         if not self.aborted:
-            for action in self.protocol.due(tick, stand.bank.latest):
+            for action in self.postponed.due():
                 self._carry_out(action)
+            for action in self.protocol.due(tick, stand.bank.latest):
+                if not self.postponed.has_to_wait(action):
+                    self._carry_out(action)
         while self._outside and self._outside[0]["tick"] <= tick:
             self._repeat(self._outside.popleft())
         if self._end is not None:
@@ -125,7 +130,7 @@ class Operation:
         """The first tick after this one at which `begin` may have something to do, unless a limit is passed before."""
         tick = self.stand.tick
         due = [self._end, None if self.aborted else self.protocol.until(tick)]
-        due.append(self._outside[0]["tick"] if self._outside else None)
+        due += [self.postponed.until(), self._outside[0]["tick"] if self._outside else None]
         return max(min((one for one in due if one is not None), default=tick + 1), tick + 1)
 
     def take_over(self) -> list[Line]:
@@ -143,6 +148,7 @@ class Operation:
         self.aborted = why
         self.journal.note("limit", f"{why}: to the safe state")
         ticks = max(RUN_DOWN_NS // self.stand.frame_ns, 1)
+        self.postponed.drop()
         self.exchange.give_up(ticks)
         self._end = self.stand.tick + ticks
 
@@ -172,8 +178,8 @@ class Operation:
 
     def admission(
         self, controller: str, drives: Sequence[str], period_ns: int, hears: bool = False, gone: Collection[str] = ()
-    ) -> Wanted:
-        """What the rig must have before `admit` can let this controller in. Raises UsageError if it never can.
+    ) -> list[Wanted]:
+        """The rigs that `admit` needs one after the other to let this controller in. Raises UsageError if it never can.
 
         Controllers that are `gone` give up their actuators to it.
         """
@@ -183,7 +189,15 @@ class Operation:
         if controller in self.scene.controllers:
             raise UsageError(f"{controller} is a controller of the scene already; give yours another name")
         self.exchange.check(controller, drives, period_ns, gone)
-        return Wanted({}, self.stand.lacking(drives))
+        lacking = self.stand.lacking(drives)
+        found = [wanted for other in gone for wanted in self.given_back(other)]
+        return [*found, *([Wanted({}, lacking)] if lacking else []), *self.given_back(controller)]
+
+    def given_back(self, controller: str) -> list[Wanted]:
+        """The rigs that it takes, one after the other, to disconnect a controller."""
+        line = self.exchange.lines.get(controller)
+        back = self.exchange.given_back(line) if line is not None else {}
+        return [Wanted({drive: value}) for drive, value in back.items() if self.stand.rebuilds(drive, value)]
 
     def admit(
         self,
@@ -192,19 +206,16 @@ class Operation:
         period_ns: int,
         hears: bool = False,
         gone: Collection[str] = (),
-        variant: Variant | None = None,
     ) -> None:
         """Let a controller that the scene does not know drive actuators that nobody drives, or nothing changes.
 
-        `gone`: controllers that give up their actuators to it. `variant`: the rig as wanted for this `admission`, if
-        it has been built already.
+        `gone`: controllers that give up their actuators to it.
         """
-        wanted = self.admission(controller, drives, period_ns, hears, gone)
-        if wanted and variant is None:
-            variant = self.stand.variant(wanted)
+        for variant in self.stand.variants(self.admission(controller, drives, period_ns, hears, gone)):
+            self.stand.keep(variant)
         for other in gone:  # nothing is refused from here on
             self.dismiss(other)
-        self.stand.go_on(wanted, variant)
+        self.stand.go_on(Wanted({}, self.stand.lacking(drives)))
         if controller in self.exchange.lines:
             self.exchange.dismiss(controller)
         self.exchange.admit(controller, drives, period_ns)
@@ -230,7 +241,23 @@ class Operation:
         elif event["kind"] == "dismissed":
             self.dismiss(data["controller"])
 
-    def _carry_out(self, action: Any) -> None:
+    def _wants(self, action: Action) -> list[Wanted]:
+        """The rigs that an action of the protocol needs one after the other."""
+        if isinstance(action, Switch):
+            return [] if action.on else self.given_back(action.controller)
+        try:
+            if isinstance(action, Change):
+                wanted = self.tuning.needed({action.key: action.value})
+                return [wanted] if wanted else []
+            if isinstance(action, Apply) and not self.exchange.overruler(action.name):
+                one = self.stand.inputs[action.name]
+                value = min(max(action.value, one.low), one.high)
+                return [Wanted({action.name: value})] if self.stand.rebuilds(action.name, value) else []
+        except RigError:  # it is told when the action is carried out
+            pass
+        return []
+
+    def _carry_out(self, action: Action) -> None:
         if isinstance(action, Note):
             self.journal.note(action.kind, action.text)
         elif isinstance(action, Apply):

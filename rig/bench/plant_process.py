@@ -139,6 +139,7 @@ class Plant:
                 self.stand.motion.foresee(self._sets)
                 self.upcoming = Upcoming(self.operation)
                 self.operation.exchange.refit = Refit(self.stand, self.operation.journal)
+                self.operation.postponed.apart = True
             stack.enter_context(self.timing.interruptions.watched())
             stack.enter_context(
                 pace.no_garbage()

@@ -16,7 +16,7 @@ from functools import partial
 
 from rig.bench.journal import Journal
 from rig.bench.stand import Stand
-from rig.bench.variant import Build, Wanted
+from rig.bench.variant import Build, Variant, Wanted
 from rig.errors import RigError
 
 PAUSE_S = 0.5
@@ -29,7 +29,7 @@ class Refit:
     def __init__(self, stand: Stand, journal: Journal) -> None:
         self._stand, self._journal = stand, journal
         self._faulty: dict[str, float] = {}
-        self._build: Build | None = None
+        self._build: Build[Variant] | None = None
         self._drive, self._value = "", 0.0
         self._due = 0.0
         """When the next build may begin [s on the monotonic clock]."""

@@ -181,6 +181,23 @@ class Stand:
             raise SceneError(", ".join([*wanted.parameters, *wanted.driven]), [str(error)]) from None
         return Variant(before, wanted, scene, assembly, ready)
 
+    def variants(self, wanted: Iterable[Wanted]) -> list[Variant]:
+        """The rigs that come of these wishes one after the other, each from the one before it. Raises as `variant`."""
+        found: list[Variant] = []
+        for one in wanted:
+            found.append(self.variant(one, found[-1] if found else None))
+        return found
+
+    def has(self, wanted: Iterable[Wanted]) -> bool:
+        """Whether all of them are at hand."""
+        at = self.scene
+        for one in wanted:
+            known = next((k for k in self._prepared if k.before is at and k.wanted == one), None)
+            if known is None:
+                return False
+            at = known.scene
+        return True
+
     def keep(self, variant: Variant) -> None:
         """Have it at hand: `variant` finds it when it is asked for."""
         self._prepared.append(variant)
@@ -204,15 +221,19 @@ class Stand:
         self.inputs.update(variant.assembly.inputs)
         self._index = {name: i for i, name in enumerate(self.motion.system.names)}
 
-    def go_on(self, wanted: Wanted, variant: Variant | None = None) -> None:
-        """Go on with the rig as it is `wanted` from this tick on: as `variant`, if that has been built already."""
+    def go_on(self, wanted: Wanted) -> None:
+        """Go on with the rig as it is `wanted` from this tick on."""
         if wanted:
-            self.take(variant or self.variant(wanted))
+            self.take(self.variant(wanted))
+
+    def coefficient(self, name: str) -> bool:
+        """Whether an actuator has no command state: each value needs its own matrices."""
+        one = self.inputs[name]
+        return not (one.state or one.write)
 
     def rebuilds(self, name: str, value: float) -> bool:
         """Whether `apply` makes a new matrix of this value: the actuator has no command state and another value."""
-        one = self.inputs[name]
-        return not (one.state or one.write) and value != self.values[name]
+        return self.coefficient(name) and value != self.values[name]
 
     def set_parameter(self, key: str, value: Any) -> None:
         """Change a parameter of the rig (`friction.mu_static`) at this tick. Raises SceneError when it cannot be."""

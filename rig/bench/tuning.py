@@ -8,7 +8,7 @@ from typing import Any
 from rig.bench.exchange import Exchange
 from rig.bench.journal import OPERATOR, Journal
 from rig.bench.stand import Stand
-from rig.bench.variant import Variant, Wanted
+from rig.bench.variant import Wanted
 from rig.errors import UsageError
 from rig.quantities import si
 from rig.scenes.faults import near
@@ -33,13 +33,14 @@ class Tuning:
             raise UsageError("\n".join([*(f"{key}: is fixed while the rig runs" for key in fixed), known]))
         return self._wanted(actuators, parameters)
 
-    def change(self, changes: Mapping[str, Any], by: str = OPERATOR, variant: Variant | None = None) -> dict[str, Any]:
-        """Change actuators and parameters of the rig at this tick: all, or with a RigError none. The new values.
+    def needed(self, changes: Mapping[str, Any]) -> Wanted:
+        """The same for changes of the protocol, which may be of what is not `tunable`."""
+        return self._wanted(*self._sorted(changes))
 
-        `variant`: the rig as `wanted` for these changes, if it has been built already.
-        """
+    def change(self, changes: Mapping[str, Any], by: str = OPERATOR) -> dict[str, Any]:
+        """Change actuators and parameters of the rig at this tick: all, or with a RigError none. The new values."""
         actuators, parameters = self._sorted(changes)
-        self.stand.go_on(self._wanted(actuators, parameters), variant)
+        self.stand.go_on(self._wanted(actuators, parameters))
         for key, number in actuators.items():
             self.exchange.ask(key, number)
         new = {key: self.value(key) for key in parameters} | actuators

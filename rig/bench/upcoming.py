@@ -34,7 +34,7 @@ class Upcoming:
 
     def __init__(self, operation: Operation) -> None:
         self._operation, self._stand = operation, operation.stand
-        self._build: Build | None = None
+        self._build: Build[Variant] | None = None
         self._rigs: Iterator[Variant] | None = None
         self._begin()
         for variant in rigs(operation):

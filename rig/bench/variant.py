@@ -11,7 +11,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
@@ -20,6 +20,8 @@ from rig.scenes.scene import Scene
 from rig.scheduling import stand_back
 from rig.solve.assembly import Assembly
 from rig.solve.motion import Ready
+
+T = TypeVar("T")
 
 
 class Wanted(NamedTuple):
@@ -61,12 +63,12 @@ def with_values(section: Any, changes: Mapping[str, Any]) -> Any:
         raise SceneError(told, lines) from None
 
 
-class Build:
-    """A variant that is being built by `make`: at once, or `apart`, in a thread that never competes with the plant."""
+class Build(Generic[T]):
+    """What is being built by `make`: at once, or `apart`, in a thread that never competes with the plant."""
 
-    def __init__(self, make: Callable[[], Variant], apart: bool) -> None:
+    def __init__(self, make: Callable[[], T], apart: bool) -> None:
         self._make, self._done = make, threading.Event()
-        self._variant: Variant | None = None
+        self._made: T | None = None
         self._fault: Exception | None = None
         if apart:
             threading.Thread(target=self._run, args=(True,), name="variant", daemon=True).start()
@@ -78,17 +80,17 @@ class Build:
         """Whether it is built, or cannot be."""
         return self._done.is_set()
 
-    def result(self) -> Variant:
+    def result(self) -> T:
         """What was built. Raises what kept it from that."""
-        if self._variant is None:
+        if self._made is None:
             raise self._fault or RuntimeError("it is still being built")
-        return self._variant
+        return self._made
 
     def _run(self, apart: bool) -> None:
         try:
             if apart:
                 stand_back(0)  # no lower: it holds the interpreter's lock now and then, which the plant waits for
-            self._variant = self._make()
+            self._made = self._make()
         except Exception as fault:
             self._fault = fault
         self._done.set()

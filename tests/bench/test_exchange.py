@@ -123,6 +123,21 @@ def test_a_command_that_waits_is_clamped_to_the_range_of_the_tick_at_which_it_ta
     assert (line.wanted, line.status, line.counts.clamped) == ((), CLAMPED, 1)
 
 
+def test_safe_values_that_need_another_rig_take_effect_when_it_is_built(stand):
+    made = exchange(stand, hold=0)
+    made.receive("nf", 0, (90.0,))
+    made.take_over()
+    made.refit = SimpleNamespace(done=False, possible=lambda drives, values: (90.0,))
+    stand.tick = 1
+    (line,) = made.take_over()
+    assert (line.values, line.wanted, line.status) == ((90.0,), (20.0,), SAFE)
+    made.refit = SimpleNamespace(done=True, possible=lambda drives, values: values)
+    stand.tick = 9
+    assert made.take_over() == [line]
+    assert stand.done == [(0, "load.force", 90.0), (9, "load.force", 20.0)]
+    assert (line.wanted, line.status, line.counts.safe) == ((), SAFE, 1)
+
+
 def test_what_the_protocol_asked_for_comes_back_within_the_range_of_that_tick(stand):
     made = exchange(stand)
     made.ask("load.force", 90.0)

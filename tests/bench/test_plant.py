@@ -233,6 +233,105 @@ def test_no_frame_builds_a_rig_for_what_an_operator_tunes_and_the_protocol_sets_
         assert samples(heard, name).tobytes() == np.concatenate(known).tobytes()
 
 
+def rebuilt_apart(bench, heard, scene, built):
+    """The events of a run in which no frame built a rig, and which comes out the same when it is simulated again."""
+    assert set(built) == {"variant"}
+    commands = {}
+    for topic in [topic for topic in heard if topic.startswith("applied/")]:
+        said = [messages.decode(topic, payload) for payload in heard[topic]]
+        commands[topic[8:]] = Commands(
+            *(np.array([getattr(a, f) for a in said], np.int64) for f in ("tick", "answered", "status")),
+            np.array([list(a.values) for a in said]),
+        )
+    events = [{"tick": e.tick, "kind": e.kind, "data": json.loads(e.data)} for e in bench.events(heard)]
+    for name, known in played(scene, bench.summary["ticks"], commands, events).items():
+        assert samples(heard, name).tobytes() == np.concatenate(known).tobytes()
+    return events
+
+
+@pytest.fixture
+def built(monkeypatch):
+    """Names of the threads that build matrices, once the second of these is called."""
+    found, ready = [], Motion.ready
+
+    def noted(*given):
+        found.append(threading.current_thread().name)
+        return ready(*given)
+
+    return found, lambda: monkeypatch.setattr(Motion, "ready", noted)
+
+
+def test_what_the_protocol_sets_right_after_an_operator_has_tuned_waits_for_its_matrices(built):
+    """In the order of the protocol; what needs no other matrices does not wait."""
+    found, begin = built
+    steps = [("shunt.resistance", 40.0), ("friction.mu_static", 0.45), ("shunt.connected", 0)]
+    steps.append(("shunt.resistance", 30.0))
+    raw = json.loads(scenes.load("belt_shunt").to_json())
+    hold = {"step": "hold", "time": 0.5}
+    raw["protocol"] = [hold, *({"step": "set", "target": key, "to": to} for key, to in steps), hold | {"time": 1.5}]
+    scene = Scene.from_json(json.dumps(raw))
+    with Bench(scene, {}, pace=1.0) as bench:
+        bench.begin()
+        bench.me.ask("param/plant", {"get": ["shunt.delta"]}, 20.0)  # the frames have begun
+        begin()
+        told = bench.me.ask("param/plant", {"set": {"shunt.delta": -0.8}}, 5.0)
+        heard = bench.finish()
+    assert told["tick"] < 500
+    stand = bench.plant.stand
+    assert (stand.values["shunt.resistance"], stand.parameter("friction.mu_static")) == (30.0, 0.45)
+    events = rebuilt_apart(bench, heard, scene, found)
+    waited = {kind: [e for e in events if e["kind"] == kind] for kind in ("waits", "goes on")}
+    assert [e["tick"] for e in waited["waits"]] == [500] * 3
+    order = [e["data"]["action"] for e in waited["goes on"]]
+    assert order == sorted(order)
+    assert len(order) == 3
+    assert all(e["tick"] > 500 for e in waited["goes on"])
+
+
+@pytest.mark.parametrize("by", ["operator", "protocol", "a successor"])
+def test_no_frame_builds_a_rig_when_a_controller_that_commands_a_coefficient_is_disconnected(built, by):
+    found, begin = built
+    drives = ["shunt.resistance"] if by != "a successor" else ["shunt.resistance", "shunt.delta"]
+    raw = json.loads(scenes.load("belt_shunt").to_json())
+    hold = {"step": "hold", "time": 2.0}
+    raw["protocol"] = [hold, {"step": "disconnect", "controller": "mine"}, hold] if by == "protocol" else [hold, hold]
+    if by != "a successor":
+        raw["controllers"] = {"mine": {"kind": "shunt_schedule", "drive": "shunt.resistance"}}
+    scene = Scene.from_json(json.dumps(raw))
+    with Bench(scene, {}, pace=1.0) as bench:
+        stand, over = bench.plant.stand, threading.Event()
+        first = [stand.values[name] for name in drives]
+        bench.begin()
+        mine = bench.twin.open("controller", "mine")
+        wanted = {"do": "admit", "controller": "mine", "drives": drives, "period_ns": scene.frame_ns}
+        if by == "a successor":
+            mine.ask("cmd/plant", wanted, 20.0)
+        bench.me.ask("param/plant", {"get": ["shunt.delta"]}, 20.0)  # the frames have begun
+        begin()
+
+        def command():
+            while not over.is_set():
+                mine.publisher("act/mine").put(encode.act(stand.tick, 0, (50.0, -0.7)[: len(drives)]), 0)
+                time.sleep(0.002)
+
+        bench.thread(command)
+        while [stand.values[name] for name in drives] != [50.0, -0.7][: len(drives)]:
+            assert stand.tick < 2000
+            time.sleep(0.01)
+        if by == "operator":
+            bench.me.ask("cmd/plant", {"do": "disconnect", "controller": "mine"}, 5.0)
+        elif by == "a successor":  # which drives an actuator that has no command state yet, too
+            yours, bench.plant.hub._admitted["mine"] = bench.twin.open("controller", "yours"), 0.0
+            told = wanted | {"controller": "yours", "drives": [*drives, "load.force"]}
+            yours.ask("cmd/plant", told, 5.0)
+        while [stand.values[name] for name in drives] != first:
+            assert stand.tick < 3900
+            time.sleep(0.01)
+        over.set()
+        heard = bench.finish()
+    rebuilt_apart(bench, heard, scene, found)
+
+
 def test_a_controller_is_retuned_on_the_same_tick_in_every_mode(scene, numbers):
     raw = json.loads(scenes.load(SCENE, {"controllers.nf.enable_at": "0 s"}).to_json())
     hold, louder = {"step": "hold", "time": 0.1}, {"step": "set", "target": "controllers.nf.gain", "to": 500.0}
