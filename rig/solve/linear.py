@@ -27,7 +27,10 @@ Contact = Callable[[int, float, float], tuple[float, float, float]]
 """(patch, slip speed w, normal force N) -> friction force T, dT/dw, dT/dN."""
 
 _ROUNDS = 60
+_WIDE = 20  # rounds of full steps: where they lead to an equilibrium at all they need a few
+_FAR = 1e12  # times the rest of the step before: the full step leads nowhere
 _TOLERANCE = 1e-12
+_REST = 1e-9
 _LEAST = 1e-3
 _ROUNDING = 2.0**-52
 
@@ -39,6 +42,7 @@ class Steady:
     `exists`: the equilibrium was found, agrees with the modes and does not jam; if not, `x` is where the search ended.
     `moving`: states whose eigenvalues count. Of each patch: slip `speed`, `load` and `friction` force. `T`: the inputs.
     `inertia`: determinant of the mass matrix with friction in it, over that without; at zero and below the rig jams.
+    `balanced`: whether all forces balance at `x`.
     """
 
     system: System
@@ -52,6 +56,7 @@ class Steady:
     friction: Array
     T: Array
     inertia: float
+    balanced: bool
 
     @property
     def slides(self) -> bool:
@@ -65,7 +70,8 @@ class Steady:
         Under constant friction coefficients the matrix is the same wherever the equilibrium lies: they count also where
         that would pull the contact open, as it does beyond a divergence. They never count where the rig jams.
         """
-        return self.exists or (self.inertia > 0.0 and self.slides and not bool(self.modes.nonlinear.any()))
+        same = not bool(self.modes.nonlinear.any()) and (self.balanced or not self.system.products)
+        return self.exists or (self.inertia > 0.0 and self.slides and same)
 
     def eigenvalues(self) -> NDArray[np.complex128]:
         """Of the moving states, the least stable first [1/s]."""
@@ -152,21 +158,42 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
     """
     modes = assembled(system, key)
     moving = moving_states(system, modes.A)
-    x = system.start.copy()
-    x[: system.one] = 0.0
     free = np.union1d(moving, settling(system, modes.A, moving))
-    nq = len(system.coordinates)
-    rows, columns = free[free >= nq], free[(free < nq) | (free >= 2 * nq)]  # q' = v is solved by v = 0
     stuck = STICK in system.modes(key)[0]
     law = contact if contact is not None else own_law(system, modes)
+    x, A, T, load, rest = _newton(system, modes, law, free, 0 if stuck else _ROUNDS, True)
+    if not stuck and rest > _REST and (wide := _newton(system, modes, law, free, _WIDE, False))[-1] <= _REST:
+        x, A, T, load, rest = wide
+    speed = system.slip_rows @ x
+    friction = modes.friction @ x + modes.friction_t @ T
+    agrees = bool(np.all(modes.sigma * speed > 0.0)) and bool(np.all(load[modes.sigma != 0.0] > 0.0))
+    inertia = _inertia(system, modes, speed, load, law)
+    balanced = rest <= _REST
+    exists = not stuck and balanced and agrees and inertia > 0.0
+    return Steady(system, modes, exists, x, A, moving, speed, load, friction, T, inertia, balanced)
+
+
+def _newton(
+    system: System, modes: ModeSet, law: Contact, free: NDArray[np.int64], rounds: int, falling: bool
+) -> tuple[Array, Array, Array, Array, float]:
+    """Where the rates of the states `free` vanish: x, the matrix, inputs and normal forces there, and the rest of them.
+
+    The rest is relative to the terms of the rates. `falling`: steps are halved until it falls, for near a speed at
+    which the structure gives way the full step leads astray. Some equilibria beside it are found by full steps only,
+    on which the rest grows first.
+    """
+    nq = len(system.coordinates)
+    rows, columns = free[free >= nq], free[(free < nq) | (free >= 2 * nq)]  # q' = v is solved by v = 0
+    x = system.start.copy()
+    x[: system.one] = 0.0
     A, T, load = linearised(system, modes, x, law)
     residual, scale = _rest(system, modes, free, x, T)
-    for _ in range(0 if stuck else _ROUNDS):
+    for _ in range(rounds):
         if residual <= _TOLERANCE * scale:
             break
         step = np.linalg.lstsq(A[np.ix_(rows, columns)], (modes.A @ x + modes.b @ T)[rows], rcond=1e-14)[0]
         before, share = residual, 1.0
-        while share > _LEAST:  # near a speed at which the structure gives way the full step leads astray
+        while share > (_LEAST if falling else 0.5):
             y = x.copy()
             y[columns] -= share * step
             found = linearised(system, modes, y, law)
@@ -174,17 +201,12 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
             if residual < before:
                 break
             share *= 0.5
-        if not residual < before:
+        if not residual < (before if falling else _FAR * before):
             residual = before
             break
         x, (A, T, load) = y, found
     x[columns[np.abs(x[columns]) <= _ROUNDING * np.linalg.norm(x[columns])]] = 0.0  # lstsq tells them no further apart
-    speed = system.slip_rows @ x
-    friction = modes.friction @ x + modes.friction_t @ T
-    agrees = bool(np.all(modes.sigma * speed > 0.0)) and bool(np.all(load[modes.sigma != 0.0] > 0.0))
-    inertia = _inertia(system, modes, speed, load, law)
-    exists = not stuck and residual <= 1e-9 * scale and agrees and inertia > 0.0
-    return Steady(system, modes, exists, x, A, moving, speed, load, friction, T, inertia)
+    return x, A, T, load, residual / scale
 
 
 def _inertia(system: System, modes: ModeSet, speed: Array, load: Array, contact: Contact) -> float:

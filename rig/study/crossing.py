@@ -23,6 +23,7 @@ Found = TypeVar("Found")
 RELATIVE = 4.0 * float(np.finfo(float).eps)  # the finest that a root is asked for
 EDGE = 1e-9  # of the gap between two values: how closely the end of a stretch is found
 _DEPTH = 6  # halvings of a gap in which a rate could reach zero
+_SEARCH = 3  # halvings of a gap at both ends of which nothing slides
 _CUSP = 4.0  # times the steps to both sides, growth may rise to a peak between: it bends like a root where modes meet
 _LEVEL = 1e-9
 _FIRST = 2.0**-10  # of the way from a hole to the next value of the grid: the first step
@@ -146,12 +147,12 @@ def _between(a: float, b: float, growths: Growths, depth: int) -> list[float]:
     at_a, at_b, middle = growths(a), growths(b), 0.5 * (a + b)
     if at_a is None and at_b is not None:
         inside, outside = edge(b, a, lambda value: growths(value) is not None)
-        return [outside, inside, *_between(inside, b, growths, depth)]
+        return [*_between(a, outside, growths, depth), outside, inside, *_between(inside, b, growths, depth)]
     if at_a is not None and at_b is None:
         inside, outside = edge(a, b, lambda value: growths(value) is not None)
-        return [*_between(a, inside, growths, depth), inside, outside]
+        return [*_between(a, inside, growths, depth), inside, outside, *_between(outside, b, growths, depth)]
     here = growths(middle)
-    left = right = (at_a is None) != (here is None)
+    left = right = (at_a is None) != (here is None) or (here is None and depth > _DEPTH - _SEARCH)
     if at_a is not None and at_b is not None and here is not None and depth > 0:
         count = min(len(one.rates) for one in (at_a, here, at_b))
         first, half, last = (one.clear[:count] for one in (at_a, here, at_b))

@@ -239,7 +239,7 @@ def missing(at: Steady) -> str:
     for patch, speed, load in contacts:
         if speed == 0.0:
             return f"the surface at {patch.name} stands still"
-        if load < 0.0:
+        if load < 0.0 and at.balanced:
             return f"where all forces balance, {patch.name} would have to pull (normal force {load:.4g} N)"
     if at.inertia <= 0.0:
         return "friction takes up all of the inertia"

@@ -99,9 +99,7 @@ class Sweep:
         if not self.critical:
             lines += [f"  no critical value {'where the rig slides steadily' if self.gaps else 'between these ends'}"]
         lines += [f"  {gap.note} {self._span(gap)}{f': {gap.why}' * bool(gap.why)}" for gap in self.gaps]
-        lines += [
-            f"  looked at every {axis.tell(self.resolution, 3)}; two critical values closer together may be missed"
-        ]
+        lines += [f"  looked at every {axis.tell(self.resolution, 3)}; what lies closer together may be missed"]
         rows = [(axis.label, "largest growth 1/s", "frequency Hz", "motions that grow", "")]
         for value, row, note in zip(axis.values, self.rates, self.notes):
             if not np.isfinite(row).any():

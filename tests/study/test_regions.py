@@ -101,7 +101,7 @@ def test_workers_find_the_same_and_a_folder_keeps_it(tmp_path):
 def test_a_range_without_sliding_between_two_values_ends_the_bands():
     got = found("disc_slider", "drive.speed=780.2:1040.1:2", "load.force=110:111:2")
     edges = [edge for edge, _ in got.edges[0]]
-    assert edges[:3] == pytest.approx([911.862394, 911.968, 917.689], abs=1e-3)
+    assert edges[:3] == pytest.approx([911.862394, 911.974, 917.596], abs=1e-3)
     assert [unstable for _, unstable in got.edges[0]][:3] == [True, False, True]
 
 

@@ -79,7 +79,8 @@ NOTHING = Point(NONE, BLANK, 0.0)
 
 def stopped(error: RigError, spent: float = 0.0) -> Point:
     """The verdict on a motion that had to stop."""
-    return Point(STOPPED, BLANK, spent, error.what if isinstance(error, NumericsError) else str(error))
+    what = error.what if isinstance(error, NumericsError) else " ".join(str(error).split())
+    return Point(STOPPED, BLANK, spent, what)
 
 
 def extremes(values: Array) -> tuple[float, float]:

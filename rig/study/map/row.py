@@ -71,12 +71,16 @@ class Row:
         return self.tables
 
     def _steady(self, i: int, value: float) -> Steady | None:
-        """Steady sliding at a point; None where the equations of the rig are singular."""
+        """Steady sliding at a point; None where the equations of the rig are singular, or it jams and is not to run."""
         try:
-            return self.track.sliding(value)
+            at = self.track.sliding(value)
+            if at.inertia <= 0.0 and self.track.scene.clock.unstable == "refuse":
+                mode = at.system.describe(at.modes.key)
+                raise Singular("jams: friction takes up all of the inertia", mode, jams=True)
         except Singular as error:
             self._singular[i] = error
             return None
+        return at
 
     def _tried(self, carried: Callable[[], Point]) -> tuple[Point, Array]:
         """What the motion settles to, and its maxima; a motion that has to stop says why, and the map goes on."""
@@ -127,7 +131,7 @@ class Row:
                 point, maxima = start(i) if start else self._again(i)
             elif point.state in (SLIDING, STOPPED) and (at := self._sliding[i]) is not None and at.exists:
                 point, maxima = self._at_near(i)
-            elif point.state == STOPPED:  # nothing is left to be carried on
+            elif point.state == STOPPED or self._sliding[i] is None:  # nothing is left to be carried on
                 point, maxima = self._standing(i)
             else:
                 point, maxima = self._step(name, self.x[before], self.x[i], point.state in ALIVE)

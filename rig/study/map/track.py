@@ -35,7 +35,6 @@ TOLERANCE = 1e-9
 _PARTS = 4  # steps from one point to the next of a parameter that cannot be ramped
 _SAMPLES = 24  # of a period of the fastest motion
 _FEW, _MANY = 3, 30  # sticks in a window: it is made longer, or shorter for the next point
-_EVENTS = 40  # in ten ticks
 _LATEST = 20  # turns over sectors
 _ROUNDS = 4  # of watching, each for twice as long
 _ROOM = 200_000  # ticks in a window: a turn of a surface that creeps is watched in parts
@@ -105,7 +104,7 @@ class Track:
             outputs=[self._row],
             tolerance=min(clock.tolerance, TOLERANCE),
             substeps=clock.substeps(self.step_ns),
-            cap=_EVENTS,
+            cap=clock.events_per_frame,
             limit=clock.limit,
             booking=False,
             longest=self._short,
