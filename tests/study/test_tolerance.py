@@ -101,3 +101,10 @@ def test_what_is_left_of_a_motion_that_dies_away_errs_more_and_by_how_much(name)
     steps = ratios(name, {}, (1e-4, 1e-6, 1e-8), framed=False)
     assert max(frames.values()) < FACTOR
     assert FACTOR < max(steps.values()) < DYING[name]
+
+
+@pytest.mark.slow
+def test_a_quantity_that_hardly_moves_beside_its_size_errs_more_and_by_how_much():
+    found = ratios("disc_slider_dither", {}, (1e-3, 1e-5, 1e-7))
+    assert FACTOR < found.pop("amplitude height") < 1e4
+    assert max(found.values()) < FACTOR
