@@ -92,6 +92,15 @@ class Event:
     before: int
 
 
+class Saved(NamedTuple):
+    """State, counters and places of rig.solve.records.State, and the largest size of each state so far."""
+
+    x: Array
+    ic: NDArray[np.int64]
+    fc: Array
+    size: Array
+
+
 class Motion:
     """A system in motion. `write` puts a command in force, `advance` carries the state on; both act at `tick`.
 
@@ -168,6 +177,17 @@ class Motion:
         self._springs = Springs(self) if self.method == "kick" else None
         self._run(0, 0)
         self._begun = state.x.copy()
+
+    def save(self) -> Saved:
+        """What `go_back` needs to carry on from here once more."""
+        state = self.state
+        return Saved(state.x.copy(), state.ic.copy(), state.fc.copy(), self.work.size.copy())
+
+    def go_back(self, saved: Saved) -> None:
+        """Back to a state of the same system that was saved; energy, ticks and log go on being those of now."""
+        state = self.state
+        state.x[:], state.ic[:], state.fc[:] = saved.x, saved.ic, saved.fc
+        self.work.size[:] = saved.size
 
     @property
     def _varies(self) -> bool:

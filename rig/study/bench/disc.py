@@ -42,8 +42,7 @@ def growth(tolerances: tuple[float, ...] = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10)) -> l
         motion = Motion(system, scene.step_ns, "dopri5", tolerance=tolerance, booking=False, longest=ticks)
         best = math.inf
         for _ in range(ROUNDS):
-            motion.state.x[:] = at.x + push.real
-            motion.work.size[:] = 0.0
+            motion.restart(at.x + push.real)
             before = part(motion.x)
             begin = time.perf_counter()
             motion.advance(ticks)

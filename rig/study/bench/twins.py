@@ -18,7 +18,7 @@ from rig.plants import PLANTS
 from rig.scenes.loader import load
 from rig.solve.leaf import any_shape, call
 from rig.solve.motion import Motion
-from rig.solve.records import KEY, TICK
+from rig.solve.records import TICK
 from rig.solve.roots import BERNSTEIN
 from rig.solve.system import STICK
 from rig.study.bench.kernels import COULOMB, SECONDS, STEP_NS, event_times, interleaved, pendulum, run
@@ -118,14 +118,13 @@ def _rk4(system: Any, c: Any) -> dict[str, Any]:
     count = np.ascontiguousarray(t.guards[at])
     stick = at[STICK]
     rows = [np.ascontiguousarray(a) for a in (t.landing[stick], t.slip[0], t.friction[stick, 0], t.load[stick, 0])]
-    x0, key0 = motion.x.copy(), motion.key
+    begun, x0, key0 = motion.save(), motion.x.copy(), motion.key
     out, ticks_of, places = np.zeros((ticks, system.n)), np.zeros(10_000, dtype=np.int64), np.zeros(10_000)
     final = ctypes.c_int64()
     events = {}
 
     def numba_run() -> None:
-        motion.state.x[:] = x0
-        motion.state.ic[KEY] = key0
+        motion.go_back(begun)
         motion.advance(ticks)
 
     def c_run() -> None:
@@ -182,13 +181,12 @@ def _exact(system: Any, c: Any) -> dict[str, Any]:
     arrays = {name: np.ascontiguousarray(a) for name, a in arrays.items()}
     tables = _Tables(**{name: a.ctypes.data for name, a in arrays.items()}, levels=arrays["E"].shape[1],
                      mu_static=system.patches[0].law.static, step=STEP_NS * 1e-9)  # fmt: skip
-    x0, key0, size0 = motion.x.copy(), motion.key, motion.work.size.copy()
+    begun, x0, key0, size0 = motion.save(), motion.x.copy(), motion.key, motion.work.size.copy()
     out, ticks_of, places = np.zeros((ticks, system.n)), np.zeros(10_000, dtype=np.int64), np.zeros(10_000)
     events = {}
 
     def numba_run() -> None:
-        motion.state.x[:], motion.work.size[:] = x0, size0
-        motion.state.ic[KEY] = key0
+        motion.go_back(begun)
         motion.advance(ticks)
 
     def c_run() -> None:

@@ -19,7 +19,7 @@ from rig.errors import NumericsError, Singular
 from rig.scenes.scene import Scene, plant_module
 from rig.solve.linear import Steady, sliding_key, steady
 from rig.solve.method import chosen
-from rig.solve.motion import Motion
+from rig.solve.motion import Motion, Saved
 from rig.solve.records import EVENTS, KEY
 from rig.solve.system import CLOSED, STICK, System
 from rig.study.axis import Axis
@@ -45,10 +45,7 @@ class Place:
     """A state of the rig to come back to."""
 
     value: float
-    x: Array
-    ic: NDArray[np.int64]
-    fc: Array
-    size: Array
+    state: Saved
 
 
 class Track:
@@ -177,15 +174,12 @@ class Track:
 
     def here(self) -> Place:
         """The state now."""
-        state = self._motion.state
-        return Place(self.value, state.x.copy(), state.ic.copy(), state.fc.copy(), self._motion.work.size.copy())
+        return Place(self.value, self._motion.save())
 
     def back(self, place: Place) -> None:
         """Back to a state that was left."""
         self._go(place.value)
-        state = self._motion.state
-        state.x[:], state.ic[:], state.fc[:] = place.x, place.ic, place.fc
-        self._motion.work.size[:] = place.size
+        self._motion.go_back(place.state)
 
     def move(self, value: float) -> None:
         """Carry the motion on to `value`. Raises rig.errors.NumericsError where it has to stop."""
