@@ -15,7 +15,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-ROOMS = ("rig/solve", "sensors")
+ROOMS = ("rig/solve",)
 """Folders whose kernels are kept for all processes, for as long as their sources stay as they are."""
 _DECORATORS = {"kernel", "inner", "inlined", "fused"}
 

@@ -17,9 +17,9 @@ its instant. Flaws that are stated hold (`Instrument.perfect`).
 At an instant where a signal jumps the value before the jump is read: a measurement never knows the command it causes.
 
 instrument  what all instruments declare      front_end  the one description each compiles to
-filters     transfer functions, modal form    response   exact response of a pole to a polynomial
-sampling    the kernel of one frame           streams    random numbers, drawn ahead
-bank        all instruments of a scene
+filters     transfer functions, modal form    streams    random numbers, drawn ahead
+bank        all instruments of a scene        instants   when samples are taken
+What runs them in every frame is compiled: rig.solve.sampling, rig.solve.response.
 """
 
 from __future__ import annotations

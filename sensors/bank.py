@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from rig.errors import SceneError
 from rig.kernel import entry
 from rig.loan import Loan
+from rig.solve.response import COLUMNS, POLE, RESIDUE, STATE
+from rig.solve.sampling import FRONT, NOW, SHORT, Rack, advance, prepare
 from rig.solve.segments import DEGREE, Segments
 from sensors.front_end import FrontEnd
 from sensors.instants import SECOND, Integers, common_step
 from sensors.instrument import Instrument
-from sensors.response import COLUMNS, POLE, RESIDUE, STATE
-from sensors.sampling import FRONT, NOW, SHORT, Rack, advance, prepare
 from sensors.streams import Stream
 
 _CHUNK = 1024  # random numbers drawn and samples kept at a time, at least

@@ -60,7 +60,7 @@ class Instants(NamedTuple):
         return period_ns * self.samples % (SECOND * self.seconds) == 0
 
     def at(self, numbers: int | Integers) -> Integers:
-        """The instants [ns] of samples `numbers`, as the kernels find them (sensors.sampling.instant)."""
+        """The instants [ns] of samples `numbers`, as the kernels find them (rig.solve.sampling.instant)."""
         period, rest = self.whole
         cycles, k = np.divmod(np.asarray(numbers, dtype=np.int64), self.samples)
         more, part = np.divmod(k * rest, self.samples)

@@ -188,7 +188,7 @@ def checkout(tmp_path_factory):
         ("rig/solve/carry.py", "_FLUSH = 1e-150", "_FLUSH = 1e-140", False),
         ("rig/solve/settle.py", "_SLACK = 1e-9", "_SLACK = 1e-8", False),
         ("rig/solve/system.py", "G_NEXT", "G_NEXT_ONE", False),
-        ("sensors/sampling.py", "", "\nX = 1\n", False),
+        ("rig/solve/sampling.py", "", "\nX = 1\n", False),
         ("rig/solve/leaf.py", "ROWS = 7", "ROWS = 8", False),
         ("rig/loan.py", "frombuffer", "fromstring", False),
         ("rig/kernel.py", '"nogil": True', '"nogil": False', False),

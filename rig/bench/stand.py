@@ -25,7 +25,6 @@ from rig.solve.assembly import Input
 from rig.solve.method import chosen, seen
 from rig.solve.motion import Frames, Motion
 from sensors.bank import Bank
-from sensors.frames import frames
 
 Array = NDArray[np.float64]
 
@@ -71,7 +70,7 @@ class Stand:
             limit=clock.limit,
             longest=ROWS if truthful else self.steps,
             bounds={self.outputs.index(name): limit for name, limit in scene.limits.items()},
-            frames=Frames(frames, self.steps, self.bank.rack),
+            frames=Frames(self.steps, self.bank.rack),
             smoothing=clock.smoothing,
         )
         self._index = {name: i for i, name in enumerate(system.names)}

@@ -22,6 +22,7 @@ from rig.loan import Loan
 from rig.solve import ledger
 from rig.solve.carry import TALLIED, advance, evaluate
 from rig.solve.emit import empty_segments
+from rig.solve.frames import frames as carried_in_frames
 from rig.solve.method import seen
 from rig.solve.plan import plan
 from rig.solve.records import (
@@ -59,14 +60,13 @@ SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
 
 
 class Frames(NamedTuple):
-    """How a motion is carried together with something else: a kernel that takes more than `advance` and may end early.
+    """How a motion is carried together with instruments, by frames of `steps` ticks; `rack`: a rig.solve.sampling.Rack.
 
-    It goes on frame by frame of `steps` ticks; `more` is what it takes beside that.
+    It may end early, after a frame at which somebody must look.
     """
 
-    kernel: Any
     steps: int
-    more: Any
+    rack: Loan
 
 
 class Ready(NamedTuple):
@@ -111,7 +111,7 @@ class Motion:
     longer one). `limit`: largest |state| allowed.
     `booking`: keep the energy ledger. `longest`: ticks of the longest call to make room for. `bounds`: of the size of
     outputs, by number; `beyond` then names the first output that has left its bound at the end of a call. `frames`: in
-    what the motion is carried, if not alone.
+    which the motion is carried, if not alone.
 
     Raises ValueError for a method that cannot serve the system; while running Diverged, Jammed, Chatter (rig.errors)
     with time, mode and state. The state is kept then.
@@ -140,8 +140,8 @@ class Motion:
         self.tick = 0
         self.segments = empty_segments(read, SEGMENTS)
         self._outputs, self._read, self._cap = outputs or [], read, cap
-        self._kernel = advance if frames is None else frames.kernel
-        self._more = () if frames is None else frames[1:]
+        self._kernel: Any = advance if frames is None else carried_in_frames
+        self._more = frames or ()
         self._block = None if frames is None else frames.steps
         self._first = self.kept = 0
         self._jumps = 0.0
@@ -218,7 +218,16 @@ class Motion:
             outputs,
             slots,
             workspace(system, self._read, slots.tables.G.shape[1]),
-            plan(system, self.method, self.substeps, self.tolerance, self.booking, self._read > 0, self.limit),
+            plan(
+                system,
+                self.method,
+                self.substeps,
+                self.tolerance,
+                self.booking,
+                self._read > 0,
+                self.limit,
+                self._more[-1] if self._more else None,
+            ),
             cache(system.happens),
             (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((1, len(outputs)))),
             None,

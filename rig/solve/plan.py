@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+import numba
 import numpy as np
 from numba.core import types
 
-from rig.loan import lent_type
-from rig.solve import dopri5, exact, kick, rk4, stage
-from rig.solve.carry import carry
+from rig.loan import Lent, Loan, lent_type
+from rig.solve import dopri5, exact, expm, kick, rk4, stage
+from rig.solve.carry import advance, carry, evaluate
 from rig.solve.emit import empty_segments
+from rig.solve.frames import frames
 from rig.solve.leaf import ANY, Shape
 from rig.solve.parts import addresses
-from rig.solve.records import Log, Plan, State, workspace
+from rig.solve.records import Carried, Log, Plan, State, workspace
 from rig.solve.system import System
 from rig.solve.tables import UNROLLED, empty
 
@@ -23,9 +26,16 @@ _WHOLE = np.zeros((0, 4), dtype=np.int64)
 
 
 def plan(
-    system: System, method: str, substeps: int, tolerance: float, booking: bool, emitting: bool, limit: float
+    system: System,
+    method: str,
+    substeps: int,
+    tolerance: float,
+    booking: bool,
+    emitting: bool,
+    limit: float,
+    rack: Loan | None,
 ) -> Plan:
-    """The plan of a system as the method sees it; leaves are compiled that have not been yet."""
+    """The plan of a system as the method sees it; what has not been compiled yet is. `rack`: instruments, if any."""
     wide, fixed, bends = system.n > UNROLLED, method in ("rk4", "kick"), not system.linear
     made = Plan(
         carry=0,
@@ -68,4 +78,15 @@ def plan(
         )
         return [*map(lent_type, records), types.int64]
 
-    return made._replace(**addresses(wanted, kinds))
+    def more(common: Sequence[Any]) -> list[tuple[Any, tuple[Any, ...]]]:
+        tables, *carried, ticks = common
+        loan = Lent(types.NamedTuple([one.content for one in carried], Carried))
+        matrix = types.Array(types.float64, 2, "C")
+        block = tables, loan, types.boolean, ticks, ticks
+        return [
+            (advance, block) if rack is None else (frames, (*block, ticks, numba.typeof(rack))),
+            (evaluate, (tables, loan, matrix, types.Array(types.int64, 1, "C"), matrix)),
+            (expm.ladder, (matrix, types.float64)),
+        ]
+
+    return made._replace(**addresses(wanted, kinds, more))

@@ -15,7 +15,6 @@ from rig.solve.motion import Event, Frames, Motion
 from rig.solve.system import CLOSED, STICK
 from rig.study.dense import Dense
 from sensors.bank import Bank
-from sensors.frames import frames
 
 Array = NDArray[np.float64]
 BLOCK = 16  # ticks in one call
@@ -160,7 +159,7 @@ def in_frames(scene: Scene, steps: int) -> Frames:
     """Frames of `steps` ticks in which nothing is sampled."""
     bank = Bank({}, (), scene.frame_ns, scene.seed)
     bank.start(np.zeros(0))
-    return Frames(frames, steps, bank.rack)
+    return Frames(steps, bank.rack)
 
 
 class _Ledger:

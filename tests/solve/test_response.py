@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from rig.kernel import kernel
+from rig.solve import response
+from rig.solve.response import COLUMNS, PART, PEEK, POLE, STATE, STEP
 from rig.solve.segments import DEGREE
-from sensors import filters, response
-from sensors.response import COLUMNS, PART, PEEK, POLE, STATE, STEP
+from sensors import filters
 
 
 @kernel

@@ -11,8 +11,8 @@ from rig.kernel import kernel
 from rig.solve.carry import start
 from rig.solve.leaf import any_shape, call
 from rig.solve.records import BEYOND, EVENTS, REACHED
+from rig.solve.sampling import SHORT, sample
 from rig.solve.settle import DONE, LOOK
-from sensors.sampling import SHORT, sample
 
 
 @kernel
