@@ -1,6 +1,7 @@
 """`make bench`: every figure of the README, on this machine.
 
-`--json FILE` keeps them, `--quick` takes less time, `--map` measures maps alone.
+`--json FILE` keeps them, `--quick` takes less time, `--map` measures maps alone, `--against COMMIT` compares the speed
+with that of another version of the sources and nothing else.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from rig.errors import UsageError
 from rig.record.provenance import provenance
-from rig.study.bench import absent, disc, kernels, loop, maps, twins, whole
+from rig.study.bench import absent, against, disc, kernels, loop, maps, twins, whole
 
 FLOORS = {
     "kernel_rtf": 1e4,
@@ -60,6 +62,16 @@ def main() -> int:
         return 1 if missed else 0
 
     say(f"machine: {found['machine']}")
+    if "--against" in sys.argv:
+        commit = sys.argv[sys.argv.index("--against") + 1]
+        say(f"\nspeed over that of {commit}: processor time, {against.ROUNDS} rounds in turns, floor {against.FLOOR:g}")
+        try:
+            found["against"] = speeds = against.compared(commit, say)
+        except UsageError as error:
+            say(str(error))
+            return 2
+        missed += against.missed(speeds)
+        return told()
     if "--map" in sys.argv:
         mapped()
         return told()
