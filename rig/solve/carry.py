@@ -49,7 +49,7 @@ def carry(shape, t, w, state, log, seg, plan, ticks):
     ic, fc, x = state.ic, state.fc, state.x
     while True:
         if ic[PENDING] != READY:
-            status = settle(t, ic, x, w.size, w.T, w.scratch, w.copy, ic[REPEAT] > 1, state.energy)
+            status = settle(t, w, state)
             if status != DONE:
                 return status
         if ic[TICK] >= ticks:

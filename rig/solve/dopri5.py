@@ -19,7 +19,7 @@ from rig.solve.books import book, read
 from rig.solve.dense import at, clear, dense, fall
 from rig.solve.emit import crowded, emit_quartic
 from rig.solve.forces import inputs, lend, rate
-from rig.solve.leaf import call, local, states
+from rig.solve.leaf import any_shape, call, local, states
 from rig.solve.records import HOPED, KEY, LENGTH, MOST, PLACE, REACHED, TICK, TRIALS, TRY
 from rig.solve.settle import land, passed
 from rig.solve.stage import begin, complete, rubbing, stage
@@ -130,10 +130,10 @@ def book_step(shape, t, slot, w, theta, h, energy):
 
 
 @inner
-def emit(shape, t, slot, w, from_theta, to_theta, h, start, seg):
+def emit(t, slot, w, from_theta, to_theta, h, start, seg):
     """One segment of the signals between two instants of the step."""
     for q in range(5):
-        at(shape, w.derivatives, from_theta + 0.25 * q * (to_theta - from_theta), w.y2)
+        at(any_shape(w.y2.shape[0]), w.derivatives, from_theta + 0.25 * q * (to_theta - from_theta), w.y2)
         inputs(t, slot, w.y2, w.T, w.scratch)
         read(t, slot, w.T, w.y2, w.values[q])
     emit_quartic(w.values, start, (to_theta - from_theta) * h, seg)
@@ -158,9 +158,8 @@ def swing(shape, t, w, time, x):
 
 
 @inlined
-def accept(shape, t, slot, w, k, y, time, x, here):
-    """Go on from the end y of a step, `time` [s] after the block began; `here` is the state, x lent to others."""
-    swing(shape, t, w, time, y)
+def accept(shape, t, slot, w, k, y, x, here):
+    """Go on from the end y of a step; `here` is the state, x lent to others."""
     for i in range(states(shape)):
         here[i] = y[i]
         k[0, i] = k[6, i]
@@ -237,7 +236,8 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
             tick, place, done = tick + 1, 0.0, to
         if done < 1.0:
             place += (1.0 - done) * h / tick_length
-        accept(shape, t, slot, w, k, y, ((tick - ic[REACHED]) + place) * tick_length, x, here)
+        swing(shape, t, w, ((tick - ic[REACHED]) + place) * tick_length, y)
+        accept(shape, t, slot, w, k, y, x, here)
     ic[TICK], fc[PLACE], fc[TRY], fc[HOPED] = tick, place, next_h, hoped
     for i in range(n):
         x[i] = here[i]
@@ -283,19 +283,20 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
                 break
             if plan.emitting:
                 since = (tick - origin + place) * tick_length
-                emit(shape, t, slot, w, done, to, h, since, seg)
+                emit(t, slot, w, done, to, h, since, seg)
             at(shape, path, to, log.out[tick])
             log.modes[tick] = slot
             tick, place, done = tick + 1, 0.0, to
         if done < end:
             if plan.emitting:
                 since = (tick - origin + place) * tick_length
-                emit(shape, t, slot, w, done, end, h, since, seg)
+                emit(t, slot, w, done, end, h, since, seg)
             place += (end - done) * h / tick_length
         if fallen >= 0:
             at(shape, path, end, x)
         else:
-            accept(shape, t, slot, w, w.k, w.y, ((tick - origin) + place) * tick_length, x, x)
+            swing(shape, t, w, ((tick - origin) + place) * tick_length, w.y)
+            accept(shape, t, slot, w, w.k, w.y, x, x)
         ic[TICK], fc[PLACE] = tick, place
     if fallen >= 0:
         passed(t, slot, fallen, ic, x)

@@ -123,7 +123,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     ic, x, booking, emitting = state.ic, state.x, plan.booking, plan.emitting
     n, origin, slot = x.shape[0], ic[REACHED], t.slot_of[ic[KEY]]
     if state.fc[PLACE] == 0.0 and plan.wide:
-        while quiet_cell(t, slot, x, log.out[ic[TICK]], w, booking, emitting, (ic[TICK] - origin) * t.step[0], seg):
+        while quiet_cell(t, slot, x, log.out[ic[TICK]], w, plan, (ic[TICK] - origin) * t.step[0], seg):
             for i in range(n):
                 x[i] = log.out[ic[TICK], i]
             log.modes[ic[TICK]] = slot

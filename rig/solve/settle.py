@@ -13,7 +13,7 @@ from rig.kernel import inlined, inner
 from rig.solve.forces import ROUND, dot, inputs, rounding
 from rig.solve.laws import SMOOTH
 from rig.solve.ledger import SWITCH, held
-from rig.solve.records import BEGUN, KEY, PENDING
+from rig.solve.records import BEGUN, KEY, PENDING, REPEAT
 from rig.solve.system import (
     G_CLOSE,
     G_LIMIT_BACK,
@@ -228,13 +228,14 @@ def disagreement(t, slot, key, begun, x, size, T, slack):
 
 
 @inlined
-def settle(t, ic, x, size, T, scratch, copy, repeat, energy):
-    """Bring the modes of `ic` (see records.State) into agreement with x. Returns DONE, NEED or JAM.
+def settle(t, w, state):
+    """Bring the modes of `state` into agreement with its x. Returns DONE, NEED or JAM.
 
-    `size` holds the largest sizes of the states so far: a slip speed that is only their rounding is none, also where
-    belt and body have come to rest. `repeat`: the same contact has just changed twice in one instant; sticking may
-    then hold a little more. `energy`: of the ledger.
+    A slip speed that is only the rounding of the largest sizes of the states so far (w.size) is none, also where belt
+    and body have come to rest. Where the same contact has just changed twice in one instant (ic[REPEAT]), sticking may
+    hold a little more.
     """
+    ic, x, size, T, scratch, copy, energy = state.ic, state.x, w.size, w.T, w.scratch, w.copy, state.energy
     key, pending = ic[KEY], ic[PENDING]
     for i in range(x.shape[0]):
         size[i] = max(size[i], abs(x[i]))
@@ -246,7 +247,7 @@ def settle(t, ic, x, size, T, scratch, copy, repeat, energy):
     elif thrown(t, key, x) != key:
         energy[SWITCH] += held(t.store[t.slot_of[key]], x)
         key, pending = thrown(t, key, x), THROWN
-    slack, begun = _SLACK if repeat else 0.0, ic[BEGUN] if ic[BEGUN] >= 0 else key
+    slack, begun = _SLACK if ic[REPEAT] > 1 else 0.0, ic[BEGUN] if ic[BEGUN] >= 0 else key
     for _ in range(4 * (t.slip.shape[0] + t.of_patch.shape[0]) + 12):
         slot = t.slot_of[key]
         if slot < 0:

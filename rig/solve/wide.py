@@ -177,7 +177,7 @@ def _combine(weights: Array, terms: Array) -> Array:
 
 
 @inner
-def quiet(t, slot, x, y, w, booking, emitting, start, seg):
+def quiet(t, slot, x, y, w, plan, start, seg):
     """One certified tick from x to y, its energy and its segments with it; False, and nothing done, without a proof.
 
     `w`: Workspace, whose `size` holds the sizes of the states so far.
@@ -196,12 +196,12 @@ def quiet(t, slot, x, y, w, booking, emitting, start, seg):
                 break
     for i in range(n):
         y[i] = x[i] + z[i]
-    if booking:
+    if plan.booking:
         filled = t.wide.filled
         for i in range(n):
             filled[i] = x[i]
         gather(t.wide.whole[slot], filled, 1.0)
-    if emitting:
+    if plan.emitting:
         emit(t, slot, x, 2.0 ** t.depth[slot], start, t.step[0], seg)
     return True
 
