@@ -5,7 +5,7 @@ protocol        the steps of an experiment, due on ticks
 exchange        commands: taken over, held, clamped, refused, replaced by safe values
 operation       what happens at a tick between measurement and integration; the same in every mode
 tuning          values that an operator or the protocol changes while the rig runs
-variant, refit, upcoming   other rigs that it goes on as, built beside the frames
+variant, builds, refit, upcoming   other rigs that it goes on as, built beside the frames
 simulate        everything in one process
 plant_process   the plant as a process: lockstep or paced; hub, desk, attend and conclude are its parts
 pace, timing    the pace of the wall clock, and how well it was kept

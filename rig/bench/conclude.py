@@ -33,6 +33,7 @@ def conclude(plant: Plant) -> dict[str, Any]:
     hub.put_rest()
     ended = "diverged" if plant.fault else operation.over or "failed"
     operation.end()
+    plant.attendant.faults += operation.postponed.never
     operation.journal.note("end", ended)
     hub.put_events()
     plant.attendant.tell_health(time.perf_counter_ns())
@@ -67,6 +68,7 @@ def conclude(plant: Plant) -> dict[str, Any]:
         "unknown": unknown,
         "refused": plant.session.door.told(),
         "faults": plant.attendant.faults,
+        "postponed": operation.postponed.told(),
         "energy": statistics.pop("energy"),
         "plant": statistics,
         "audit": stand.audit(),

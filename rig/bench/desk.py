@@ -18,13 +18,12 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from rig.bench.hub import Hub
-from rig.bench.variant import Build, Variant, Wanted
+from rig.bench.variant import Wanted
 from rig.bus.questions import Later, param_request
 from rig.errors import RigError, UsageError
 
@@ -45,8 +44,7 @@ class Admission(BaseModel):
 class Desk:
     """Serves operators; `poll` between the protocol and the commands of a tick."""
 
-    def __init__(self, hub: Hub, apart: bool = False) -> None:
-        """`apart`: what takes long is built in another thread while frames go on."""
+    def __init__(self, hub: Hub) -> None:
         self.stopped = ""
         """Who asked for the end; empty while nobody did."""
         self.begun = False
@@ -54,7 +52,6 @@ class Desk:
         self.excused: set[str] = set()
         """Who need not be waited for."""
         self.paused = False
-        self._apart = apart
         self._hub, self._operation, self._stand = hub, hub.operation, hub.stand
         self._does = {
             "begin": self._begin,
@@ -107,23 +104,12 @@ class Desk:
     def _rebuilt(self, wanted: Callable[[], list[Wanted]], then: Callable[[], dict[str, Any]]) -> Later:
         """Does `then` at the tick at which the rigs have been built that are `wanted` for it, one after the other.
 
-        In lockstep that is the tick of the request: nobody minds that it takes longer.
+        In a run that is not paced that is the tick of the request: nobody minds that it takes longer.
         """
-        build: Build[list[Variant]] | None = None
-        stand = self._stand
+        builds = self._operation.builds
 
         def later() -> dict[str, Any] | None:
-            nonlocal build
-            if build is None:
-                if stand.has(needed := wanted()):
-                    return then()
-                build = Build(partial(stand.variants, needed), apart=self._apart)
-            if not build.done:
-                return None
-            variants, build = build.result(), None
-            for one in variants:
-                stand.keep(one)
-            return later()  # builds again if somebody else was faster
+            return then() if builds.ready(later, wanted) else None
 
         return later
 

@@ -18,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from rig.bench.builds import Builds
 from rig.bench.exchange import Exchange, Playback
 from rig.bench.journal import OPERATOR, Journal
 from rig.bench.line import Line
@@ -78,7 +79,8 @@ class Operation:
         if length is not None:
             self._warn(length)
         told = [event for event in events if event.get("source", PLANT) == PLANT]  # others may say anything
-        self.postponed = Postponed(stand, self.journal, self._wants, told)
+        self.builds = Builds(stand)
+        self.postponed = Postponed(stand, self.journal, self._wants, self.builds, told)
         first = next((i for i, event in enumerate(told) if event["kind"] == BEGIN), 0)
         self._before, self._outside = (
             deque(event for event in part if event["data"].get("by") == OPERATOR)
@@ -115,7 +117,8 @@ class Operation:
         return not self.over
 
     def end(self) -> None:
-        """Tell what only the length shows that the run came to."""
+        """Tell what only the end shows: what never took effect, and what came too late for a run of this length."""
+        self.postponed.end()
         if self.stand.tick:
             self._warn(self.stand.t_ns)
 
@@ -148,7 +151,7 @@ class Operation:
         self.aborted = why
         self.journal.note("limit", f"{why}: to the safe state")
         ticks = max(RUN_DOWN_NS // self.stand.frame_ns, 1)
-        self.postponed.drop()
+        self.postponed.end()
         self.exchange.give_up(ticks)
         self._end = self.stand.tick + ticks
 

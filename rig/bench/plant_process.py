@@ -67,7 +67,7 @@ class Plant:
         self.operation = Operation(scene, stand, duration_ns, self._retune, keeps=False)
         self.setup = self._setup()
         self.hub = hub = Hub(session, self.operation, self.setup)
-        self.desk = Desk(hub, apart=not job.in_lockstep)
+        self.desk = Desk(hub)
         self.upcoming: Upcoming | None = None
         """What a paced run builds before it is asked for."""
         self.timing = Timing(stand.frame_ns / (job.pace or 1.0))
@@ -138,8 +138,8 @@ class Plant:
             if job.pace is not None:
                 self.stand.motion.foresee(self._sets)
                 self.upcoming = Upcoming(self.operation)
-                self.operation.exchange.refit = Refit(self.stand, self.operation.journal)
-                self.operation.postponed.apart = True
+                self.operation.exchange.refit = Refit(self.stand, self.operation.journal, self.operation.builds)
+                self.operation.builds.apart = True
             stack.enter_context(self.timing.interruptions.watched())
             stack.enter_context(
                 pace.no_garbage()
@@ -241,6 +241,8 @@ class Plant:
     def _ends(self, pacer: pace.Pacer | None) -> bool:
         """Whether somebody has asked for the end; a pause is sat out here."""
         desk, paused = self.desk, self.desk.paused
+        if paused:
+            self.operation.postponed.step_back()
         while not (why := self._why()) and desk.paused:
             self.attendant.look(time.perf_counter_ns())
             self.hub.put_events()

@@ -4,7 +4,8 @@ The resistance of a shunt, or the frequency of dither, is a coefficient: no stat
 new value is a new rig (`rig.bench.variant`), for which no frame has time. So it is built in another thread, one at a
 time, and a command takes effect once its rig is there. Building holds the interpreter, piece by piece: it makes some
 frames late, so that no more than one rig is begun in `PAUSE_S`. A controller that sends new values faster gets the
-newest that is built; what took effect, and when, is recorded as of any other command.
+newest that is built; what took effect, and when, is recorded as of any other command. While the protocol or an operator
+waits for a rig, none is begun or taken here: theirs would fit no more.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import time
 from collections.abc import Sequence
 from functools import partial
 
+from rig.bench.builds import Builds
 from rig.bench.journal import Journal
 from rig.bench.stand import Stand
 from rig.bench.variant import Build, Variant, Wanted
@@ -26,8 +28,8 @@ PAUSE_S = 0.5
 class Refit:
     """Builds what commands to the actuators of `stand` ask for; a value that has no rig is told, and not taken."""
 
-    def __init__(self, stand: Stand, journal: Journal) -> None:
-        self._stand, self._journal = stand, journal
+    def __init__(self, stand: Stand, journal: Journal, builds: Builds) -> None:
+        self._stand, self._journal, self._builds = stand, journal, builds
         self._faulty: dict[str, float] = {}
         self._build: Build[Variant] | None = None
         self._drive, self._value = "", 0.0
@@ -37,6 +39,8 @@ class Refit:
     @property
     def done(self) -> bool:
         """Whether `possible` may give something else than when it was asked last."""
+        if self._builds.awaited:
+            return False
         return self._build.done if self._build is not None else time.monotonic() >= self._due
 
     def possible(self, drives: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
@@ -48,6 +52,8 @@ class Refit:
 
     def _newest(self, drive: str, value: float) -> float:
         stand, build, now = self._stand, self._build, float(self._stand.values[drive])
+        if self._builds.awaited:
+            return now
         taken = None
         if build is not None and build.done and self._drive == drive:
             self._build = None

@@ -79,7 +79,7 @@ def line(health: Mapping[str, Any]) -> str:
 def summary(found: Mapping[str, Any], log: str = "", following: Iterable[str] = ()) -> str:
     """The summary of a run; `log`: what became of the recording, `following`: what to try next."""
     parts = [("timing", _timing(found)), ("loop", _loop(found)), ("lost", _lost(found)), ("refused", _refused(found))]
-    parts.append(("plant", _plant(found)))
+    parts += [("plant", _plant(found)), ("protocol", _postponed(found))]
     parts.append(("note", [*found["faults"], *found["fault"].splitlines(), *found.get("died", ())]))
     parts.append(("audit", [one["text"] for one in found.get("audit", ()) if one["noted"]]))
     parts += [("log", [log]), ("next", [" | ".join(following)])]
@@ -150,6 +150,15 @@ def _counted(name: str, counts: Mapping[str, int]) -> list[str]:
 def _lost(found: Mapping[str, Any]) -> list[str]:
     lines = [f"{count} of {topic}" for topic, count in found["lost"].items()]
     return lines + [f"unknown what did not reach {who}" for who in found["unknown"]]
+
+
+def _postponed(found: Mapping[str, Any]) -> list[str]:
+    told = found.get("postponed")
+    if not told:
+        return []
+    steps = "1 step" if told["waited"] == 1 else f"{told['waited']} steps"
+    never = f"; {told['never']} never took effect" if told["never"] else ""
+    return [f"{steps} waited for other matrices, the longest {told['longest_s']:.3g} s{never}"]
 
 
 def _plant(found: Mapping[str, Any]) -> list[str]:

@@ -36,7 +36,7 @@ LEAVE_S = 3.0
 WRITE_S = 20.0
 """which finishes its file."""
 TOLD = frozenset(
-    "begin joined left mark timeout parameter knock limit diverged fault "
+    "begin joined left mark timeout parameter knock limit diverged fault never "
     "missing safe back refused flood overruled evicted pause warning".split()
 )
 """Kinds of events that are shown while the run goes on."""

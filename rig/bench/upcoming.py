@@ -61,7 +61,7 @@ class Upcoming:
         if not any(self._stand.scene is known for known in self._known):
             self._stand.forget()
             self._begin()
-        elif self._rigs is not None and time.monotonic() >= self._due:
+        elif self._rigs is not None and time.monotonic() >= self._due and not self._operation.builds.awaited:
             self._due = time.monotonic() + PAUSE_S
             self._build = Build(partial(next, self._rigs), apart=True)
 

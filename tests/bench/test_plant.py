@@ -18,6 +18,7 @@ from rig.bench.operation import Operation
 from rig.bench.plant_process import Plant
 from rig.bench.simulate import simulate
 from rig.bench.stand import Stand
+from rig.bench.status import summary
 from rig.bench.supervise import Team
 from rig.bus import encode, messages
 from rig.bus.arrivals import HEADER, Arrived, Count
@@ -286,6 +287,123 @@ def test_what_the_protocol_sets_right_after_an_operator_has_tuned_waits_for_its_
     assert order == sorted(order)
     assert len(order) == 3
     assert all(e["tick"] > 500 for e in waited["goes on"])
+
+
+class Gate:
+    """Threads that build rigs wait here while it is closed."""
+
+    def __init__(self, monkeypatch, takes_s=0.0):
+        self.open, made = threading.Event(), Stand.variant
+        self.open.set()
+
+        def variant(*given):
+            if threading.current_thread().name == "variant":
+                time.sleep(takes_s)
+                self.open.wait(20.0)
+            return made(*given)
+
+        monkeypatch.setattr(Stand, "variant", variant)
+
+
+def test_steps_and_operators_get_their_matrices_beside_a_controller_that_asks_for_others_all_the_time(
+    built, monkeypatch
+):
+    """Steps of one tick take effect at one tick; then it is the operator's turn, then the controller's."""
+    found, begin = built
+    steps = [("friction.mu_static", 0.45), ("shunt.delta", -0.8), ("body.mass", 1.1)]
+    raw = json.loads(scenes.load("belt_shunt").to_json())
+    hold = {"step": "hold", "time": 1.0}
+    raw["protocol"] = [hold, *({"step": "set", "target": key, "to": to} for key, to in steps), hold | {"time": 3.0}]
+    raw["controllers"] = {"mine": {"kind": "shunt_schedule", "drive": "shunt.resistance"}}
+    scene = Scene.from_json(json.dumps(raw))
+    monkeypatch.setattr("rig.bench.refit.PAUSE_S", 0.0)
+    Gate(monkeypatch, takes_s=0.1)
+    with Bench(scene, {}, pace=1.0) as bench:
+        stand, over = bench.plant.stand, threading.Event()
+        bench.begin()
+        mine = bench.twin.open("controller", "mine")
+        bench.me.ask("param/plant", {"get": ["shunt.delta"]}, 20.0)  # the frames have begun
+        begin()
+
+        def command():
+            while not over.is_set():
+                mine.publisher("act/mine").put(encode.act(stand.tick, 0, (30.0 + stand.tick % 10,)), 0)
+                time.sleep(0.002)
+
+        bench.thread(command)
+        while stand.tick < 1001:
+            time.sleep(0.001)
+        told = bench.me.ask("param/plant", {"set": {"friction.mu_kinetic": 0.2}}, 5.0)
+        then = stand.values["shunt.resistance"]
+        while stand.values["shunt.resistance"] == then and stand.tick < 3900:
+            time.sleep(0.01)
+        over.set()
+        heard = bench.finish()
+    assert stand.values["shunt.resistance"] != then
+    assert (stand.values["shunt.delta"], stand.parameter("friction.mu_static")) == (-0.8, 0.45)
+    events = rebuilt_apart(bench, heard, scene, found)
+    ticks = {kind: [e["tick"] for e in events if e["kind"] == kind] for kind in ("waits", "goes on")}
+    assert ticks["waits"] == [1000] * 3
+    [tick] = set(ticks["goes on"])
+    assert 1000 < tick < told["tick"]
+    assert bench.summary["postponed"] == {"waited": 3, "longest_s": pytest.approx(1e-3 * (tick - 1000)), "never": 0}
+    assert f"3 steps waited for other matrices, the longest {1e-3 * (tick - 1000):.3g} s" in summary(bench.summary)
+
+
+def test_a_step_that_still_waits_when_the_run_ends_is_told(built, monkeypatch):
+    """The recording holds all the same: simulated again, it waits until the end, too."""
+    found, begin = built
+    raw = json.loads(scenes.load("belt_shunt").to_json())
+    hold = {"step": "hold", "time": 0.5}
+    raw["protocol"] = [hold, {"step": "set", "target": "shunt.resistance", "to": 40.0}, hold]
+    scene = Scene.from_json(json.dumps(raw))
+    gate = Gate(monkeypatch)
+    with Bench(scene, {}, pace=1.0) as bench:
+        bench.begin()
+        bench.me.ask("param/plant", {"get": ["shunt.delta"]}, 20.0)  # the frames have begun
+        begin()
+        bench.me.ask("param/plant", {"set": {"shunt.delta": -0.8}}, 5.0)  # what was built for the step fits no more
+        gate.open.clear()
+        heard = bench.finish()
+        gate.open.set()
+    assert bench.plant.stand.values["shunt.resistance"] != 40.0
+    told = "shunt.resistance = 40 of t = 0.5 s never took effect"
+    assert told in bench.summary["faults"]
+    assert told in bench.summary["reasons"]
+    assert bench.summary["verdict"] != "VALID"
+    assert bench.summary["postponed"] == {"waited": 1, "longest_s": pytest.approx(0.5), "never": 1}
+    events = rebuilt_apart(bench, heard, scene, found)
+    assert [(e["tick"], e["kind"]) for e in events if e["kind"] in ("waits", "goes on", "never")] == [
+        (500, "waits"),
+        (1000, "never"),
+    ]
+
+
+def test_an_operator_who_tunes_in_a_pause_does_not_wait_for_a_step_that_cannot_take_effect_then(built, monkeypatch):
+    found, begin = built
+    raw = json.loads(scenes.load("belt_shunt").to_json())
+    hold = {"step": "hold", "time": 0.5}
+    raw["protocol"] = [hold, {"step": "set", "target": "shunt.resistance", "to": 40.0}, hold | {"time": 1.0}]
+    scene = Scene.from_json(json.dumps(raw))
+    gate = Gate(monkeypatch)
+    with Bench(scene, {}, pace=1.0) as bench:
+        bench.begin()
+        bench.me.ask("param/plant", {"get": ["shunt.delta"]}, 20.0)  # the frames have begun
+        begin()
+        bench.me.ask("param/plant", {"set": {"shunt.delta": -0.8}}, 5.0)
+        gate.open.clear()
+        while bench.plant.stand.tick < 510:
+            time.sleep(0.001)
+        bench.me.ask("cmd/plant", {"do": "pause"}, 5.0)
+        gate.open.set()
+        told = bench.me.ask("param/plant", {"set": {"shunt.delta": -0.7}}, 5.0)
+        bench.me.ask("cmd/plant", {"do": "resume"}, 5.0)
+        heard = bench.finish()
+    stand = bench.plant.stand
+    assert (stand.values["shunt.resistance"], stand.values["shunt.delta"]) == (40.0, -0.7)
+    events = rebuilt_apart(bench, heard, scene, found)
+    [tick] = [e["tick"] for e in events if e["kind"] == "goes on"]
+    assert tick > told["tick"]
 
 
 @pytest.mark.parametrize("by", ["operator", "protocol", "a successor"])

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 import rig
+from rig.bench.builds import Builds
 from rig.bench.exchange import Exchange, Playback
 from rig.bench.journal import Journal
 from rig.bench.refit import Refit
@@ -195,7 +196,7 @@ def test_commands_that_ask_for_another_matrix_take_effect_when_it_is_built_and_o
     drives = ["shunt.resistance", "load.force"]
     stand.take(stand.variant(Wanted(driven=("load.force",))))
     line = exchange.admit("mine", drives, MS)
-    exchange.refit, slow = Refit(stand, journal), Slow(stand, monkeypatch)
+    exchange.refit, slow = Refit(stand, journal, Builds(stand)), Slow(stand, monkeypatch)
     monkeypatch.setattr("rig.bench.refit.PAUSE_S", 0.0)
     before = stand.values["shunt.resistance"]
     force, in_force = stand.outputs.index("normal_force"), []
@@ -238,7 +239,7 @@ def test_a_value_without_a_rig_is_told_and_not_taken(monkeypatch):
     journal = Journal(MS, lambda: stand.tick)
     exchange = Exchange(stand, MS, 50, journal)
     line = exchange.admit("mine", ["shunt.resistance"], MS)
-    exchange.refit, before = Refit(stand, journal), stand.values["shunt.resistance"]
+    exchange.refit, before = Refit(stand, journal, Builds(stand)), stand.values["shunt.resistance"]
 
     def refused(wanted, after=None):
         raise SceneError("shunt.resistance", ["cannot be had"])
