@@ -19,7 +19,7 @@ class Outcome:
     log: str = ""
     """The recording."""
     said: str = ""
-    """What the recorder said of it."""
+    """What the recorder said of it when it had finished its file; empty if it did not."""
     died: tuple[str, ...] = field(default_factory=tuple)
     """Processes that ended otherwise than they should."""
     unrecorded: bool = False
@@ -43,7 +43,7 @@ class Outcome:
 
     def text(self) -> str:
         """The summary in lines, with what to try next."""
-        broken = self.unrecorded and not self.said  # one that was only stopped too early has finished its file
+        broken = self.unrecorded and not self.said  # of a finished file there is nothing to recover
         commands = ("recover",) if broken else ("verify", "replay")
         following = [f"rig {command} {self.log}" for command in commands] if self.log else []
         return status.summary(self.to_json(), self.said or self.log, following)

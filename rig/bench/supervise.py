@@ -237,13 +237,14 @@ class Team:
             fault = UsageError(summary["failed"])
             fault.exit_code = summary["exit_code"]
             raise fault
+        account = said if " messages, " in said else ""  # it tells it when it has finished its file
         if recorder is None or not recorder.code:
             outcome = Outcome(summary, log, said, tuple(self.died))
-            if "at the end" in said.rpartition(" messages, ")[2]:  # its account: it does not know what was sent last
+            if "at the end" in account.rpartition(" messages, ")[2]:  # it does not know what was sent last
                 return outcome.without_recording("the recorder was told to stop before the run had ended")
             return outcome
-        died = self.died if recorder.told in self.died else [*self.died, recorder.told]
-        return Outcome(summary, log, "", tuple(died)).without_recording(recorder.told)
+        died = self.died if account or recorder.told in self.died else [*self.died, recorder.told]
+        return Outcome(summary, log, account, tuple(died)).without_recording(recorder.told)
 
     def _obituary(self) -> dict[str, Any]:
         """What is known of a plant that died without a word."""

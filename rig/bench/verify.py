@@ -93,7 +93,7 @@ def verify(log: Path) -> Verification:
         faults.insert(0, run.damage)
     if not identical and (not elsewhere or deviation > ELSEWHERE):
         faults.append(first)
-    notes = [run.recovered] if run.recovered else []
+    notes = [told for told in (run.recovered, run.untold) if told]
     if not (run.sealed or run.damage):
         notes.append("no digest: an older version recorded it, and damage to its descriptions would not show")
     seconds = _duration_ns(run) * 1e-9

@@ -90,6 +90,7 @@ def open(path: Path | str) -> Run:
         fault=stopped or damage,
         damage=damage,
         recovered=_recovered(scan),
+        untold=_untold(scan),
         sealed=scan.sealed,
     )
 
@@ -108,6 +109,14 @@ def _summary(told: dict[str, str], events: list[dict[str, Any]]) -> dict[str, An
 def _recovered(scan: Scan) -> str:
     told = scan.metadata.get("recovered", {})
     return f"recovered from a damaged recording; {told.get('lost') or told['fault']}" if "fault" in told else ""
+
+
+def _untold(scan: Scan) -> str:
+    try:
+        names = json.loads(scan.metadata.get("recording", {}).get("untold", "[]"))
+    except ValueError:
+        names = []
+    return f"unknown how many messages are missing that {', '.join(names)} sent before it came again" if names else ""
 
 
 def _frame(applied: dict[str, list[Any]]) -> int:

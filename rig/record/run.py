@@ -62,6 +62,8 @@ class Run:
     """What is missing or damaged in the recording that it was read from. Empty for a whole one."""
     recovered: str = ""
     """What had been lost before the recording was recovered from a damaged one; empty if it was not."""
+    untold: str = ""
+    """What is unknown of senders that were followed by another one of their name; empty if nothing is."""
     sealed: bool = True
     """Whether checksums prove every byte of the recording; those of older versions have no digest."""
 

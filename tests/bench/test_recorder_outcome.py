@@ -14,6 +14,8 @@ from rig.bench import supervise
 from rig.bench.outcome import Outcome
 from rig.bench.plant_process import warm
 from rig.bench.timing import Timing
+from rig.bench.verify import verify
+from rig.child import Child, end
 from rig.cli import app
 from rig.record.process import Recording
 from rig.study import design
@@ -122,6 +124,37 @@ def test_a_recorder_that_is_stopped_in_mid_run_fails_the_run(folder, scene, monk
     assert outcome.summary["verdict"] != "VALID"
     assert "the recording is not complete: the recorder was told to stop" in outcome.text()
     assert "rig recover" not in outcome.text()  # the file is whole as far as it goes
+
+
+def test_a_recorder_that_does_not_know_what_a_killed_controller_had_sent_has_finished_its_file(
+    folder, scene, monkeypatch
+):
+    """What to do next must be possible: there is nothing to recover, and verify says what is not known."""
+    teams, successors = [], []
+
+    def say(text):
+        if "begins with" in text:
+            teams[0].others["controller", "nf"].send(signal.SIGKILL)
+        if "left: controller nf" in text and not successors:
+            successors.append(Child("controller nf", ["controllers.process", "nf", "--run", teams[0].name]))
+
+    class Team(supervise.Team):
+        def __init__(self, *given):
+            super().__init__(*given)
+            teams.append(self)
+
+    monkeypatch.setattr(supervise, "Team", Team)
+    path = folder / "run.mcap"
+    outcome = supervise.run(scene, numbers=design.numbers(scene), duration=6.0, out=path, say=say)
+    assert end(successors, 5.0) == []
+    assert outcome.exit_code in (1, 3)
+    assert "the recording is not complete: recorder recorder" in outcome.text()
+    assert "unknown how many of what nf said before it came again" in outcome.text()
+    assert "rig recover" not in outcome.text()
+    assert f"rig verify {path}" in outcome.text()
+    found = verify(path)
+    assert found.passed, found.text()
+    assert found.notes == ("unknown how many messages are missing that nf sent before it came again",)
 
 
 def test_a_loss_that_nobody_knows_is_not_called_none():
