@@ -25,3 +25,11 @@ def take(file: int | IO[bytes] | IO[str], *, wait: bool = False, shared: bool = 
     except BlockingIOError:
         return False
     return True
+
+
+def free(file: int | IO[bytes] | IO[str]) -> bool:
+    """Whether nobody else has the lock of an open file, which is ours then. Without locks nobody has it."""
+    try:
+        return take(file)
+    except OSError:
+        return True

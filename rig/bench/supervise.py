@@ -22,8 +22,9 @@ from rig.bench.outcome import Outcome
 from rig.bench.status import Live
 from rig.bus.port import Receiver, Session
 from rig.child import Child, end
-from rig.errors import BusError, Interrupted, RigError, UsageError
+from rig.errors import BusError, Interrupted, LogError, RigError, UsageError
 from rig.process import told_to_stop
+from rig.record.scan import head
 from rig.scenes.scene import Scene
 
 _LINE = 400
@@ -226,7 +227,7 @@ class Team:
         recorder = self._recorder
         said = recorder.tail[-1] if recorder is not None and recorder.tail else ""
         found = (Path(said.partition(": ")[0]), self._out)
-        log = next((str(path) for path in found if path is not None and path.is_file()), "")
+        log = next((str(path) for path in found if path is not None and self._owns(path)), "")
         try:
             summary = json.loads(self._summary.read_text())
         except (OSError, ValueError):
@@ -245,6 +246,13 @@ class Team:
             return outcome
         died = self.died if account or recorder.told in self.died else [*self.died, recorder.told]
         return Outcome(summary, log, account, tuple(died)).without_recording(recorder.told)
+
+    def _owns(self, path: Path) -> bool:
+        """Whether a file is a recording of this run, and not of another one that its recorder has met."""
+        try:
+            return path.is_file() and head(path).setup().run == self.name
+        except LogError:
+            return False
 
     def _obituary(self) -> dict[str, Any]:
         """What is known of a plant that died without a word."""

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import typer
 
+from rig import locks
 from rig.errors import UsageError
 from rig.files import takes
 
@@ -82,7 +83,8 @@ def _hold(context: typer.Context, option: str, path: Path) -> None:
 def held(option: str, path: Path, force: bool) -> Iterator[None]:
     """Make an empty file at `path`; it and new folders go again if nothing has been written to it in the end.
 
-    Raises UsageError for a file with something in it, unless `force`, and for a place that cannot be written.
+    Raises UsageError for a file with something in it, unless `force`, for a file that another process is writing, and
+    for a place that cannot be written.
     """
     with _parents(path), _made(option, path, force):
         yield
@@ -116,7 +118,12 @@ def _made(option: str, path: Path, force: bool) -> Iterator[None]:
         with suppress(FileExistsError):
             path.open("xb").close()
             made = True
-        os.close(os.open(path, os.O_WRONLY))
+        file = os.open(path, os.O_WRONLY)
+        try:
+            if not locks.free(file):
+                raise UsageError(f"{option} {path}: another run is writing it; name another file")
+        finally:
+            os.close(file)
     except OSError as fault:
         raise UsageError(f"{option} {path} cannot be written: {fault.strerror}") from None
     try:

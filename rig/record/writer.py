@@ -41,11 +41,7 @@ def claim(path: Path, replace: bool) -> BinaryIO:
     takes(path)
     file = os.open(path, os.O_WRONLY | os.O_CREAT | _OWN, 0o666)
     try:
-        try:
-            taken = locks.take(file)
-        except OSError:  # a file system without locks
-            taken = True
-        if not taken:
+        if not locks.free(file):
             raise OSError(errno.EBUSY, "another run is writing it; name another file")
         if os.fstat(file).st_size:
             if not replace:

@@ -15,9 +15,11 @@ from rig.bench.outcome import Outcome
 from rig.bench.plant_process import warm
 from rig.bench.timing import Timing
 from rig.bench.verify import verify
+from rig.bus.setup import Setup
 from rig.child import Child, end
 from rig.cli import app
 from rig.record.process import Recording
+from rig.record.writer import Writer
 from rig.study import design
 
 SCENE = "belt_normal_force"
@@ -124,6 +126,19 @@ def test_a_recorder_that_is_stopped_in_mid_run_fails_the_run(folder, scene, monk
     assert outcome.summary["verdict"] != "VALID"
     assert "the recording is not complete: the recorder was told to stop" in outcome.text()
     assert "rig recover" not in outcome.text()  # the file is whole as far as it goes
+
+
+def test_the_file_of_another_run_is_not_told_as_the_recording_of_this_one(folder, scene):
+    path = folder / "theirs.mcap"
+    theirs = Writer(path, Setup("theirs", scene.to_json(), scene.frame_ns, scene.step_ns, {}, {}), "recorded")
+    outcome = supervise.run(
+        scene, numbers=design.numbers(scene), pace=None, duration=0.2, out=path, replace=True, say=lambda _: None
+    )
+    theirs.abandon()
+    assert outcome.exit_code == 1
+    assert "another run is writing it" in outcome.text()
+    assert outcome.log == ""
+    assert "rig recover" not in outcome.text()
 
 
 def test_a_recorder_that_does_not_know_what_a_killed_controller_had_sent_has_finished_its_file(

@@ -107,6 +107,21 @@ def test_force_replaces_and_a_name_that_is_free_needs_none(rig, log, tmp_path):
     assert wav.read_bytes() == first
 
 
+@pytest.mark.usefixtures("log")
+@pytest.mark.parametrize("command", FILES, ids=lambda command: f"{command[0]} {command[-1]}")
+def test_a_file_that_another_run_is_writing_is_refused_before_anything_starts(rig, tmp_path, monkeypatch, command):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rig.bench.supervise.run", None)
+    path = tmp_path / "theirs.png"
+    with claim(path, True) as theirs:
+        theirs.write(b"theirs")
+        theirs.flush()
+        code, err = rig(*command, path, "--force")
+        assert code in (1, 2)
+        assert "another run is writing it; name another file" in err
+    assert path.read_bytes() == b"theirs"
+
+
 def test_a_command_that_fails_leaves_no_empty_file(rig, tmp_path):
     code, _ = rig("simulate", "no_such_scene", "--out", tmp_path / "a.mcap", "--figure", tmp_path / "a.png")
     assert code == 2
