@@ -24,7 +24,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import ValidationError
 
 from rig.errors import UsageError
-from rig.quantities import Nanoseconds, Section, duration, optional, quantity, unit_of
+from rig.quantities import Nanoseconds, Section, brief, duration, optional, quantity, unit_of
 
 Numbers = Mapping[str, Any]
 Values = tuple[float, ...]
@@ -88,7 +88,7 @@ def retune(controller: C, changes: Mapping[str, object]) -> C:
         raise UsageError(f"{type(controller).__name__} has no parameters to tune: it keeps no section")
     known = type(section).model_fields
     fixed: frozenset[str] = getattr(section, "fixed", frozenset())
-    faults = [f"{key}: no such parameter{_near(key, known)}" for key in changes if key not in known]
+    faults = [f"{key:.80}: no such parameter{_near(key, known)}" for key in changes if key not in known]
     faults += [f"{key}: is fixed while the rig runs" for key in changes if key in fixed]
     try:
         changed = type(section).model_validate({**section.model_dump(), **changes})
@@ -124,7 +124,7 @@ def explain(error: ValidationError) -> list[str]:
     lines = []
     for fault in error.errors(include_url=False):
         key = ".".join(str(part) for part in fault["loc"]) or "the parameters"
-        lines.append(f"{key}: {fault['msg'].removeprefix('Value error, ')} (given: {fault['input']!r})")
+        lines.append(f"{key}: {fault['msg'].removeprefix('Value error, ')} (given: {brief(fault['input'])})")
     return lines
 
 

@@ -22,7 +22,7 @@ from typing import Any
 from controllers.base import Controller, hears
 from controllers.loop import Loop
 from rig.errors import UsageError
-from rig.quantities import Section
+from rig.quantities import Section, brief
 
 
 def load_file(path: str | Path) -> Controller:
@@ -74,21 +74,21 @@ def _faults(controller: Any) -> list[str]:
     for name in ("reads", "drives"):
         entries = getattr(controller, name)
         if not isinstance(entries, tuple) or not all(isinstance(entry, str) for entry in entries):
-            faults.append(f'Controller.{name} is {entries!r}; expected a tuple of names, e.g. ("vibrometer",)')
+            faults.append(f'Controller.{name} is {brief(entries)}; expected a tuple of names, e.g. ("vibrometer",)')
     period = controller.period_ns
     if not isinstance(period, int) or isinstance(period, bool) or period <= 0:
-        faults.append(f"Controller.period_ns is {period!r}; expected whole nanoseconds, e.g. 1_000_000")
+        faults.append(f"Controller.period_ns is {brief(period)}; expected whole nanoseconds, e.g. 1_000_000")
     if faults:
         return faults
     answer = controller.update(controller.start(), 0, _zeros(controller))
     if not isinstance(answer, tuple) or len(answer) != 2:
-        return [f"Controller.update returns {answer!r}; expected (state, commands)"]
+        return [f"Controller.update returns {brief(answer)}; expected (state, commands)"]
     commands = answer[1]
     if not isinstance(commands, tuple) or len(commands) != len(controller.drives):
         drives = ", ".join(controller.drives)
-        return [f"Controller.update commands {commands!r}; expected a tuple with one number for each of {drives}"]
+        return [f"Controller.update commands {brief(commands)}; expected a tuple with one number for each of {drives}"]
     if not all(isinstance(c, int | float) and not isinstance(c, bool) for c in commands):
-        return [f"Controller.update commands {commands!r}; expected numbers"]
+        return [f"Controller.update commands {brief(commands)}; expected numbers"]
     return []
 
 

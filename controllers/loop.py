@@ -12,6 +12,7 @@ from typing import Any
 
 from controllers.base import Controller, State, Values, hears, retune
 from rig.errors import UsageError
+from rig.quantities import brief
 
 
 def _finite(values: Values) -> bool:
@@ -57,7 +58,7 @@ class Loop:
         state, command = controller.update(self.state, t_ns, values)
         if len(command) != len(controller.drives):
             drives = ", ".join(controller.drives)
-            raise UsageError(f"{type(controller).__name__} answers {command!r}, but drives {drives}")
+            raise UsageError(f"{type(controller).__name__} answers {brief(command)}, but drives {drives}")
         return state, command
 
     def retune(self, changes: Mapping[str, object]) -> None:
@@ -76,7 +77,7 @@ class Loop:
         except UsageError:
             raise
         except Exception as fault:
-            told = ", ".join(f"{key} = {value}" for key, value in changes.items())
+            told = ", ".join(f"{key} = {value!s:.80}" for key, value in changes.items())
             raise UsageError(
                 f"{type(old).__name__} cannot be retuned to {told or 'what it is'}: {type(fault).__name__}: {fault}"
             ) from fault

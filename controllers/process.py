@@ -117,14 +117,14 @@ class Worker:
             return {"values": {key: now[key] for key in units}, "units": units}
         values = parameters(self.loop.controller)
         if unknown := [key for key in keys if key not in values]:
-            raise UsageError(f"no parameter is called {', '.join(unknown)}; there are {', '.join(values)}")
+            raise UsageError(f"no parameter is called {', '.join(unknown):.80}; there are {', '.join(values)}")
         if changes:
             try:
                 self.loop.retune(changes)
             except UsageError as fault:
                 self.tell("refused", f"{self.session.name} keeps its parameters: {fault}", {})
                 raise
-            text = ", ".join(f"{key} = {value}" for key, value in changes.items())
+            text = ", ".join(f"{key} = {value!s:.80}" for key, value in changes.items())
             self.tell("parameter", text, {"set": changes, "after_tick": self.tick})
             values = parameters(self.loop.controller)
         return {"values": {key: values[key] for key in keys or values}, "counters": self.loop.counters()}

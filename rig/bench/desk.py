@@ -26,6 +26,7 @@ from rig.bench.hub import Hub
 from rig.bench.variant import Wanted
 from rig.bus.questions import Later, param_request
 from rig.errors import RigError, UsageError
+from rig.quantities import si
 
 
 class Admission(BaseModel):
@@ -97,9 +98,9 @@ class Desk:
         except RigError:
             raise
         except KeyError as fault:
-            raise UsageError(f"{body.get('do', 'the request')} needs {fault}") from None
+            raise UsageError(f"{body.get('do', 'the request')!s:.80} needs {fault}") from None
         except Exception as fault:
-            raise UsageError(f"{body!r} cannot be done: {type(fault).__name__}: {fault}") from None
+            raise UsageError(f"{body!r:.200} cannot be done: {type(fault).__name__}: {fault}") from None
 
     def _rebuilt(self, wanted: Callable[[], list[Wanted]], then: Callable[[], dict[str, Any]]) -> Later:
         """Does `then` at the tick at which the rigs have been built that are `wanted` for it, one after the other.
@@ -143,7 +144,7 @@ class Desk:
 
         def done() -> dict[str, Any]:
             if what not in self._does:
-                raise UsageError(f"the plant cannot {what!r}; it can: {', '.join([*self._does, 'admit'])}")
+                raise UsageError(f"the plant cannot {what!r:.80}; it can: {', '.join([*self._does, 'admit'])}")
             self._does[what](body)
             return {}
 
@@ -170,7 +171,7 @@ class Desk:
         impulse = body["impulse"]
         if isinstance(impulse, bool) or not isinstance(impulse, int | float):
             raise UsageError(f"an impulse of {impulse!r:.80} cannot be struck; expected a number [N s]")
-        self._operation.knock(float(impulse))
+        self._operation.knock(si(impulse, "N*s"))
 
     def _switch(self, body: dict[str, Any]) -> None:
         self._operation.switch(str(body["controller"]), body["do"] == "connect")
@@ -180,7 +181,7 @@ class Desk:
         try:
             asked = Admission.model_validate(body)
         except ValidationError as error:
-            faults = [f"{'.'.join(map(str, one['loc']))}: {one['msg']}" for one in error.errors(include_url=False)]
+            faults = [f"{'.'.join(map(str, one['loc'])):.80}: {one['msg']}" for one in error.errors(include_url=False)]
             raise UsageError("\n".join(f"admit: {fault}" for fault in faults)) from None
         hub, operation, name, user = self._hub, self._operation, asked.controller, self._cmd.asker
         told = (name, asked.drives, asked.period_ns, asked.hears)

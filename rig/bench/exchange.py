@@ -24,6 +24,7 @@ from rig.bench.journal import Journal
 from rig.bench.line import AS_SENT, CLAMPED, SAFE, Line
 from rig.bus import topics
 from rig.errors import UsageError
+from rig.quantities import brief
 from rig.record.run import Commands
 from rig.solve.assembly import Input
 
@@ -96,9 +97,8 @@ class Exchange:
             )
         if period_ns % self._frame_ns or not 0 < period_ns <= LONGEST_NS:
             frame, longest = f"{self._frame_ns / 1e6:g} ms", f"{LONGEST_NS / 1e9:g} s"
-            faults.append(
-                f"its period of {period_ns} ns is no whole number of {frame} frames between {frame} and {longest}"
-            )
+            allowed = f"no whole number of {frame} frames between {frame} and {longest}"
+            faults.append(f"its period of {brief(period_ns)} ns is {allowed}")
         if faults:
             raise UsageError("\n".join(f"{name[:80]!r}: {fault}" for fault in faults))
 

@@ -174,7 +174,7 @@ class Operation:
         """Connect or disconnect a controller at this tick."""
         if controller not in self.exchange.lines:
             known = ", ".join(self.exchange.lines) or "none"
-            raise UsageError(f"no controller is called {controller}; there are: {known}")
+            raise UsageError(f"no controller is called {controller:.80}; there are: {known}")
         self.exchange.connect(controller, on)
         word = "connected" if on else "disconnected"
         self.journal.note(word, f"{controller} is {word}", by=by, controller=controller)
@@ -188,7 +188,7 @@ class Operation:
         """
         if hears and period_ns != self.stand.frame_ns:
             frame = f"{self.stand.frame_ns / 1e6:g} ms"
-            raise UsageError(f"{controller} wants every sample, so its period must be one frame, {frame}")
+            raise UsageError(f"{controller:.80} wants every sample, so its period must be one frame, {frame}")
         if controller in self.scene.controllers:
             raise UsageError(f"{controller} is a controller of the scene already; give yours another name")
         self.exchange.check(controller, drives, period_ns, gone)

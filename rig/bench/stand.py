@@ -20,6 +20,7 @@ from rig.bench.measurements import Measurements
 from rig.bench.truth import ROWS, Truth
 from rig.bench.variant import Variant, Wanted, with_values
 from rig.errors import SceneError
+from rig.scenes.faults import shortened
 from rig.scenes.scene import Scene
 from rig.solve.assembly import Input
 from rig.solve.method import chosen, seen
@@ -244,7 +245,7 @@ class Stand:
         for part in key.split("."):
             inside = found if isinstance(found, dict) else dict(found) if isinstance(found, BaseModel) else {}
             if part not in inside:
-                raise SceneError(key, ["is no parameter of this rig"])
+                raise SceneError(shortened(key), ["is no parameter of this rig"])
             found = inside[part]
         return found
 

@@ -11,7 +11,7 @@ from rig.bench.stand import Stand
 from rig.bench.variant import Wanted
 from rig.errors import UsageError
 from rig.quantities import si
-from rig.scenes.faults import near
+from rig.scenes.faults import near, shortened, shown
 from rig.scenes.scene import Scene, leaves
 
 
@@ -67,7 +67,7 @@ class Tuning:
             if key not in inputs:
                 parameters[key] = value
                 if key not in known:
-                    faults.append(f"{key}: unknown key; {near(key, self.tunable())}")
+                    faults.append(f"{shortened(key)}: unknown key; {near(key, self.tunable())}")
                 continue
             one = inputs[key]
             try:
@@ -76,7 +76,7 @@ class Tuning:
                 faults.append(f"{key} {fault}")
                 continue
             if not one.low <= actuators[key] <= one.high:
-                faults.append(f"{key} = {value}: must be {one.low:g} to {one.high:g} {one.unit}")
+                faults.append(f"{key} = {shown(value)}: must be {one.low:g} to {one.high:g} {one.unit}")
         if faults:
             raise UsageError("\n".join(faults))
         return actuators, parameters

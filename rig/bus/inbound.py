@@ -198,7 +198,7 @@ class Door:
             raise Refused("no sign of life", f"{arrived.topic} is no sign of life")
         _, role, name = arrived.topic.split("/")
         if role not in topics.ROLES:
-            raise Refused("no such role", f"{role!r} is no role; there are {', '.join(topics.ROLES)}")
+            raise Refused("no such role", f"{role!r:.80} is no role; there are {', '.join(topics.ROLES)}")
         own = speaks(arrived.user, arrived.topic, self.reserved)
         if not own or (role == "plant" and arrived.user != "plant"):
             raise Refused("not its own name", f"{arrived.user} cannot be {role} {name}")

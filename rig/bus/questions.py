@@ -109,7 +109,7 @@ class Server(ABC):
         except (RigError, ValueError) as fault:
             request.refuse(str(fault))
         except KeyError as fault:
-            request.refuse(f"{body.get('do', 'the request')} needs {fault}")
+            request.refuse(f"{body.get('do', 'the request')!s:.80} needs {fault}")
         except Exception as fault:  # what was asked makes no sense: that must not end the one who is asked
             request.refuse(f"{body!r:.200} cannot be done: {type(fault).__name__}: {fault}")
         else:

@@ -1,6 +1,7 @@
 """The plant as the others see it, on the twin of the bus: no process, but everything else is real."""
 
 import json
+import re
 import threading
 import time
 
@@ -470,6 +471,32 @@ def test_a_controller_is_retuned_on_the_same_tick_in_every_mode(scene, numbers):
     assert not np.any(loads[0][100:200] == loads[1][100:200])
     again = simulate(changed, {}, 3 * 10**8, run.commands)
     assert again.measurements["vibrometer"].v.tobytes() == run.measurements["vibrometer"].v.tobytes()
+
+
+HUGE, LONG = 10**4000, "x" * 5000
+
+
+@pytest.mark.parametrize(
+    ("topic", "body", "told"),
+    [
+        ("param/plant", {"set": {"load.force": HUGE}}, "must be 0 to"),
+        ("param/plant", {"set": {"load.force": f"{HUGE} N"}}, "must be 0 to"),
+        ("param/plant", {"set": {"body.mass": LONG}}, "expected a number, a space and a unit in kg"),
+        ("param/plant", {"set": {LONG: 1.0}}, "unknown key"),
+        ("param/plant", {"get": [LONG]}, "is no parameter of this rig"),
+        ("cmd/plant", {"do": "knock", "impulse": HUGE}, "it must be a finite number, -1e+06 to 1e+06 N*s"),
+        ("cmd/plant", {"do": LONG}, "it can: begin"),
+        ("cmd/plant", {"do": "connect", "controller": LONG}, "there are: nf"),
+        ("cmd/plant", {"do": "admit", "controller": "a", "drives": [], "period_ns": HUGE}, "is no whole number of"),
+        ("cmd/plant", {"do": "admit", "controller": "a", "drives": [], "period_ns": 1, LONG: 1}, "not permitted"),
+    ],
+)
+def test_a_refusal_tells_what_is_allowed_and_repeats_only_the_begin_of_what_is_long(scene, numbers, topic, body, told):
+    with Bench(scene, numbers, pace=1.0) as bench:
+        bench.begin()
+        with pytest.raises(BusError, match=re.escape(told)) as refused:
+            bench.me.ask(topic, body, 20.0)
+    assert len(str(refused.value)) < 700
 
 
 def test_operators_stop_pause_and_are_told_what_is_wrong(scene, numbers):

@@ -4,6 +4,7 @@ import contextlib
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -98,6 +99,22 @@ def test_each_step_is_answered_with_its_tick_and_the_very_numbers_of_a_run_in_on
             act = plant.answer()
             assert act.tick == tick
             assert tuple(act.values) == loop.answer(tick * FRAME, (v,))
+
+
+@pytest.mark.parametrize(
+    ("body", "told"),
+    [
+        ({"set": {"gain": 10**4000}}, "must be a finite number, -1e+09 to 1e+09 N*s/m (given: 1000"),
+        ({"set": {"gain": [1] * 3000}}, "expected a number or a text with a unit in N*s/m"),
+        ({"set": {"x" * 5000: 1.0}}, "no such parameter"),
+        ({"get": ["x" * 5000]}, "no parameter is called xxx"),
+    ],
+)
+def test_a_refusal_repeats_only_the_begin_of_what_is_long(body, told):
+    with at_work() as plant:
+        with pytest.raises(UsageError, match=re.escape(told)) as refused:
+            plant.worker.asked(body)
+        assert len(str(refused.value)) < 700
 
 
 def test_the_same_step_again_gets_the_same_answer_and_no_second_update():
