@@ -16,6 +16,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from pydantic import ValidationError
 
 from rig.errors import SceneError
+from rig.scenes.faults import lines
 from rig.scenes.scene import Scene
 from rig.scheduling import stand_back
 from rig.solve.assembly import Assembly
@@ -47,7 +48,7 @@ class Variant:
 
 def with_values(section: Any, changes: Mapping[str, Any]) -> Any:
     """A section with values of dotted keys changed, checked as a whole. Raises SceneError with every fault."""
-    raw, told = section.model_dump(), ", ".join(changes)
+    raw = section.model_dump()
     for key, value in changes.items():
         at = raw
         *path, last = key.split(".")
@@ -59,8 +60,7 @@ def with_values(section: Any, changes: Mapping[str, Any]) -> Any:
     try:
         return type(section).model_validate(raw)
     except ValidationError as error:
-        lines = [f"{'.'.join(map(str, f['loc']))}: {f['msg'].removeprefix('Value error, ')}" for f in error.errors()]
-        raise SceneError(told, lines) from None
+        raise SceneError(", ".join(changes), [line for _, line in lines(error, type(section), raw)]) from None
 
 
 class Build(Generic[T]):

@@ -111,6 +111,25 @@ def test_what_cannot_be_built_is_told_and_changes_nothing():
     assert stand.motion.system is before
 
 
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"body.mass": -1}, "body.mass = -1: must be greater than 0 kg"),
+        ({"body.mass": "-1 g"}, 'body.mass = "-1 g": must be greater than 0 kg'),
+        ({"friction.mu_static": -0.5}, "friction.mu_static = -0.5: must be at least 0"),
+        ({"body.mass": 1e300}, "body.mass = 1e+300: must be 1e-09 to 1e+06 kg"),
+        ({"body.mass": "x" * 5000}, "expected a number, a space and a unit in kg"),
+    ],
+)
+def test_a_value_that_is_refused_is_told_with_what_is_allowed(changes, told):
+    """In the same words as on the command line."""
+    stand = Stand(shorn("belt"))
+    with pytest.raises(SceneError) as refused:
+        stand.variant(Wanted(changes))
+    assert told in str(refused.value)
+    assert len(str(refused.value)) < 200
+
+
 def test_an_admission_is_simulated_again_to_the_bit():
     """The recording tells who was admitted and when; the command state is made again at that tick."""
     scene = shorn("belt")
