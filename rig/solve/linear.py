@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ Contact = Callable[[int, float, float], tuple[float, float, float]]
 """(patch, slip speed w, normal force N) -> friction force T, dT/dw, dT/dN."""
 
 _ROUNDS = 60
-_WIDE = 20  # rounds of full steps: where they lead to an equilibrium at all they need a few
+_WIDE = 20  # of full steps: where they lead to an equilibrium at all they need a few
 _FAR = 1e12  # times the rest of the step before: the full step leads nowhere
 _TOLERANCE = 1e-12
 _REST = 1e-9
@@ -161,26 +162,43 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
     free = np.union1d(moving, settling(system, modes.A, moving))
     stuck = STICK in system.modes(key)[0]
     law = contact if contact is not None else own_law(system, modes)
-    x, A, T, load, rest = _newton(system, modes, law, free, 0 if stuck else _ROUNDS, True)
-    if not stuck and rest > _REST and (wide := _newton(system, modes, law, free, _WIDE, False))[-1] <= _REST:
-        x, A, T, load, rest = wide
+    found = _newton(system, modes, law, free, 0 if stuck else _WIDE, False)
+    if not (stuck or (found.balanced and _agrees(system, modes, found))):  # another way may lead to another place
+        other = _newton(system, modes, law, free, _ROUNDS, True)
+        if not found.balanced or (other.balanced and _agrees(system, modes, other)):
+            found = other
+    x, A, T, load, balanced = found
     speed = system.slip_rows @ x
     friction = modes.friction @ x + modes.friction_t @ T
-    agrees = bool(np.all(modes.sigma * speed > 0.0)) and bool(np.all(load[modes.sigma != 0.0] > 0.0))
     inertia = _inertia(system, modes, speed, load, law)
-    balanced = rest <= _REST
-    exists = not stuck and balanced and agrees and inertia > 0.0
+    exists = not stuck and balanced and _agrees(system, modes, found) and inertia > 0.0
     return Steady(system, modes, exists, x, A, moving, speed, load, friction, T, inertia, balanced)
+
+
+class _Found(NamedTuple):
+    """Where the search has ended: x, the matrix, inputs and normal forces there, and whether all forces balance."""
+
+    x: Array
+    A: Array
+    T: Array
+    load: Array
+    balanced: bool
+
+
+def _agrees(system: System, modes: ModeSet, at: _Found) -> bool:
+    """Whether every contact slips the way of its mode, and presses."""
+    slips = np.all(modes.sigma * (system.slip_rows @ at.x) > 0.0)
+    return bool(slips) and bool(np.all(at.load[modes.sigma != 0.0] > 0.0))
 
 
 def _newton(
     system: System, modes: ModeSet, law: Contact, free: NDArray[np.int64], rounds: int, falling: bool
-) -> tuple[Array, Array, Array, Array, float]:
-    """Where the rates of the states `free` vanish: x, the matrix, inputs and normal forces there, and the rest of them.
+) -> _Found:
+    """Where the rates of the states `free` vanish.
 
-    The rest is relative to the terms of the rates. `falling`: steps are halved until it falls, for near a speed at
-    which the structure gives way the full step leads astray. Some equilibria beside it are found by full steps only,
-    on which the rest grows first.
+    Full steps need two rounds in most cases, and find equilibria on the way to which the residual grows first.
+    `falling`: steps are halved until it falls, for near a speed at which the structure gives way full steps lead
+    astray.
     """
     nq = len(system.coordinates)
     rows, columns = free[free >= nq], free[(free < nq) | (free >= 2 * nq)]  # q' = v is solved by v = 0
@@ -206,7 +224,7 @@ def _newton(
             break
         x, (A, T, load) = y, found
     x[columns[np.abs(x[columns]) <= _ROUNDING * np.linalg.norm(x[columns])]] = 0.0  # lstsq tells them no further apart
-    return x, A, T, load, residual / scale
+    return _Found(x, A, T, load, residual <= _REST * scale)
 
 
 def _inertia(system: System, modes: ModeSet, speed: Array, load: Array, contact: Contact) -> float:

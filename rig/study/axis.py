@@ -7,6 +7,7 @@ An end without a unit takes that of the other end; without any, numbers are SI.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -23,7 +24,8 @@ from rig.scenes.faults import near, shortened, unit_of
 from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
-MOST = 100_000
+MOST, POINTS = 100_000, 10_000_000
+"""Values of one axis, and points of all together."""
 FORM = 'expected KEY=FROM:TO:COUNT, e.g. drive.speed="0.05 m/s:0.4 m/s:50"'
 
 
@@ -146,6 +148,9 @@ def axes(scene: Scene, given: Mapping[str, str | None], controller: str = "") ->
             faults += [f"{option} {text}: {fault}" for fault in error.faults]
     keys = [axis.key for axis in found]
     faults += [f"{key}: is on more than one axis" for key in {k for k in keys if keys.count(k) > 1}]
+    points = math.prod(len(axis.values) for axis in found)
+    if points > POINTS:
+        faults.append(f"{points} points: must be at most {POINTS}; fewer values on one of the axes")
     if faults:
         raise SceneError(scene.name, faults)
     return found

@@ -16,14 +16,12 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.study.crossing import RELATIVE, Bracket, Growth, Hole, brackets, edge, looked, root, stretches
+from rig.study.crossing import RELATIVE, Bracket, Growth, Hole, brackets, edge, looked, none, root, stretches
 from rig.study.modes import motion
 from rig.study.spectrum import Spectra, Spectrum
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-NEUTRAL = 1e-9  # of |lambda|: growth that is none
-ROUNDING = 1e-12  # of the largest |lambda|
 JUMP = 1e-3  # of the growth beside it: what is left at a root of a continuous function is far less
 _SAME = 1e-9  # of the axis: critical values of one kind this close are those of one motion, a pair of eigenvalues
 
@@ -85,15 +83,9 @@ class Found(NamedTuple):
     resolution: float
 
 
-def none(spectrum: Spectrum) -> Array:
-    """Growth rate of each motion up to which it is none: what rounding makes of a motion without damping."""
-    size = np.abs(spectrum.rates)
-    return np.asarray(np.maximum(NEUTRAL * size, ROUNDING * size.max(initial=0.0)))
-
-
 def growing(spectrum: Spectrum) -> int | None:
     """The number of eigenvalues that grow; None where they do not count."""
-    return int(np.count_nonzero(spectrum.rates.real > none(spectrum))) if spectrum.counts else None
+    return int(np.count_nonzero(spectrum.rates.real > none(spectrum.rates))) if spectrum.counts else None
 
 
 def search(values: Sequence[float], rates: Complex, spectra: Spectra) -> Found:
@@ -102,7 +94,7 @@ def search(values: Sequence[float], rates: Complex, spectra: Spectra) -> Found:
     @lru_cache(maxsize=4096)
     def growths(value: float) -> Growth | None:
         one = spectra(value)
-        return Growth(one.rates.real, none(one)) if one.counts else None
+        return Growth(one.rates.real, none(one.rates)) if one.counts else None
 
     def look(grid: list[float]) -> Found:
         known: list[Critical] = list(_jamming(grid, spectra))

@@ -21,12 +21,15 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Found = TypeVar("Found")
 RELATIVE = 4.0 * float(np.finfo(float).eps)  # the finest that a root is asked for
+NEUTRAL = 1e-9  # of |lambda|: growth that is none
+ROUNDING = 1e-12  # of the largest |lambda|
 EDGE = 1e-9  # of the gap between two values: how closely the end of a stretch is found
 _DEPTH = 6  # halvings of a gap in which a rate could reach zero
 _SEARCH = 3  # halvings of a gap at both ends of which nothing slides
 _CUSP = 4.0  # times the steps to both sides, growth may rise to a peak between: it bends like a root where modes meet
 _LEVEL = 1e-9
 _FIRST = 2.0**-10  # of the way from a hole to the next value of the grid: the first step
+_BESIDE = (2.0**-3, 2.0**-6, 2.0**-9)  # of the way from the end of a stretch to the next value of the grid
 
 
 class Growth(NamedTuple):
@@ -43,6 +46,12 @@ class Growth(NamedTuple):
     def clear(self) -> Array:
         """The rates, zero where growth is none."""
         return np.where(np.abs(self.rates) <= self.none, 0.0, self.rates)
+
+
+def none(rates: NDArray[np.complex128]) -> Array:
+    """Growth rate of each motion [1/s] up to which it is none: what rounding makes of a motion without damping."""
+    size = np.abs(rates)
+    return np.asarray(np.maximum(NEUTRAL * size, ROUNDING * size.max(initial=0.0)))
 
 
 Growths = Callable[[float], Growth | None]
@@ -147,10 +156,11 @@ def _between(a: float, b: float, growths: Growths, depth: int) -> list[float]:
     at_a, at_b, middle = growths(a), growths(b), 0.5 * (a + b)
     if at_a is None and at_b is not None:
         inside, outside = edge(b, a, lambda value: growths(value) is not None)
-        return [*_between(a, outside, growths, depth), outside, inside, *_between(inside, b, growths, depth)]
+        near = _approach(b, inside, growths, depth)[::-1]
+        return [*_between(a, outside, growths, depth), outside, inside, *near]
     if at_a is not None and at_b is None:
         inside, outside = edge(a, b, lambda value: growths(value) is not None)
-        return [*_between(a, inside, growths, depth), inside, outside, *_between(outside, b, growths, depth)]
+        return [*_approach(a, inside, growths, depth), inside, outside, *_between(outside, b, growths, depth)]
     here = growths(middle)
     left = right = (at_a is None) != (here is None) or (here is None and depth > _DEPTH - _SEARCH)
     if at_a is not None and at_b is not None and here is not None and depth > 0:
@@ -163,6 +173,12 @@ def _between(a: float, b: float, growths: Growths, depth: int) -> list[float]:
         middle,
         *(_between(middle, b, growths, depth - 1) if right else ()),
     ]
+
+
+def _approach(far: float, end: float, growths: Growths, depth: int) -> list[float]:
+    """Values to look at between `far` and the end of a stretch: growth changes fastest beside it."""
+    beside = [end + share * (far - end) for share in _BESIDE]
+    return [*_between(far, beside[0], growths, depth), *beside]
 
 
 def _could(a: Array, b: Array, bend: Array) -> bool:

@@ -26,8 +26,7 @@ from rig.solve.linear import Steady, sliding_key, steady
 from rig.study.averaged import averaged
 from rig.study.axis import Axis
 from rig.study.columns import columns
-from rig.study.critical import NEUTRAL
-from rig.study.crossing import Growth, brackets, looked, root, stretches
+from rig.study.crossing import EDGE, Growth, brackets, looked, none, root, stretches
 from rig.study.modes import GENERATOR, missing
 from rig.study.spectrum import NOTHING
 from rig.view.put import put
@@ -38,7 +37,8 @@ _GREY = "#b9b9b9"
 
 @dataclass(frozen=True)
 class Regions:
-    """What `regions` finds. `growth` [1/s] and `frequency` [Hz] of the least stable motion, [y, x].
+    """What `regions` finds. `growth` [1/s] and `frequency` [Hz] of the least stable motion, [y, x]; growth that is
+    rounding is 0.
 
     `exists`: whether the contact presses there; where it would have to pull, the numbers are those of a contact that
     can, and nan where friction depends on speed. `edges`: for each y, the values of x at which unstable sliding begins
@@ -78,6 +78,8 @@ class Regions:
                 why = error.why
             count = int(np.isnan(self.growth).sum())
             lines += ["", f"  no steady sliding at {count} of {self.growth.size} points; first at {at}: {why}"]
+        apart = self.x.tell(float(np.abs(np.diff(self.x.values)).max()), 3)
+        lines += ["", f"  looked at every {apart} of {self.x.key}; bands closer together may be missed"]
         return "\n".join(lines)
 
     def _bands(self, row: int) -> Iterator[tuple[str, str]]:
@@ -141,16 +143,18 @@ def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
     """One row: growth, frequency, exists [x], and edges [edge, (value, unstable sliding begins)]."""
 
     @cache
-    def at(value: float) -> tuple[complex, bool]:
+    def at(value: float) -> tuple[Growth | None, float, bool]:
         try:
             found = sliding(scene, {x.key: value})
         except Singular:
-            return complex(math.nan, math.nan), False
-        return complex(found.eigenvalues()[0]) if _counts(found) else complex(math.nan, math.nan), found.exists
+            return None, math.nan, False
+        if not _counts(found):
+            return None, math.nan, found.exists
+        rates = found.eigenvalues()
+        return Growth(rates[:1].real, none(rates)[:1]), abs(rates[0].imag) / (2.0 * math.pi), found.exists
 
     def growths(value: float) -> Growth | None:
-        rate, _ = at(value)
-        return None if math.isnan(rate.real) else Growth(np.array([rate.real]), np.array([NEUTRAL * abs(rate)]))
+        return at(value)[0]
 
     def grows(value: float) -> bool:
         found = growths(value)
@@ -168,14 +172,26 @@ def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
                     edges.append((root(bracket, growths), grows(max(bracket.a, bracket.b))))
         return sorted(edges)
 
-    edges = looked(x.values, growths, look)
-    rates = np.array([at(value)[0] for value in x.values])
+    edges = list(_wide(looked(x.values, growths, look), EDGE * abs(x.values[-1] - x.values[0])))
+    found = [at(value) for value in x.values]
     return {
-        "growth": rates.real,
-        "frequency": np.abs(rates.imag) / (2.0 * math.pi),
-        "exists": np.array([at(value)[1] for value in x.values]),
+        "growth": np.array([math.nan if growth is None else growth.clear[0] for growth, _, _ in found]),
+        "frequency": np.array([frequency for _, frequency, _ in found]),
+        "exists": np.array([exists for _, _, exists in found]),
         "edges": np.array(edges, dtype=np.float64).reshape(-1, 2),
     }
+
+
+def _wide(edges: list[tuple[float, bool]], least: float) -> Iterator[tuple[float, bool]]:
+    """The edges without those of bands narrower than what an edge is known to."""
+    left = iter(edges)
+    for edge in left:
+        following = next(left, None) if edge[1] else None
+        if following is not None and following[0] - edge[0] <= least:
+            continue
+        yield edge
+        if following is not None:
+            yield following
 
 
 def _counts(at: Steady) -> bool:

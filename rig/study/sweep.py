@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from rig.scenes.scene import Scene
 from rig.study.axis import Axis
 from rig.study.columns import columns
-from rig.study.critical import NEUTRAL, ROUNDING, Critical, Gap, search
+from rig.study.critical import Critical, Gap, search
+from rig.study.crossing import ROUNDING, none
 from rig.study.modes import told
 from rig.study.spectrum import Spectra, Spectrum, equilibrium, follow
 
@@ -106,8 +107,8 @@ class Sweep:
                 rows += [(axis.tell(value), "", "", "", note)]
                 continue
             top = row[int(np.nanargmax(row.real))]
-            upper = row[np.isfinite(row) & (row.imag >= 0.0)]
-            count = int(np.count_nonzero(upper.real > NEUTRAL * np.abs(upper)))
+            there = row[np.isfinite(row)]
+            count = int(np.count_nonzero((there.real > none(there)) & (there.imag >= 0.0)))
             hertz = abs(top.imag) / (2.0 * math.pi)
             rows += [(axis.tell(value), f"{top.real:.6g}", f"{hertz:.6g}", f"{count or ''}", note)]
         return "\n".join([*lines, "", *columns(rows, "<>>><")])

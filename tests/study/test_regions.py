@@ -10,7 +10,7 @@ import pytest
 import rig
 from rig.study.axis import axes
 from rig.study.map import survey
-from rig.study.regions import draw, regions
+from rig.study.regions import _wide, draw, regions
 
 LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_disc.json").read_text())
 
@@ -101,7 +101,7 @@ def test_workers_find_the_same_and_a_folder_keeps_it(tmp_path):
 def test_a_range_without_sliding_between_two_values_ends_the_bands():
     got = found("disc_slider", "drive.speed=780.2:1040.1:2", "load.force=110:111:2")
     edges = [edge for edge, _ in got.edges[0]]
-    assert edges[:3] == pytest.approx([911.862394, 911.974, 917.596], abs=1e-3)
+    assert edges[:3] == pytest.approx([911.862394, 911.970990, 917.596179], abs=1e-5)
     assert [unstable for _, unstable in got.edges[0]][:3] == [True, False, True]
 
 
@@ -114,3 +114,26 @@ def test_where_a_rig_jams_nothing_slides():
         assert got.edges[row][-1] == (pytest.approx(limit, abs=1e-8), False)
     assert not got.exists[:, -1].any()
     assert "friction takes up all of the inertia" in got.text()
+
+
+def test_a_motion_that_rounding_lets_grow_is_no_band():
+    """The charge of the open stack moves nothing, and nothing damps the two masses: their growth is none."""
+    (row,) = found("brake_shunt", "friction.mu=0:1.5:31", "drive.speed=1:3:2").edges[:1]
+    assert [unstable for _, unstable in row] == [True]
+    [critical] = rig.sweep("brake_shunt", "friction.mu", np.linspace(0.0, 1.5, 6)).critical
+    assert row[0][0] == pytest.approx(critical.value, rel=1e-6)
+    undamped = {"spring_1.damping": 0.0, "spring_2.damping": 0.0}
+    got = found("two_dof", "contact.stiffness=10:300:6", "friction.mu=0.1:0.6:6", undamped)
+    assert not got.edges[0]
+    assert got.growth[0].tolist() == [0.0] * 6
+    assert "nowhere" in next(line for line in got.text().splitlines() if line.strip().startswith("0.1 "))
+
+
+def test_a_band_that_is_no_wider_than_an_edge_is_none():
+    assert list(_wide([(1.0, True), (1.0 + 1e-10, False), (2.0, True)], 1e-9)) == [(2.0, True)]
+    assert list(_wide([(0.5, False), (1.0, True), (1.1, False)], 1e-9)) == [(0.5, False), (1.0, True), (1.1, False)]
+
+
+def test_how_finely_it_looked_is_told():
+    got = found("belt_b", "drive.speed=0.1:0.5 m/s:5", "load.force=10:20 N:2")
+    assert "looked at every 0.1 m/s of drive.speed; bands closer together may be missed" in got.text()

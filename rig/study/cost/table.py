@@ -113,10 +113,11 @@ class Table:
 
     def metric(self, asked: str) -> str:
         """A measure by its name, or by the beginning of it. Raises UsageError with those that there are."""
-        found = [name for name in (WORST, *self.metrics) if name == asked or name.startswith(asked)]
-        if not found:
-            raise UsageError(f"--metric {asked}: no such measure of {self.scene}; {', '.join((WORST, *self.metrics))}")
-        return found[0]
+        known = (WORST, *self.metrics)
+        found = asked if asked in known else next((name for name in known if asked and name.startswith(asked)), None)
+        if found is None:
+            raise UsageError(f"--metric {asked}: no such measure of {self.scene}; {', '.join(known)}")
+        return found
 
     def write(self, folder: Path) -> None:
         """cost.csv, cost.parquet and machine.json, put in place whole."""

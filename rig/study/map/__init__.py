@@ -43,7 +43,7 @@ def job(
     Raises SceneError, UsageError with every fault.
     """
     found = axes(scene, {"x": x, "y": y})
-    watched = output or next(iter(scene.assemble().outputs))
+    watched = next(iter(scene.assemble().outputs)) if output is None else output
     settings = Settings(watched, tuple(runs), longest=longest, section=0 if y else _SECTION)
     return checked(Job(scene, found[0], found[1] if y else None, settings))
 

@@ -39,7 +39,7 @@ class Row:
         self._next = track.axis.values[first : last + 1]  # with the first of the part behind this one
         self._singular: dict[int, Singular] = {}
         self._sliding = [self._steady(i, value) for i, value in enumerate(self._next)]
-        self._least = np.array([track.least(value, at) for value, at in zip(self._next, self._sliding)])
+        self._least = [track.least(value, at) for value, at in zip(self._next, self._sliding)]
         self._near: dict[int, tuple[Point, Place | None, Array]] = {}
         count, runs = len(self.x), len(RUNS)
         self.tables: Arrays = {
@@ -56,8 +56,9 @@ class Row:
     def run(self) -> Arrays:
         """Every run that the settings ask for."""
         asked = self.settings.runs
-        self.tables["growth"][:] = self._least[: len(self.x)].real
-        self.tables["frequency"][:] = np.abs(self._least[: len(self.x)].imag) / (2.0 * math.pi)
+        for i, (rate, none) in enumerate(self._least[: len(self.x)]):
+            self.tables["growth"][i] = 0.0 if abs(rate.real) <= none else rate.real
+            self.tables["frequency"][i] = abs(rate.imag) / (2.0 * math.pi)
         numbers = range(len(self.x))
         if "up" in asked:
             self._carry("up", numbers, self._standing)
@@ -205,12 +206,13 @@ class Row:
 
         One at the first value of the part behind this one is told by that part.
         """
-        known: dict[float, float] = dict(zip(self._next, self._least.real.tolist()))
+        known = dict(zip(self._next, self._least))
 
         def growths(value: float) -> Growth | None:
             if value not in known:
-                known[value] = float(self.track.least(value).real)
-            return None if math.isnan(known[value]) else Growth(np.array([known[value]]), np.zeros(1))
+                known[value] = self.track.least(value)
+            rate, none = known[value]
+            return None if math.isnan(rate.real) else Growth(np.array([rate.real]), np.array([none]))
 
         def look(grid: list[float]) -> list[float]:
             return [

@@ -23,6 +23,7 @@ from rig.solve.motion import Motion, Saved
 from rig.solve.records import EVENTS, KEY
 from rig.solve.system import CLOSED, STICK, System
 from rig.study.axis import Axis
+from rig.study.crossing import none
 from rig.study.cycle import stuck
 from rig.study.map.job import PERIODS, Settings
 from rig.study.map.judge import BLANK, STOPPED, UNDECIDED, Judge, Point, Window, extremes, sticking, stopped
@@ -126,10 +127,10 @@ class Track:
         system = self.system(value)
         return steady(system, sliding_key(system))
 
-    def least(self, value: float, at: Steady | None = None) -> complex:
-        """Least stable eigenvalue of steady sliding there [1/s]: of the least stable sector; nan where nothing slides.
+    def least(self, value: float, at: Steady | None = None) -> tuple[complex, float]:
+        """Least stable eigenvalue of steady sliding there [1/s], and the growth up to which it has none.
 
-        `at`: steady sliding there, if it is known.
+        Of the least stable sector; nan where nothing slides. `at`: steady sliding there, if it is known.
         """
         try:
             at = at or self.sliding(value)
@@ -139,9 +140,12 @@ class Track:
                 paths = product(*(range(len(sector.edges)) for sector in at.system.sectors))
                 found = [steady(at.system, at.system.key(patches, normals, limiters, path, thrown)) for path in paths]
         except Singular:
-            return complex(math.nan, math.nan)
-        rates = [one.eigenvalues()[0] for one in found if one.exists]
-        return complex(max(rates, key=lambda rate: float(rate.real))) if rates else complex(math.nan, math.nan)
+            return complex(math.nan, math.nan), 0.0
+        rates = [one.eigenvalues() for one in found if one.exists]
+        if not rates:
+            return complex(math.nan, math.nan), 0.0
+        worst = max(rates, key=lambda one: float(one[0].real))
+        return complex(worst[0]), float(none(worst)[0])
 
     def near(self, at: Steady) -> Array:
         """Sliding, pushed along its least stable motion until the slip speed swings by the stated perturbation."""
