@@ -35,7 +35,7 @@ from rig.solve.system import System
 from rig.solve.tables import UNROLLED
 
 FRAMES = 3
-TYPICAL = 25.0  # s for one shape on one core, measured; only the first estimate
+TYPICAL = 9.0  # s for one shape on one core, measured; only the first estimate
 
 
 class Shape(NamedTuple):
