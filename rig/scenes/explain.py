@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 import types
 from collections.abc import Iterator, Sequence
@@ -178,14 +179,14 @@ def _documented(section: type[BaseModel], field: str) -> Origin | None:
     Where a value rests on a source and on a choice, the choice stands last.
     """
     for owner in reversed(section.__mro__):
-        lines = (owner.__doc__ or "").splitlines()
+        lines = inspect.cleandoc(owner.__doc__ or "").splitlines()  # from Python 3.13 on it comes without indentation
         for i, line in enumerate(lines):
             entry = _ENTRY.match(line)
             if entry is None or field not in entry["names"].replace(",", " ").split():
                 continue
             text = entry["text"]
             for more in lines[i + 1 :]:
-                if not more.startswith(" " * 8) or _ENTRY.match(more):
+                if not more.startswith(" " * 4) or _ENTRY.match(more):
                     break
                 text += f" {more.strip()}"
             tags = _TAG.findall(text)
@@ -194,5 +195,5 @@ def _documented(section: type[BaseModel], field: str) -> Origin | None:
     return None
 
 
-_ENTRY = re.compile(r"    (?P<names>[a-z_0-9]+(?:, [a-z_0-9]+)*)  +(?P<text>\S.*)")
+_ENTRY = re.compile(r"(?P<names>[a-z_0-9]+(?:, [a-z_0-9]+)*)  +(?P<text>\S.*)")
 _TAG = re.compile(rf"\[({'|'.join(ORIGINS)})\b")
