@@ -6,11 +6,15 @@ A pipe would wait for whoever is at its other end, a device may never end.
 from __future__ import annotations
 
 import errno
+import os
 import stat
 from pathlib import Path
 
+from rig import locks
+
 TEXT = 1 << 20
 """Largest file that somebody writes by hand [bytes]."""
+WRITTEN = "another run is writing it; name another file"
 
 
 def regular(path: Path) -> int:
@@ -34,6 +38,16 @@ def takes(path: Path) -> None:
         return
     if not (stat.S_ISREG(mode) or stat.S_ISCHR(mode) or stat.S_ISDIR(mode)):  # of a folder the system tells
         raise OSError(errno.EINVAL, "it is no regular file; name another one")
+
+
+def unused(path: Path) -> None:
+    """Raise OSError for a file that another process is writing."""
+    file = os.open(path, os.O_WRONLY)
+    try:
+        if not locks.free(file):
+            raise OSError(errno.EBUSY, WRITTEN)
+    finally:
+        os.close(file)
 
 
 def contents(path: Path, most: int = TEXT) -> bytes:

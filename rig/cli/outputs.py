@@ -5,16 +5,14 @@ What the command reads is never overwritten.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import typer
 
-from rig import locks
 from rig.errors import UsageError
-from rig.files import takes
+from rig.files import takes, unused
 
 FIGURES = (".png", ".svg", ".pdf")
 """How the name of a figure may end: by it, it is drawn."""
@@ -118,12 +116,7 @@ def _made(option: str, path: Path, force: bool) -> Iterator[None]:
         with suppress(FileExistsError):
             path.open("xb").close()
             made = True
-        file = os.open(path, os.O_WRONLY)
-        try:
-            if not locks.free(file):
-                raise UsageError(f"{option} {path}: another run is writing it; name another file")
-        finally:
-            os.close(file)
+        unused(path)
     except OSError as fault:
         raise UsageError(f"{option} {path} cannot be written: {fault.strerror}") from None
     try:

@@ -16,7 +16,7 @@ from mcap.reader import make_reader
 from mcap.records import Channel
 
 from rig.errors import LogError, UsageError
-from rig.files import regular
+from rig.files import regular, unused
 from rig.record.container import Writer as Mcap
 from rig.record.reader import Decoder
 from rig.record.scan import Scan
@@ -96,6 +96,7 @@ def _put(found: Recovered, scan: Scan, target: Path, replace: bool) -> None:
         fresh = not place.exists()
         if not fresh:
             regular(place)  # a device or a pipe would be replaced by the copy
+            unused(place)
         if fresh or not replace:
             claim(place, replace=False).close()
         draft: Path | None = None

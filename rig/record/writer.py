@@ -24,7 +24,7 @@ from rig import locks
 from rig.bus import messages, topics
 from rig.bus.setup import Setup
 from rig.errors import BusError, LogError
-from rig.files import takes
+from rig.files import WRITTEN, takes
 from rig.record.container import Writer as Mcap
 
 CHUNK = 256 * 1024
@@ -42,7 +42,7 @@ def claim(path: Path, replace: bool) -> BinaryIO:
     file = os.open(path, os.O_WRONLY | os.O_CREAT | _OWN, 0o666)
     try:
         if not locks.free(file):
-            raise OSError(errno.EBUSY, "another run is writing it; name another file")
+            raise OSError(errno.EBUSY, WRITTEN)
         if os.fstat(file).st_size:
             if not replace:
                 raise OSError(errno.EEXIST, "it exists; name another file, or add --force to replace it")
