@@ -187,7 +187,8 @@ class Exchange:
         counts, status = line.counts, AS_SENT
         if not isfinite(sum(given)):
             given = self._without_gaps(line, given)
-        if (wanted := self._in_range(line.drives, given)) != tuple(given):
+        given = tuple(given)
+        if (wanted := self._in_range(line.drives, given)) != given:
             status = CLAMPED
             counts.clamped += 1
         age = tick - answered
@@ -203,7 +204,11 @@ class Exchange:
     def _in_range(self, drives: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
         """Values clamped to the ranges of this tick: a parameter of the rig may have changed them."""
         inputs = self._stand.inputs
-        return tuple([min(max(value, inputs[drive].low), inputs[drive].high) for drive, value in zip(drives, values)])
+        for drive, value in zip(drives, values):
+            one = inputs[drive]
+            if not one.low <= value <= one.high:  # seldom, and this is asked at every command
+                return tuple([min(max(v, inputs[d].low), inputs[d].high) for d, v in zip(drives, values)])
+        return tuple(values)
 
     def _possible(self, line: Line, wanted: tuple[float, ...]) -> tuple[float, ...]:
         """The values of `wanted` that can be in force at this tick; what cannot is remembered."""
