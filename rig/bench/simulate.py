@@ -7,7 +7,6 @@ controller that is not connected are nobody's; it gives them afterwards, from th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from itertools import repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +16,7 @@ from controllers.loop import Loop
 from rig.bench.exchange import Exchange, Playback
 from rig.bench.operation import Operation
 from rig.bench.stand import Stand
+from rig.bench.working import Working
 from rig.errors import NumericsError, UsageError
 from rig.record.run import Commands, Run
 from rig.scenes.scene import Scene
@@ -131,43 +131,6 @@ def carry_on(operation: Operation, working: list[Working], until: int) -> None:
             one.catch_up(stand.tick)
         if stand.tick >= until or stand.limited:
             return
-
-
-class Working:
-    """A controller that works in this process. `due`: tick of its next answer."""
-
-    def __init__(self, name: str, loop: Loop, operation: Operation) -> None:
-        self.line = operation.exchange.lines[name]
-        self.due = 0
-        self.name, self.loop = name, loop
-        self._stand, self._receive = operation.stand, operation.exchange.receive
-        self._bank = operation.stand.bank
-        self._columns = [self._bank.names.index(sensor) for sensor in loop.controller.reads]
-        self._latest = self._bank.latest.item
-
-    def answer(self) -> None:
-        """Send a command if one is due at this tick."""
-        tick = self._stand.tick
-        if tick != self.due:
-            return
-        if self.loop.hears:
-            heard: Any = tuple([self._bank.samples(i).tolist() for i in self._columns])
-        else:
-            heard = tuple(map(self._latest, self._columns))
-        self._receive(self.name, tick, self.loop.answer(tick * self._stand.frame_ns, heard))
-        self.due = tick + self.line.period
-
-    def catch_up(self, tick: int) -> None:
-        """Give the answers due before `tick`, which nobody has waited for."""
-        if self.due >= tick:
-            return
-        frame = self._stand.frame_ns
-        times = range(self.due * frame, tick * frame, self.line.period * frame)
-        recall = self._bank.published if self.loop.hears else self._bank.shown
-        heard = [recall(i, times) for i in self._columns]
-        for t_ns, values in zip(times, zip(*heard) if heard else repeat(())):
-            self.loop.answer(t_ns, values)
-        self.due += len(times) * self.line.period
 
 
 def _run(
