@@ -77,6 +77,15 @@ def applied(tick: int, t_ns: int, answered: int, status: int, values: np.ndarray
     return _FOUR.pack(9, tick, 17, t_ns, 25, answered, 33, status, 42) + _length(len(raw)) + raw
 
 
+def applied_rows(frame_ns: int, rows: Sequence[tuple[int, int, int, Sequence[float]]]) -> bytes:
+    """An Applied of several commands: (tick, answered, status, values) of each, at least one, in the order of ticks."""
+    ticks, answers, statuses, values = zip(*rows)
+    head = applied(ticks[0], ticks[0] * frame_ns, answers[0], statuses[0], [one for row in values for one in row])
+    columns = np.array([ticks, answers, statuses], np.int64)
+    length = _length(8 * len(rows))
+    return b"".join([head, *(tag + length + column.tobytes() for tag, column in zip((b"2", b":", b"B"), columns))])
+
+
 def block(tick: int, t0_ns: int, dt_ns: int, v: np.ndarray | Sequence[float], t_ns: np.ndarray | None = None) -> bytes:
     """A Block of samples, the first published at `t0_ns`, the others `dt_ns` apart; or at `t_ns` (int64), if given."""
     raw = _raw(v)

@@ -62,7 +62,12 @@ class Door:
         self.granted: dict[tuple[str, str], _Granted] = {}
         """What is known of (user, topic) once a message has been let in."""
         self._state: Callable[[bytes], Any] | None = None
-        self._checks = {"Step": self._check_step, "Event": _check_event, "Totals": _check_totals}
+        self._checks = {
+            "Step": self._check_step,
+            "Applied": _check_applied,
+            "Event": _check_event,
+            "Totals": _check_totals,
+        }
         self._sensors: int | None = None
         self._names: dict[str, frozenset[str]] = {}
 
@@ -213,6 +218,14 @@ _FIELDS = {"State": (("tick", TICKS), ("t_ns", TIMES_NS))} | {
     kind: tuple((name, limit) for name, limit in _BOUNDS.items() if f"{name}:int" in fields.split())
     for kind, fields in messages.DECLARED.items()
 }
+
+
+def _check_applied(topic: str, said: Any, counts: dict[str, Count], count: Count, now: float) -> None:
+    if said.ticks:
+        try:
+            messages.commands(said)
+        except BusError as fault:
+            raise Refused("wrong length", str(fault)) from None
 
 
 def _check_event(topic: str, said: Any, counts: dict[str, Count], count: Count, now: float) -> None:

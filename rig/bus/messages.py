@@ -10,9 +10,9 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, MutableSequence, Sequence
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
@@ -30,8 +30,9 @@ DECLARED = {
     # answers the step of `tick`; values in the order of the controller's drives
     "Act": "tick:int t_ns:int values:real*",
     # in force from `tick` on: values as they took effect, an answer to the step of `answered`; status: 0 as sent,
-    # 1 clamped or completed, 2 safe values because no answer came
-    "Applied": "tick:int t_ns:int answered:int status:int values:real*",
+    # 1 clamped or completed, 2 safe values because no answer came. Several commands in one message: one entry for each
+    # in ticks, answers and statuses, its values one after the other in values; what stands before is of the first
+    "Applied": "tick:int t_ns:int answered:int status:int values:real* ticks:int* answers:int* statuses:int*",
     # v[i] was published at t0_ns + i dt_ns, or, where the spacing is no whole number of ns, at t_ns[i] (see `times`);
     # tick: the frame in which the block was completed
     "Block": "tick:int t0_ns:int dt_ns:int v:real* t_ns:int*",
@@ -120,6 +121,26 @@ def times(block: Any) -> NDArray[np.int64]:
     if block.t_ns:
         return np.array(block.t_ns, dtype=np.int64)
     return np.asarray(block.t0_ns + block.dt_ns * np.arange(len(block.v), dtype=np.int64))
+
+
+class Rows(NamedTuple):
+    """Commands of one controller: an entry for each, and the values of one after those of the other."""
+
+    tick: MutableSequence[int]
+    answered: MutableSequence[int]
+    status: MutableSequence[int]
+    values: MutableSequence[float]
+
+
+def commands(applied: Any) -> Rows:
+    """The commands in an Applied. Raises BusError where its columns differ in length."""
+    if not applied.ticks:
+        return Rows([applied.tick], [applied.answered], [applied.status], applied.values)
+    columns = (applied.ticks, applied.answers, applied.statuses)
+    count = len(applied.ticks)
+    if any(len(column) != count for column in columns) or len(applied.values) % count:
+        raise BusError("an Applied whose columns differ in length")
+    return Rows(*columns, applied.values)
 
 
 def event(t_ns: int, tick: int, source: str, kind: str, text: str, data: dict[str, Any] | None = None) -> bytes:

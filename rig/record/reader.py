@@ -38,6 +38,8 @@ class Decoder:
             said = self._decode(topic, payload)
             if said.DESCRIPTOR.name == "Event" and said.data:
                 json.loads(said.data)
+            elif said.DESCRIPTOR.name == "Applied" and said.ticks:
+                messages.commands(said)
             return said
         except (BusError, DecodeError, ValueError):
             self.refused[topic] += 1
@@ -157,13 +159,18 @@ def _truth(
 
 
 def _commands(found: list[Any]) -> Commands:
-    drives = Counter(len(a.values) for a in found).most_common(1)
-    found = [a for a in found if len(a.values) == drives[0][0]]  # a stranger's may have another number
-    tick, answered, status = (
-        np.array([getattr(a, n) for a in found], np.int64) for n in ("tick", "answered", "status")
-    )
+    drives = Counter(len(a.values) // (len(a.ticks) or 1) for a in found).most_common(1)
     width = drives[0][0] if drives else 0
-    return Commands(tick, answered, status, np.array([list(a.values) for a in found], float).reshape(len(found), width))
+    tick, answered, status, values = list[int](), list[int](), list[int](), list[float]()
+    for applied in found:
+        rows = messages.commands(applied)
+        if len(rows.values) == width * len(rows.tick):  # a stranger's may have another number
+            tick += rows.tick
+            answered += rows.answered
+            status += rows.status
+            values += rows.values
+    tick_of, answered_of, status_of = np.array([tick, answered, status], np.int64)
+    return Commands(tick_of, answered_of, status_of, np.array(values, float).reshape(len(tick), width))
 
 
 def _events(source: str, found: Iterable[Any]) -> Iterator[dict[str, Any]]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 from collections import defaultdict, deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,8 @@ class Feed:
         self._states: deque[Any] = deque(maxlen=KEPT)
         self._blocks: dict[str, deque[Any]] = defaultdict(lambda: deque(maxlen=KEPT))
         self._room: dict[str, int] = {}
-        self._applied: dict[str, deque[Any]] = defaultdict(lambda: deque(maxlen=KEPT))
+        self._applied: dict[str, deque[tuple[int, Sequence[float]]]] = defaultdict(lambda: deque(maxlen=KEPT))
+        self._frame_ns = described.frame_ns
         self._health: deque[Any] = deque(maxlen=_BLOCKS)
         self._events: deque[dict[str, Any]] = deque(maxlen=_BLOCKS)
         self._now_ns = 0
@@ -59,7 +60,7 @@ class Feed:
             elif kind == "meas":
                 self._keep_block(name, told)
             elif kind == "applied":
-                self._keep(self._applied[name], told)
+                self._keep_commands(name, told)
             elif kind == "health":
                 self._keep(self._health, told)
             elif kind == "event":
@@ -69,6 +70,12 @@ class Feed:
     def _keep(self, room: deque[Any], told: Any) -> None:
         self.dropped += len(room) == room.maxlen
         room.append(told)
+
+    def _keep_commands(self, controller: str, applied: Any) -> None:
+        rows = messages.commands(applied)
+        drives = len(rows.values) // len(rows.tick)
+        for i, tick in enumerate(rows.tick):
+            self._keep(self._applied[controller], (tick, rows.values[i * drives : (i + 1) * drives]))
 
     def _keep_block(self, sensor: str, block: Any) -> None:
         """Bounded by samples, not by messages: blocks may be long."""
@@ -91,8 +98,8 @@ class Feed:
         for controller, rows in self._applied.items():
             if rows:
                 shown = self._shown(list(rows))
-                t_ns = np.array([row.t_ns for row in shown], np.int64)
-                found += self._drawing.commands(controller, t_ns, np.array([list(row.values) for row in shown]))
+                t_ns = self._frame_ns * np.array([tick for tick, _ in shown], np.int64)
+                found += self._drawing.commands(controller, t_ns, np.array([values for _, values in shown]))
                 rows.clear()
         if self._health:
             t_ns = np.array([told.t_ns for told in self._health], np.int64)

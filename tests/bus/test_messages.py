@@ -71,6 +71,32 @@ def test_any_applied_comes_back_bit_for_bit(tick, t_ns, answered, status, values
     assert same(read.values, values)
 
 
+@given(
+    st.lists(
+        st.tuples(whole, whole, whole, st.tuples(st.floats(width=64), st.floats(width=64))), min_size=1, max_size=30
+    )
+)
+def test_any_commands_in_one_applied_come_back_bit_for_bit(rows):
+    read = messages.commands(messages.decode("applied/x", encode.applied_rows(50, [(t % 10**9, *r) for t, *r in rows])))
+    assert list(read.tick) == [tick % 10**9 for tick, *_ in rows]
+    assert list(read.answered) == [answered for _, answered, *_ in rows]
+    assert list(read.status) == [status for _, _, status, _ in rows]
+    assert same(read.values, [one for *_, values in rows for one in values])
+
+
+def test_a_single_applied_is_read_as_one_row():
+    read = messages.commands(messages.decode("applied/x", encode.applied(7, 350, 6, 1, [1.0, 2.0])))
+    assert tuple(map(list, read)) == ([7], [6], [1], [1.0, 2.0])
+
+
+@pytest.mark.parametrize("field", ["ticks", "answers", "statuses", "values"])
+def test_an_applied_whose_columns_differ_in_length_is_refused(field):
+    said = messages.decode("applied/x", encode.applied_rows(50, [(1, 0, 0, (1.0,)), (2, 1, 0, (2.0,))]))
+    del getattr(said, field)[:1]
+    with pytest.raises(BusError, match="columns differ"):
+        messages.commands(said)
+
+
 @pytest.mark.parametrize("count", [1, 8, 12, 13, 40])
 def test_state_is_what_the_stock_library_writes(count):
     names = [f"output.{i}" for i in range(count)]

@@ -12,7 +12,7 @@ from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer as PlainWriter
 
-from rig.bus import encode
+from rig.bus import encode, messages
 from rig.bus.setup import Setup
 from rig.bus.twin import Twin
 from rig.errors import BusError, LogError, UsageError
@@ -191,14 +191,16 @@ def test_what_cannot_be_decoded_is_named_counted_and_left_out(tmp_path):
     for topic in ("state", "state", "meas/s", "event/x", "step", "health", "act/y", "applied/y", "total/z"):
         log.write(topic, b"\xff\xff garbage", 100_000_000, 0, 0)
     log.write("event/x", b'\x32\x02{"', 100_000_000, 0, 0)  # an Event whose data is no JSON
+    uneven = messages.TYPES["Applied"](ticks=[1, 2], answers=[1], statuses=[0, 0], values=[1.0, 2.0])
+    log.write("applied/y", uneven.SerializeToString(), 100_000_000, 0, 0)
     log.close({}, {})
     read = reader.open(path)
-    told = "messages that cannot be decoded: 1 on applied/y, 2 on event/x, 1 on meas/s, 2 on state"
+    told = "messages that cannot be decoded: 2 on applied/y, 2 on event/x, 1 on meas/s, 2 on state"
     assert read.damage == told
     assert (read.time.size, read.measurements["s"].v.size) == (100, 100)
     assert compare(read, path).identical
     done = recover(path)
-    assert done.lost == 10
+    assert done.lost == 11
     assert "2 on event/x, 1 on health, 1 on meas/s" in done.fault
     assert not reader.open(done.path).damage
     assert reader.open(done.path).time.size == 100

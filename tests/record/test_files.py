@@ -330,3 +330,21 @@ def test_memory_does_not_grow_with_the_length_of_a_recording(tmp_path, monkeypat
     scan = reader.Scan(tmp_path / "run.mcap")
     assert sum(1 for _ in scan) == 48_000
     assert scan.sealed
+
+
+def test_commands_read_the_same_from_one_message_each_and_from_one_for_several(tmp_path):
+    rows = [(tick, tick - 1, tick % 3, (0.5 * tick, -tick)) for tick in range(1, 41)]
+    for name in ("each", "several"):
+        log = Writer(
+            tmp_path / f"{name}.mcap", Setup("run", "", 1_000_000, 1_000_000, {"x": "m"}, {}, {"nf": {}}), "recorded"
+        )
+        groups = [[row] for row in rows] if name == "each" else [rows[:1], rows[1:21], rows[21:]]
+        for number, group in enumerate(groups):
+            packed = encode.applied(group[0][0], group[0][0] * 1_000_000, *group[0][1:])
+            if len(group) > 1:
+                packed = encode.applied_rows(1_000_000, group)
+            log.write("applied/nf", packed, group[-1][0] * 1_000_000, number, 0)
+        log.close({}, {})
+    each, several = (reader.open(tmp_path / f"{name}.mcap").commands["nf"] for name in ("each", "several"))
+    assert [column.tolist() for column in several] == [column.tolist() for column in each]
+    assert each.values.shape == (40, 2)
