@@ -2,7 +2,8 @@
 #   make demo       a rig that sticks and slips, a controller, a recording and a figure
 #   make test       the tests            make test-slow   those that take longer
 #   make check      formatting, lint, import rules, types
-#   make bench      figures for this machine; make bench AGAINST=COMMIT: speed over that of another version
+#   make bench      figures for this machine; make bench AGAINST=COMMIT: speed over that of another version;
+#                   make bench LOOP=600: the loop over the bus alone, with a paced run of ten minutes
 #   make docs       docs/gallery, made again: the figures of the papers and how their numbers compare
 #   make golden     recordings/golden, made again
 #   make lock       requirements.lock, made again from pyproject.toml (needs uv)
@@ -45,7 +46,7 @@ check: install
 	@$(RUN) mypy
 
 bench: install
-	@$(RUN) rig.study.bench $(if $(AGAINST),--against $(AGAINST))
+	@$(RUN) rig.study.bench $(if $(AGAINST),--against $(AGAINST)) $(if $(LOOP),--loop $(LOOP))
 
 docs: install
 	@$(BIN)/rig reproduce all --out docs/gallery --force

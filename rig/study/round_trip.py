@@ -17,13 +17,16 @@ from rig.errors import RigError
 from rig.scheduling import CONTROLLER, PLANT, ahead
 
 Array = NDArray[np.int64]
-_ECHO = "import sys; from rig.study.round_trip import echo; echo(sys.argv[1])"
+_ECHO = "import sys; from rig.study.round_trip import echo; echo(*sys.argv[1:])"
 _PAUSE_S = 0.0005
 _EACH_S = 0.001
 
 
-def round_trips(seconds: float) -> tuple[Array, Array, str]:
-    """Round trips and single publications [ns] in about `seconds`; empty, with the reason, where there are none."""
+def round_trips(seconds: float, *, paced: bool = True) -> tuple[Array, Array, str]:
+    """Round trips and single publications [ns] in about `seconds`; empty, with the reason, where there are none.
+
+    `paced`: in real time and with a pause before each, as in a paced run; else one after the other, as in lockstep.
+    """
     name, none = f"doctor-{os.getpid()}", np.zeros(0, dtype=np.int64)
     latest, fresh = np.zeros(2), np.ones(2, dtype=np.int64)
     trips, puts = [], []
@@ -32,10 +35,10 @@ def round_trips(seconds: float) -> tuple[Array, Array, str]:
             answers, present = session.subscribe("act/*"), session.watch("controller/*")
             step = session.publisher("step")
             session.announce()
-            with contextlib.closing(_Child([sys.executable, "-c", _ECHO, name])):
+            with contextlib.closing(_Child([sys.executable, "-c", _ECHO, name, *(["paced"] if paced else [])])):
                 if not present.wait_for("controller", "echo", 8.0):
                     return none, none, "the other process did not come"
-                with ahead(PLANT):
+                with ahead(PLANT) if paced else contextlib.nullcontext():
                     for number in range(max(int(seconds / _EACH_S), 50)):
                         payload = encode.step(number, number, latest, fresh)
                         begin = time.perf_counter_ns()
@@ -44,7 +47,8 @@ def round_trips(seconds: float) -> tuple[Array, Array, str]:
                         if answers.get(timeout=0.5) is None:
                             return none, none, "an answer did not come within 0.5 s"
                         trips.append(time.perf_counter_ns() - begin)
-                        time.sleep(_PAUSE_S)
+                        if paced:
+                            time.sleep(_PAUSE_S)
     except RigError as error:
         return none, none, str(error)
     return np.array(trips), np.array(puts), ""
@@ -66,11 +70,11 @@ class _Child:
             self._process.wait()
 
 
-def echo(run: str) -> None:
-    """The other process: answers every step, until none has come for two seconds."""
+def echo(run: str, paced: str = "") -> None:
+    """The other process: answers every step, until none has come for two seconds; `paced`: in real time."""
     with bus.join(run, role="controller", name="echo", wait=5.0) as session:
         steps, act = session.subscribe("step"), session.publisher("act/echo")
         session.announce()
-        with ahead(CONTROLLER):
+        with ahead(CONTROLLER) if paced else contextlib.nullcontext():
             while (step := steps.get(timeout=2.0)) is not None:
                 act.put(encode.act(step.said.tick, step.t_ns, step.said.values), step.t_ns)
