@@ -14,6 +14,7 @@ resonator        a narrow band of a signal: amplitude, phase, frequency
 velocity         the velocity fed back: measured or observed, filtered, predicted
 observer         a Kalman observer as plain arithmetic
 file             a user's own controller from a file
+service          its events and parameters on the bus
 process          the process main
 
 A controller never sees the plant: what it needs of the matrices comes as numbers from the design step.

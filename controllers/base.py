@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar, Protocol, TypeVar, runtime_checkable
+from typing import Any, ClassVar, Literal, Protocol, TypeVar, runtime_checkable
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import ValidationError
@@ -70,12 +70,16 @@ ForcePerSpeed = quantity("N*s/m")
 
 
 class ControllerSection(Section):
-    """What every controller of a scene states: its period, and the delay that the stand adds to its loop."""
+    """What every controller of a scene states: its period, the delay that the stand adds to its loop, where it works.
 
-    fixed: ClassVar[frozenset[str]] = frozenset({"kind", "period", "delay"})
+    where     works in a live run: "process", one of its own, over the bus, or "plant", that of the plant [chosen]
+    """
+
+    fixed: ClassVar[frozenset[str]] = frozenset({"kind", "period", "delay", "where"})
 
     period: Nanoseconds = 1_000_000
     delay: Delay = 0
+    where: Literal["process", "plant"] = "process"
 
 
 def retune(controller: C, changes: Mapping[str, object]) -> C:

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import argparse
 import gc
-import json
 import math
 import sys
 import traceback
@@ -23,13 +22,13 @@ from pathlib import Path
 from typing import Any
 
 import controllers
-from controllers.base import Controller, Samples, parameters, tunable
+from controllers.base import Controller, Samples
 from controllers.file import load_file
 from controllers.loop import Loop
+from controllers.service import Service
 from rig import bus
-from rig.bus import encode, messages, setup
+from rig.bus import encode, setup
 from rig.bus.port import Session
-from rig.bus.questions import param_request
 from rig.errors import BusError, RigError, UsageError
 from rig.memory import locked
 from rig.process import as_process, stopping
@@ -41,13 +40,11 @@ ADMITTED = 60.0
 PATIENCE = 0.1  # s without a step, after which this process looks whether the plant still lives
 
 
-class Worker:
+class Worker(Service):
     """One controller on one session."""
 
     def __init__(self, session: Session, described: setup.Setup, controller: Controller) -> None:
-        self.session = session
-        self.loop = Loop(controller)
-        self.tick, self.t_ns = -1, 0
+        super().__init__(session, Loop(controller))
         self.answered = b""
         sensors = list(described.sensors)
         missing = [name for name in controller.reads if name not in sensors]
@@ -56,8 +53,6 @@ class Worker:
         self.columns = [sensors.index(name) for name in controller.reads]
         self.steps = session.subscribe("step")
         self.act = session.publisher(f"act/{session.name}")
-        self.events = session.publisher(f"event/{session.name}")
-        self.server = session.serve(f"param/{session.name}", self.asked)
         self.plant = session.watch("plant/*")
         if session.name not in described.controllers:
             wanted = {"reads": controller.reads, "drives": controller.drives, "hears": self.loop.hears}
@@ -80,11 +75,10 @@ class Worker:
                     self._tell_refused()
                 self.server.poll()
         except Exception as error:
-            self.tell("fault", f"{type(error).__name__}: {error}", {"trace": traceback.format_exc()})
+            self.failed(error)
             raise
         finally:
-            self.tell("left", f"{self.session.name} has left", self.loop.counters())
-            self.session.publisher(f"total/{self.session.name}").put(self.session.totals(), self.t_ns)
+            self.leave()
 
     def take(self, step: Any) -> None:
         """Answer one step: by an update if it is new and due, by the same answer if it is the last one again."""
@@ -99,7 +93,7 @@ class Worker:
             self.answered = encode.act(step.tick, step.t_ns, self.loop.answer(step.t_ns, values))
             self.act.put(self.answered, step.t_ns)
             if first and self.loop.held:
-                self.tell("held", f"a sample that {self.session.name} reads is missing or no number", {})
+                self.held()
 
     def _heard(self, step: Any) -> Samples:
         """The new samples of the sensors that are read; no number for one that the step does not bring."""
@@ -109,41 +103,9 @@ class Worker:
             first += step.fresh[place]
         return tuple([brought.get(place, UNHEARD) for place in self.columns])
 
-    def asked(self, body: dict[str, Any]) -> dict[str, Any]:
-        """Get or set parameters; a set is whole or not at all, and in force from the next step on."""
-        everything, keys, changes = param_request(body)
-        if everything:
-            units, now = tunable(self.loop.controller), parameters(self.loop.controller)
-            return {"values": {key: now[key] for key in units}, "units": units}
-        values = parameters(self.loop.controller)
-        if unknown := [key for key in keys if key not in values]:
-            raise UsageError(f"no parameter is called {', '.join(unknown):.80}; there are {', '.join(values)}")
-        if changes:
-            try:
-                self.loop.retune(changes)
-            except UsageError as fault:
-                self.tell("refused", f"{self.session.name} keeps its parameters: {fault}", {})
-                raise
-            text = ", ".join(f"{key} = {value!s:.80}" for key, value in changes.items())
-            self.tell("parameter", text, {"set": changes, "after_tick": self.tick})
-            values = parameters(self.loop.controller)
-        return {"values": {key: values[key] for key in keys or values}, "counters": self.loop.counters()}
-
     def fell_back(self) -> None:
         """Say that real-time scheduling has ended for this process."""
         self.tell("scheduling", f"{self.session.name} left no pause for 0.2 s: real-time scheduling fell back", {})
-
-    def tell(self, kind: str, text: str, data: Mapping[str, object]) -> None:
-        """Say what happened."""
-        event = messages.TYPES["Event"](
-            t_ns=self.t_ns,
-            tick=max(self.tick, 0),
-            source=self.session.name,
-            kind=kind,
-            text=text,
-            data=json.dumps(data),
-        )
-        self.events.put(event.SerializeToString(), self.t_ns)
 
     def _tell_refused(self) -> None:
         """Say what was refused since; only while nothing is to be done."""

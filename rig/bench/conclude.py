@@ -35,6 +35,7 @@ def conclude(plant: Plant) -> dict[str, Any]:
     operation.end()
     plant.attendant.faults += operation.postponed.never
     operation.journal.note("end", ended)
+    plant.in_plant.leave()
     hub.put_events()
     plant.attendant.tell_health(time.perf_counter_ns())
     lost, unknown = _lost_elsewhere(plant)
@@ -101,7 +102,8 @@ def _unanswered(plant: Plant) -> dict[str, int]:
         return {}
     here = plant.from_start & hub.watch.present
     deadline = time.monotonic() + LAST_ANSWER_S
-    for name in sorted(name for role, name in here if role == "controller" and name in plant.scene.controllers):
+    asked = plant.scene.controllers.keys() - hub.in_plant
+    for name in sorted(name for role, name in here if role == "controller" and name in asked):
         while hub.unanswered(name) > 0 and (left := deadline - time.monotonic()) > 0.0:
             hub.command(left)
         if (count := hub.unanswered(name)) > 0:

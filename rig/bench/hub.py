@@ -75,7 +75,9 @@ class Hub:
         stand, bank = self.stand, self.stand.bank
         self._step = session.publisher("step")
         self._heard: list[int] = []
-        self.hear(heard(operation.scene.controllers))
+        self.in_plant = operation.scene.in_plant
+        """Controllers that are not asked over the bus."""
+        self.hear(heard({n: s for n, s in operation.scene.controllers.items() if n not in self.in_plant}))
         self._state = session.publisher("state")
         self._encode_state = encode.StateEncoder(len(stand.outputs))
         self._state_ticks = max(-(-STATE_NS // stand.frame_ns), 1)

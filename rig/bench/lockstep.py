@@ -34,7 +34,7 @@ class Lockstep:
         """Send the step of this tick."""
         tick, present = self._stand.tick, self._hub.watch.present
         lines = self._lines
-        here = {name for role, name in present if role == "controller" and name in lines}
+        here = {name for role, name in present if role == "controller" and name in lines} - self._hub.in_plant
         self._evicted &= here
         self._due = {name for name in here - self._evicted if tick % lines[name].period == 0}
         self._hub.put_step()

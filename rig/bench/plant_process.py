@@ -33,6 +33,7 @@ from rig.bench.attend import Attendant
 from rig.bench.conclude import conclude
 from rig.bench.desk import Desk
 from rig.bench.hub import Hub
+from rig.bench.in_plant import InPlant
 from rig.bench.job import Job, keeps_up
 from rig.bench.lockstep import Lockstep
 from rig.bench.operation import BEGIN, Operation
@@ -72,6 +73,7 @@ class Plant:
         """What a paced run builds before it is asked for."""
         self.timing = Timing(stand.frame_ns / (job.pace or 1.0))
         self.attendant = Attendant(hub, self.desk, job, self.timing)
+        self.in_plant = InPlant(session, self.operation, job.numbers, self.attendant.notice)
         self.fault = ""
         """Why the numerics stopped the run."""
         self.from_start: set[tuple[str, str]] = set()
@@ -182,6 +184,8 @@ class Plant:
                 rows.rows.append((begin, late, pacer.waited, 0, 0, 0, 0, spent))
                 return
             desk.poll()
+            self.in_plant.poll()
+            self.in_plant.answer()
             lines = operation.take_over()
             if lines:
                 hub.applied(lines)
@@ -208,8 +212,10 @@ class Plant:
             if not operation.begin() or self._ends(pacer):
                 return
             desk.poll()
+            self.in_plant.poll()
             answers.ask()
             hub.put_gathered()
+            self.in_plant.answer()
             answers.wait()
             answered = clock()
             lines = operation.take_over()
@@ -248,6 +254,7 @@ class Plant:
             self.hub.put_events()
             time.sleep(0.01)
             desk.poll()
+            self.in_plant.poll()
         if paused and pacer is not None:
             pacer.anchor()
         if pacer is not None and pacer.stopped:
@@ -262,7 +269,10 @@ class Plant:
         return self._stopping() or self.desk.stopped
 
     def _retune(self, controller: str, changes: dict[str, Any]) -> None:
-        """Ask a controller to change its parameters. In a paced run nobody waits for the answer."""
+        """Ask a controller to change its parameters. In a paced run nobody waits for the answer of another process."""
+        if controller in self.scene.in_plant:
+            self.in_plant.retune(controller, changes)
+            return
         if self.job.in_lockstep:
             self.session.ask(f"param/{controller}", {"set": changes}, timeout=2.0)
             return

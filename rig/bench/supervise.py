@@ -65,7 +65,7 @@ def run(
     live line.
     """
     bus.address.directory()  # where a system has no live runs, they are refused before anything starts
-    expect = [("controller", controller) for controller in scene.controllers]
+    expect = [("controller", controller) for controller in scene.controllers if controller not in scene.in_plant]
     expect += [RECORDER] if record else []
     expect += [VIEWER] if view or web else []
     job = Job(
@@ -204,7 +204,7 @@ class Team:
             event, who = message.said, message.topic[6:]  # of the topic's process, whatever the event says
             own = who == "plant"
             self._over = self._over or (own and event.kind == "end")
-            if event.kind in TOLD:
+            if event.kind in TOLD and not (self._over and event.kind == "left"):  # all leave at the end
                 text = "".join(filter(str.isprintable, event.text.partition("\n")[0][:_LINE]))
                 self._say(f"{event.t_ns / 1e9:9.3f} s  {'' if own else f'{who}: '}{event.kind}: {text}")
 

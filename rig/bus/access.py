@@ -98,7 +98,7 @@ def take_seat(run: str, role: str, name: str) -> Seat:
             if (found := _sit(here, name, name, reserved)) is not None:
                 return found
             if role == "controller":
-                raise BusError(f"a controller {name} takes part in run {run} already; end that one first")
+                raise BusError(f"a controller {name} takes part in run {run} already: end its process, if it has one")
         for guest in filter(is_guest, users):
             given = f"{name}-{guest.partition('-')[2]}" if name in reserved else name
             if (found := _sit(here, guest, given, reserved)) is not None:

@@ -156,6 +156,7 @@ class Session(ABC):
         """Through which everything comes in that others say; it counts what it refuses."""
         self._publishers: dict[str, Publisher] = {}
         self._receivers: list[Receiver] = []
+        self._stand_ins: list[Session] = []
 
     @abstractmethod
     def _publisher(self, topic: str) -> Publisher: ...
@@ -171,6 +172,13 @@ class Session(ABC):
     @abstractmethod
     def announce(self) -> None:
         """Tell everyone that this process is ready: after its receivers stand, not before."""
+
+    @abstractmethod
+    def stand_in(self, role: str, name: str) -> Session:
+        """A session for somebody of this run whose part this process plays too; of the plant only.
+
+        It ends when it is closed, at the latest with this one. Raises BusError if somebody of the name is here.
+        """
 
     @abstractmethod
     def watch(self, who: str = "*/*") -> Watch:

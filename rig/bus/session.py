@@ -16,7 +16,7 @@ from typing import Any
 import zenoh
 
 from rig.bus import messages, topics
-from rig.bus.access import Seat
+from rig.bus.access import Seat, take_seat
 from rig.bus.address import Claim, is_live
 from rig.bus.arrivals import Arrived
 from rig.bus.inbound import Door
@@ -162,9 +162,13 @@ class _Server(Server):
 class ZenohSession(Session):
     """A connection between processes."""
 
-    def __init__(self, run: str, role: str, seat: Seat, opened: zenoh.Session, claim: Claim | None) -> None:
+    def __init__(
+        self, run: str, role: str, seat: Seat, opened: zenoh.Session, claim: Claim | None, shared: bool = False
+    ) -> None:
         super().__init__(run, role, seat.name, seat.user, seat.reserved)
         self._zenoh, self._seat, self._claim = opened, seat, claim
+        self._shared = shared
+        """Whether the connection is that of another session, which closes it."""
         self._prefix = f"rig/{run}/"
         self._mine = f"{self._prefix}{seat.user}/"
         self._declared: list[Any] = []
@@ -207,6 +211,12 @@ class ZenohSession(Session):
         """See `Session.announce`."""
         token = self._zenoh.liveliness().declare_token(f"{self._mine}alive/{self.role}/{self.name}")
         self._declared.append(token)
+
+    def stand_in(self, role: str, name: str) -> Session:
+        """See `Session.stand_in`."""
+        seat = take_seat(self.run, role, name)
+        self._stand_ins.append(ZenohSession(self.run, role, seat, self._zenoh, None, shared=True))
+        return self._stand_ins[-1]
 
     def watch(self, who: str = "*/*") -> Watch:
         """See `Session.watch`."""
@@ -265,6 +275,8 @@ class ZenohSession(Session):
         if self._closed:
             return
         self._closed = True
+        for other in self._stand_ins:
+            other.close()
         atexit.unregister(self.close)
         ending = threading.Thread(target=self._end, name="bus-close", daemon=True)  # a hung peer may hold it for long
         try:
@@ -280,5 +292,7 @@ class ZenohSession(Session):
         for declared in reversed(self._declared):
             with contextlib.suppress(zenoh.ZError):
                 declared.undeclare()
+        if self._shared:
+            return
         with contextlib.suppress(zenoh.ZError):
             self._zenoh.close()  # type: ignore[no-untyped-call]

@@ -157,6 +157,10 @@ class _TwinSession(Session):
         self._hub.tell(self.role, self.name, True)
         self._announced = True
 
+    def stand_in(self, role: str, name: str) -> Session:
+        self._stand_ins.append(self._hub.open(role, name))
+        return self._stand_ins[-1]
+
     def watch(self, who: str = "*/*") -> Watch:
         found = _Watch(self.door)
         self._hub.look(who, found)
@@ -185,6 +189,8 @@ class _TwinSession(Session):
         return not self._hub.has_plant
 
     def close(self) -> None:
+        for other in self._stand_ins:
+            other.close()
         self._hub.forget(self._receivers, self._servers)
         if self._announced:
             self._hub.tell(self.role, self.name, False)

@@ -54,7 +54,7 @@ def plant(
         pace=factor,
         lockstep=lockstep,
         duration=length,
-        expect=tuple(("controller", each) for each in loaded.controllers) if patience > 0.0 else (),
+        expect=tuple(("controller", n) for n in loaded.controllers if n not in loaded.in_plant) if patience else (),
         wait=patience,
         command=tuple(sys.argv),
     )

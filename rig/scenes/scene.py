@@ -131,6 +131,11 @@ class Scene:
         return {name: "ramped" if name in ramped else "held" for name in sorted(held) if name in inputs}
 
     @property
+    def in_plant(self) -> frozenset[str]:
+        """Controllers that work in the plant's process; the others are processes of their own."""
+        return frozenset(name for name, section in self.controllers.items() if section.where == "plant")
+
+    @property
     def slow(self) -> str:
         """Why the scene cannot keep up with the clock at every pace; "" if nothing says so."""
         if self.clock.pace_limit is None:

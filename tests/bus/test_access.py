@@ -230,3 +230,32 @@ def test_a_guest_that_speaks_first_on_a_topic_locks_nobody_out(plant):
         assert found["guest-1"] == ["act/mine"]
         assert len(found["guest-5"]) == 16
         assert all(told.endswith("too many topics") for told in plant.door.told())
+
+
+def test_the_plant_plays_the_part_of_a_controller_and_nobody_else_can(plant):
+    inside = plant.stand_in("controller", "nf")
+    server = inside.serve("param/nf", lambda body: {"values": {"gain": 1.0}})
+    with pytest.raises(BusError, match="nf takes part in run guarded already"):
+        bus.join("guarded", role="controller", name="nf")
+    with bus.join("guarded", role="operator", name="tune") as operator:
+        events, here = operator.subscribe("event/*"), operator.watch("controller/*")
+        inside.announce()
+        assert here.wait_for("controller", "nf", 3.0)
+        deadline = time.monotonic() + 3.0
+        while (found := events.get(0.02)) is None and time.monotonic() < deadline:
+            inside.publisher("event/nf").put(messages.event(0, 0, "nf", "mark", "here"), 0)
+        assert (found.user, found.topic) == ("nf", "event/nf")
+        asking = threading.Thread(target=lambda: answers.append(operator.ask("param/nf", {"get": ["gain"]}, 5.0)))
+        answers = []
+        asking.start()
+        assert server.poll(5.0) == 1
+        asking.join(5.0)
+        assert answers == [{"values": {"gain": 1.0}}]
+        inside.close()
+        deadline = time.monotonic() + 3.0
+        while here.present and time.monotonic() < deadline:
+            here.poll(0.02)
+        assert here.present == set()
+        assert operator.present("plant/*") == {("plant", "plant")}  # its connection is that of the plant
+    with bus.join("guarded", role="controller", name="nf") as process:
+        assert process.user == "nf"

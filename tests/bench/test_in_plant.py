@@ -1,0 +1,240 @@
+"""Controllers that work in the plant's process, on the twin of the bus."""
+
+import json
+import threading
+
+import numpy as np
+import pytest
+
+import controllers
+from controllers.normal_force import NormalForceFeedback
+from controllers.process import Worker
+from rig import scenes
+from rig.bench.job import Job
+from rig.bench.plant_process import Plant
+from rig.bench.simulate import simulate
+from rig.bus import messages
+from rig.bus.setup import fetch
+from rig.bus.twin import Twin
+from rig.errors import BusError, SceneError
+from rig.scenes.scene import Scene
+from rig.study import design
+
+IN_PLANT = {"controllers.nf.where": "plant", "controllers.nf.enable_at": "0.1 s"}
+
+
+class Ran:
+    """A run of `scene` from its first frame to its last; `meanwhile(me)` is what an operator does to it."""
+
+    def __init__(self, scene, meanwhile=lambda me: None, **job):
+        twin = Twin("test")
+        session, me = twin.open("plant", "plant"), twin.open("operator", "test")
+        heard = me.subscribe("**", 1 << 20)
+        numbers = design.numbers(scene)
+        outside = [name for name in scene.controllers if name not in scene.in_plant]
+        expect = tuple(("controller", name) for name in outside)
+        self.plant = Plant(session, Job(scene.to_json(), numbers, wait=5.0, expect=expect, **job), lambda: "")
+        session.announce()
+        threads = [threading.Thread(target=self._control, args=(twin.open("controller", n),)) for n in outside]
+        threads.append(threading.Thread(target=self._run, args=(session,)))
+        for thread in threads:
+            thread.start()
+        meanwhile(me)
+        for thread in threads:
+            thread.join(30.0)
+        assert not any(thread.is_alive() for thread in threads)
+        self.heard = {}
+        for message in heard.drain():
+            self.heard.setdefault(message.topic, []).append(message.said)
+
+    @staticmethod
+    def _control(session):
+        described = fetch(session)
+        worker = Worker(session, described, controllers.restored(described.controllers[session.name]))
+        worker.follow(lambda: False)
+        session.close()
+
+    def _run(self, session):
+        self.plant.gather(lambda _: None)
+        self.summary = self.plant.run(lambda _: None)
+        session.close()
+
+    def events(self, who="plant"):
+        return [(event.kind, event.text, json.loads(event.data)) for event in self.heard.get(f"event/{who}", ())]
+
+    def samples(self, sensor):
+        return np.concatenate([block.v for block in self.heard[f"meas/{sensor}"]])
+
+    def commands(self, name):
+        """Tick, answered, status and values of every command as it took effect."""
+        rows = [messages.commands(applied) for applied in self.heard[f"applied/{name}"]]
+        return [np.concatenate(column) for column in zip(*rows)]
+
+
+def in_one_process(scene, duration):
+    numbers = design.numbers(scene)
+    built = {name: controllers.build(section, numbers[name]) for name, section in scene.controllers.items()}
+    return simulate(scene, built, round(duration * 1e9))
+
+
+def same_bits(ran, run):
+    for sensor, known in run.measurements.items():
+        assert ran.samples(sensor).tobytes() == known.v.tobytes()
+    for name, known in run.commands.items():
+        tick, answered, status, values = ran.commands(name)
+        assert [tick.tolist(), answered.tolist(), status.tolist()] == [known.tick.tolist(), known.answered.tolist(),
+                                                                       known.status.tolist()]  # fmt: skip
+        assert values.tobytes() == known.values.tobytes()
+
+
+def two(**where):
+    """A scene of two controllers; `where` each of them works."""
+    raw = json.loads(scenes.load("belt_normal_force", {"controllers.nf.enable_at": "0.1 s"}).to_json())
+    other = scenes.load(
+        "belt_velocity_feedback", {"controllers.belt.enable_at": "0.2 s", "controllers.belt.period": "3 ms"}
+    )
+    raw["controllers"]["bv"] = json.loads(other.to_json())["controllers"]["belt"]
+    for name, place in where.items():
+        raw["controllers"][name]["where"] = place
+    return Scene.from_json(json.dumps(raw))
+
+
+@pytest.mark.parametrize("pace", [None, 2.0], ids=["lockstep", "paced"])
+@pytest.mark.parametrize("delay", ["0 ms", "3 ms"])
+def test_the_bits_are_those_of_a_run_in_one_process(pace, delay):
+    scene = scenes.load("belt_normal_force", IN_PLANT | {"controllers.nf.delay": delay})
+    ran = Ran(scene, pace=pace, duration=0.6)
+    same_bits(ran, in_one_process(scene, 0.6))
+    assert ran.summary["ended"] == "done"
+    assert ran.summary["faults"] == []
+    assert ran.summary["lost"] == {}
+    assert ran.summary["loop"]["nf"]["taken"] == 600 - int(delay[0])
+    assert "act/nf" not in ran.heard
+
+
+def test_so_are_those_of_two_that_both_work_there():
+    scene = two(nf="plant", bv="plant")
+    same_bits(Ran(scene, pace=3.0, duration=0.6), in_one_process(scene, 0.6))
+
+
+@pytest.mark.parametrize("inside", ["nf", "bv"])
+def test_in_lockstep_so_are_those_of_one_there_and_one_in_its_own_process(inside):
+    scene = two(**{inside: "plant"})
+    ran = Ran(scene, pace=None, duration=0.6)
+    same_bits(ran, in_one_process(scene, 0.6))
+    assert [topic for topic in sorted(ran.heard) if topic.startswith("act/")] == [
+        f"act/{'bv' if inside == 'nf' else 'nf'}"
+    ]
+
+
+def test_one_there_and_one_in_its_own_process_paced():
+    ran = Ran(two(nf="plant"), pace=2.0, duration=0.6)
+    ages = {name: np.subtract(*ran.commands(name)[:2]) for name in ("nf", "bv")}
+    assert ages["nf"].max() == 0
+    assert ages["bv"].min() >= 1
+    assert ran.summary["loop"]["bv"]["safe"] == 0
+
+
+def test_one_that_wants_every_sample_gets_every_one():
+    scene = scenes.load("brake_shunt_listener", {"controllers.listener.where": "plant"})
+    same_bits(Ran(scene, pace=None, duration=0.05), in_one_process(scene, 0.05))
+
+
+def test_operators_tune_it_ask_it_and_are_refused_as_by_any_controller():
+    told = {}
+
+    def meanwhile(me):
+        me.ask("cmd/plant", {"do": "pause"}, 5.0, patient=True)
+        told["list"] = me.ask("param/nf", {"list": True}, 5.0)
+        told["set"] = me.ask("param/nf", {"set": {"gain": 321.0}}, 5.0)["values"]
+        for key, changes in (("value", {"gain": "much"}), ("key", {"gian": 1.0}), ("fixed", {"where": "process"})):
+            with pytest.raises(BusError) as refused:
+                me.ask("param/nf", {"set": changes}, 5.0)
+            told[key] = str(refused.value)
+        me.ask("cmd/plant", {"do": "disconnect", "controller": "nf"}, 5.0)
+        me.ask("cmd/plant", {"do": "resume"}, 5.0)
+        told["present"] = me.present("controller/*")
+
+    ran = Ran(scenes.load("belt_normal_force", IN_PLANT), meanwhile, pace=4.0, duration=1.0)
+    assert told["list"]["units"]["gain"] == "N*s/m"
+    assert "where" not in told["list"]["units"]
+    assert told["set"]["gain"] == 321.0
+    assert "gain: is 'much'; expected a number" in told["value"]
+    assert "gian: no such parameter; near: gain" in told["key"]
+    assert "where: is fixed while the rig runs" in told["fixed"]
+    assert told["present"] == {("controller", "nf")}
+    said = ran.events("nf")
+    assert [data["set"] for kind, _, data in said if kind == "parameter"] == [{"gain": 321.0}]
+    assert sum(kind == "refused" for kind, *_ in said) == 3
+    assert said[-1][0] == "left"
+    assert said[-1][2]["updates"] == 1000  # it goes on to hear, connected or not
+    assert "disconnected" in [kind for kind, *_ in ran.events()]
+    assert ran.summary["loop"]["nf"]["taken"] < 1000
+    (total,) = ran.heard["total/nf"]
+    assert dict(zip(total.sent_topic, total.sent))["event/nf"] == len(said)
+
+
+@pytest.mark.parametrize("pace", [None, 2.0], ids=["lockstep", "paced"])
+def test_the_protocol_sets_and_disconnects_it_at_the_same_ticks_as_in_one_process(pace):
+    raw = json.loads(scenes.load("belt_normal_force", IN_PLANT).to_json())
+    hold, louder = {"step": "hold", "time": 0.15}, {"step": "set", "target": "controllers.nf.gain", "to": 500.0}
+    on, off = ({"step": step, "controller": "nf"} for step in ("connect", "disconnect"))
+    raw["protocol"] = [hold, on, hold, louder, hold, off, hold, on, hold]
+    scene = Scene.from_json(json.dumps(raw))
+    ran = Ran(scene, pace=pace)
+    same_bits(ran, in_one_process(scene, 0.75))
+    assert ran.commands("nf")[0].min() == 150
+    assert [data["after_tick"] for kind, _, data in ran.events("nf") if kind == "parameter"] == [299]
+
+
+@pytest.mark.parametrize("pace", [None, 2.0], ids=["lockstep", "paced"])
+@pytest.mark.parametrize("how", ["raises", "answers nonsense"])
+def test_one_that_fails_leaves_and_safe_values_step_in(monkeypatch, pace, how):
+    sound = NormalForceFeedback.update
+
+    def update(controller, state, t_ns, values):
+        if t_ns < 300_000_000:
+            return sound(controller, state, t_ns, values)
+        if how == "raises":
+            raise ZeroDivisionError("there is no such force")
+        return state, (1.0, 2.0)
+
+    monkeypatch.setattr(NormalForceFeedback, "update", update)
+    ran = Ran(scenes.load("belt_normal_force", IN_PLANT), pace=pace, duration=0.6)
+    why = "ZeroDivisionError: there is no such force" if how == "raises" else "NormalForceFeedback answers (1.0, 2.0)"
+    said = ran.events("nf")
+    assert [kind for kind, *_ in said] == ["fault", "left"]
+    assert why in said[0][1]
+    assert ran.summary["ended"] == "done"
+    assert ran.summary["verdict"] != "VALID"
+    assert any(fault.startswith("controller nf left at t = ") for fault in ran.summary["faults"])
+    assert ran.summary["loop"]["nf"] | {"taken": 300, "safe": 1} == ran.summary["loop"]["nf"]
+    assert ran.commands("nf")[0].tolist() == [*range(300), 350]
+    assert ran.commands("nf")[2][-1] == 2
+    assert len(ran.heard["total/nf"]) == 1
+
+
+def test_one_that_has_left_is_tuned_no_more(monkeypatch):
+    def update(controller, state, t_ns, values):
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(NormalForceFeedback, "update", update)
+    raw = json.loads(scenes.load("belt_normal_force", IN_PLANT).to_json())
+    louder = {"step": "set", "target": "controllers.nf.gain", "to": 500.0}
+    raw["protocol"] = [{"step": "hold", "time": 0.1}, louder, {"step": "hold", "time": 0.1}]
+    ran = Ran(Scene.from_json(json.dumps(raw)), pace=None)
+    (refused,) = [text for kind, text, _ in ran.events() if kind == "refused"]
+    assert refused == "controllers.nf.gain = 500: controller nf has left"
+    assert ran.summary["ended"] == "done"
+
+
+def test_a_place_that_there_is_not_is_refused_with_those_that_there_are():
+    with pytest.raises(SceneError, match=r'controllers\.nf\.where = "here": unknown; known: process, plant'):
+        scenes.load("belt_normal_force", {"controllers.nf.where": "here"})
+
+
+def test_a_scene_that_does_not_say_where_is_read_as_before():
+    raw = json.loads(scenes.load("belt_normal_force").to_json())
+    assert raw["controllers"]["nf"].pop("where") == "process"
+    assert Scene.from_json(json.dumps(raw)).in_plant == frozenset()
+    assert scenes.load("belt_normal_force", IN_PLANT).in_plant == {"nf"}
