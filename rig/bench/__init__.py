@@ -9,6 +9,7 @@ variant, builds, refit, upcoming   other rigs that it goes on as, built beside t
 simulate        everything in one process
 working         a controller that works in this process; in_plant: those of a live run
 plant_process   the plant as a process: lockstep or paced; hub, desk, attend and conclude are its parts
+pieces          how many frames are carried at once
 pace, timing    the pace of the wall clock, and how well it was kept
 supervise       the processes of one run, from start to end
 status          the line during a run and the summary after it

@@ -29,14 +29,15 @@ def conclude(plant: Plant) -> dict[str, Any]:
     hub, operation, stand = plant.hub, plant.operation, plant.stand
     wall = time.perf_counter_ns() - plant.begun_ns if plant.begun_ns else 0
     plant.desk.close()
+    hub.collect()  # a piece may have ended before its last tick
     hub.put_gathered()
     hub.put_rest()
     ended = "diverged" if plant.fault else operation.over or "failed"
     operation.end()
     plant.attendant.faults += operation.postponed.never
     operation.journal.note("end", ended)
-    plant.in_plant.leave()
     hub.put_events()
+    plant.in_plant.leave()
     plant.attendant.tell_health(time.perf_counter_ns())
     lost, unknown = _lost_elsewhere(plant)
     lost |= _unanswered(plant)

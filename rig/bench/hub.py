@@ -9,7 +9,7 @@ sent after the step, so that no controller waits for it.
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,13 +47,16 @@ class Samples:
         self._size = max(BLOCK_NS // self._period_ns, 1)
         self._kept: list[NDArray[np.float64]] = []
         self._count, self._first = 0, 0
+        self.next = 0
+        """Number of the first sample that is not collected yet."""
 
-    def add(self, tick: int, number: int, samples: NDArray[np.float64]) -> bytes | None:
-        """Add sample `number` and what came after; a block if it is full."""
+    def add(self, tick: int, samples: NDArray[np.float64]) -> bytes | None:
+        """Add the samples that came after those before; a block if it is full."""
         if not self._count:
-            self._first = number
+            self._first = self.next
         self._kept.append(samples.copy())
         self._count += len(samples)
+        self.next += len(samples)
         return self.block(tick) if self._count >= self._size else None
 
     def block(self, tick: int) -> bytes | None:
@@ -87,6 +90,8 @@ class Hub:
         self._samples = [Samples(instants) for instants in bank.instants]
         self._applied: dict[str, Publisher] = {}
         self._waiting: list[tuple[Publisher, bytes]] = []
+        self._commands: dict[str, list[tuple[int, int, int, Sequence[float]]]] = {}
+        """Controller -> tick, answered, status and values of its commands in this piece."""
         self._told = 0
         self.acts = session.subscribe("act/*", _ACTS, stamped=True)
         self._voices: dict[str, str] = {}
@@ -95,7 +100,7 @@ class Hub:
         """When those were admitted that have not been seen here since [s of the monotonic clock]."""
         self._counted: dict[str, tuple[int, int]] = {}
         """Commands on each topic up to the last look, and steps that their sender still owed an answer then."""
-        self._steps = 0
+        self._steps, self._ticks = 0, -1
         self.totals = session.subscribe("total/*", polled=True)
         self.watch = session.watch("*/*")
         text = setup.to_text().encode()
@@ -163,6 +168,7 @@ class Hub:
         A controller that was held up answers all steps that waited for it at once: that is a backlog, no flood.
         """
         steps, self._steps = self._step.sent - self._steps, self._step.sent
+        ticks, self._ticks = self.asked - self._ticks, self.asked
         found = []
         for topic, count in self.acts.counts.items():
             sent, line = count.received + count.lost, self.operation.exchange.lines.get(topic[4:])
@@ -170,7 +176,7 @@ class Hub:
             new = sent - before
             if new > owed + 4 * steps + _TOO_MANY:
                 found.append(f"controller {topic[4:]} sent {new} commands for {owed + steps} steps")
-            due = steps // line.period if line is not None else 0
+            due = ticks // line.period if line is not None else 0
             self._counted[topic] = (sent, max(owed + due - new, 0))
         return found
 
@@ -197,19 +203,44 @@ class Hub:
 
     def gather(self) -> None:
         """Encode what there is to publish of this tick, before anything is changed at it."""
+        self.collect()
+        self.gather_state()
+
+    def collect(self) -> None:
+        """Take the samples that were published since the last call; none may be forgotten by the bank before."""
+        tick, bank = self.stand.tick, self.stand.bank
+        for i, samples in enumerate(self._samples):
+            new = bank.since(i, samples.next)
+            if len(new) and (block := samples.add(tick, new)) is not None:
+                self._waiting.append((self._meas[i], block))
+
+    def gather_state(self) -> None:
+        """Encode the state of this tick, where it is one at which the state is told."""
         stand = self.stand
-        tick, bank, waiting = stand.tick, stand.bank, self._waiting
-        for i in bank.fresh.nonzero()[0].tolist():
-            block = self._samples[i].add(tick, bank.first(i), bank.samples(i))
-            if block is not None:
-                waiting.append((self._meas[i], block))
-        if tick % self._state_ticks == 0:
+        if stand.tick % self._state_ticks == 0:
             values = stand.output_values()
-            waiting.append((self._state, self._encode_state(stand.t_ns, tick, stand.motion.key, values)))
+            payload = self._encode_state(stand.t_ns, stand.tick, stand.motion.key, values)
+            self._waiting.append((self._state, payload))
+
+    def gather_within(self) -> None:
+        """The same as `gather` within a piece: samples are collected only before they are forgotten."""
+        if self.stand.bank.short:
+            self.collect()
+        self.gather_state()
 
     def put_gathered(self) -> None:
         """Send what was gathered."""
         t_ns = self.stand.t_ns
+        for name, rows in self._commands.items():
+            publisher = self._applied.get(name)
+            if publisher is None:
+                publisher = self._applied[name] = self.session.publisher(f"applied/{name}")
+            tick, answered, status, values = rows[0]
+            frame_ns = self.stand.frame_ns
+            one = len(rows) == 1
+            payload = encode.applied(tick, tick * frame_ns, answered, status, values) if one else b""
+            self._waiting.append((publisher, payload or encode.applied_rows(frame_ns, rows)))
+        self._commands.clear()
         for publisher, payload in self._waiting:
             publisher.put(payload, t_ns)
         self._waiting.clear()
@@ -224,13 +255,10 @@ class Hub:
 
     def applied(self, lines: Iterable[Line]) -> None:
         """Gather commands that took effect at this tick."""
-        tick, t_ns = self.stand.tick, self.stand.t_ns
+        tick = self.stand.tick
         for line in lines:
-            publisher = self._applied.get(line.name)
-            if publisher is None:
-                publisher = self._applied[line.name] = self.session.publisher(f"applied/{line.name}")
-            payload = encode.applied(tick, t_ns, line.answered, line.status, line.values)
-            self._waiting.append((publisher, payload))
+            row = (tick, line.answered, line.status, line.values)
+            self._commands.setdefault(line.name, []).append(row)
 
     def put_events(self) -> None:
         """Send what has been written into the journal since."""

@@ -8,6 +8,8 @@ overrun, and the scene says what follows:
     slow       the wall clock is given up: the frame counts as on time, all later ones are due that much later
     stop       the run ends
 
+Several frames may be carried in one piece (`rig.bench.pieces`): a piece then is what a frame is here.
+
 Behind by more than `PAUSE`, the process was stopped or the machine busy beyond repair: then even catch-up gives the
 time up, in one piece and reported, for a burst of thousands of frames is no experiment.
 """
@@ -71,11 +73,11 @@ class GivenUp(NamedTuple):
     frame: int
     late_ns: int
     frames: int
-    """Frames of the wall clock that passed without a frame of the plant."""
+    """Frames (pieces) of the wall clock that passed without one of the plant."""
 
 
 class Pacer:
-    """Waits for one frame after another. `pace` is simulated over wall time."""
+    """Waits for one frame after another, or one piece of several. `pace` is simulated over wall time."""
 
     def __init__(self, frame_ns: int, pace: float, policy: Policy, clock: Clock, pause_ns: int = PAUSE) -> None:
         self.wall_ns = frame_ns / pace
@@ -88,41 +90,42 @@ class Pacer:
         """Whether an overrun has ended the run (policy stop)."""
         self._clock = clock
         self._start = 0
-        self._first = 0
+        self._first = self._next = 0
 
     def anchor(self) -> None:
         """The next frame is due now: at the start, and after a pause that somebody asked for."""
-        self._start, self._first = self._clock.now(), self.frame + 1
+        self._start, self._first = self._clock.now(), self._next
 
-    def wait(self) -> tuple[int, int]:
-        """Wait for the next frame; the time it is and by how much that is late [ns]."""
-        frame = self.frame = self.frame + 1
+    def wait(self, frames: int = 1) -> tuple[int, int]:
+        """Wait for the next piece, of so many frames; the time it is and by how much that is late [ns]."""
+        frame = self.frame = self._next
+        self._next = frame + frames
         deadline = self._start + int((frame - self._first) * self.wall_ns)
         now = self._clock.now()
         self.waited = now < deadline
         if self.waited:
             now = self._clock.until(deadline)
         late = now - deadline
-        if late > self.wall_ns:
-            self._overrun(now, late)
+        wall_ns = frames * self.wall_ns
+        if late > wall_ns:
+            self._overrun(late, wall_ns)
         return now, late
 
-    def _overrun(self, now: int, late: int) -> None:
+    def _overrun(self, late: int, wall_ns: float) -> None:
         if self.policy == "stop":
             self.stopped = True
         elif self.policy == "slow":
-            self._give_up(now, late)
+            self._give_up(late, late, wall_ns)
         elif self.policy == "skip" or late > self.pause_ns:
-            self._give_up(now, int(late // self.wall_ns * self.wall_ns))
+            self._give_up(late, int(late // wall_ns * wall_ns), wall_ns)
 
-    def _give_up(self, now: int, span: int) -> None:
-        late = now - self._start - int((self.frame - self._first) * self.wall_ns)
-        self.given_up.append(GivenUp(self.frame, late, int(late // self.wall_ns)))
+    def _give_up(self, late: int, span: int, wall_ns: float) -> None:
+        self.given_up.append(GivenUp(self.frame, late, int(late // wall_ns)))
         self._start += span
 
     @property
     def frames_given_up(self) -> int:
-        """Frames of the wall clock that passed without a frame of the plant."""
+        """Frames (pieces) of the wall clock that passed without one of the plant."""
         return sum(one.frames for one in self.given_up)
 
 

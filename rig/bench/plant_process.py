@@ -37,6 +37,7 @@ from rig.bench.in_plant import InPlant
 from rig.bench.job import Job, keeps_up
 from rig.bench.lockstep import Lockstep
 from rig.bench.operation import BEGIN, Operation
+from rig.bench.pieces import Pieces
 from rig.bench.refit import Refit
 from rig.bench.rehearse import visited
 from rig.bench.stand import Stand
@@ -71,7 +72,8 @@ class Plant:
         self.desk = Desk(hub)
         self.upcoming: Upcoming | None = None
         """What a paced run builds before it is asked for."""
-        self.timing = Timing(stand.frame_ns / (job.pace or 1.0))
+        self.pieces = Pieces(self.operation, job.pace)
+        self.timing = Timing(self.pieces.length * stand.frame_ns / (job.pace or 1.0), self.pieces.length)
         self.attendant = Attendant(hub, self.desk, job, self.timing)
         self.in_plant = InPlant(session, self.operation, job.numbers, self.attendant.notice)
         self.fault = ""
@@ -167,12 +169,14 @@ class Plant:
                 self.paced(pacer, show)
 
     def paced(self, pacer: pace.Pacer, show: Show) -> None:
-        """All frames, each when `pacer` says that it is due."""
-        hub, desk, operation, stand = self.hub, self.desk, self.operation, self.stand
+        """All frames, each piece of them when `pacer` says that it is due."""
+        hub, desk, operation = self.hub, self.desk, self.operation
         attendant, rows = self.attendant, self.timing
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
-            begin, late = pacer.wait()
+            rows.resize(self.pieces.length)
+            frames = self.pieces.left
+            begin, late = pacer.wait(frames)
             spent = processor()
             hub.receive()
             received = clock()
@@ -185,11 +189,7 @@ class Plant:
                 return
             desk.poll()
             self.in_plant.poll()
-            self.in_plant.answer()
-            lines = operation.take_over()
-            if lines:
-                hub.applied(lines)
-            stand.frame()
+            goes_on = self._carry(frames)
             done = clock()
             hub.put_gathered()
             hub.put_events()
@@ -199,14 +199,36 @@ class Plant:
             served = clock()
             spans = (received - begin, done - sent, sent - received + told - done, served - told)
             rows.rows.append((begin, late, pacer.waited, *spans, spent))
+            if not goes_on:
+                return
+
+    def _carry(self, frames: int) -> bool:
+        """Carry the plant through a piece at whose first tick all is done but the commands; whether it goes on then."""
+        hub, operation, stand, in_plant = self.hub, self.operation, self.stand, self.in_plant
+        until = operation.until() if frames > 1 else 0
+        for frame in range(frames):
+            if frame:
+                hub.gather_within()
+                if stand.tick >= until or stand.limited:
+                    if not operation.begin():
+                        return False
+                    until = operation.until()
+            in_plant.answer()
+            lines = operation.take_over()
+            if lines:
+                hub.applied(lines)
+            stand.frame()
+        return True
 
     def _in_lockstep(self, pacer: pace.Pacer | None, show: Show) -> None:
-        hub, desk, operation, stand = self.hub, self.desk, self.operation, self.stand
+        hub, desk, operation = self.hub, self.desk, self.operation
         attendant, rows = self.attendant, self.timing
         answers = Lockstep(hub, attendant, lambda: bool(self._stopping()))
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
-            begin, late = pacer.wait() if pacer is not None else (clock(), 0)
+            rows.resize(self.pieces.length)
+            frames = self.pieces.left
+            begin, late = pacer.wait(frames) if pacer is not None else (clock(), 0)
             spent = processor()
             hub.gather()
             if not operation.begin() or self._ends(pacer):
@@ -218,10 +240,7 @@ class Plant:
             self.in_plant.answer()
             answers.wait()
             answered = clock()
-            lines = operation.take_over()
-            if lines:
-                hub.applied(lines)
-            stand.frame()
+            goes_on = self._carry(frames)
             done = clock()
             hub.put_gathered()
             hub.put_events()
@@ -231,6 +250,8 @@ class Plant:
             if pacer is not None:
                 spans = (answered - begin, done - answered, told - done, clock() - told)
                 rows.rows.append((begin, late, pacer.waited, *spans, spent))
+            if not goes_on:
+                return
 
     def _fell_back(self) -> None:
         assert self.ahead is not None

@@ -103,13 +103,15 @@ def _timing(found: Mapping[str, Any]) -> list[str]:
         lines.append(f"lateness {late['p50']:.0f} / {late['p95']:.0f} / {late['p99']:.0f} / {late['max']:.0f} us "
                      f"(p50, p95, p99, worst), waiting by {_waiting(found)}")  # fmt: skip
         spans = [f"{name} {s['mean']:.0f}/{s['p95']:.0f}/{s['max']:.0f}" for name, s in timing["spans"].items()]
-        lines.append(f"frame {', '.join(spans)} us (mean/p95/worst)")
+        each = timing.get("each", 1)
+        what = "frame" if each == 1 else f"piece of {each} frames:"
+        lines.append(f"{what} {', '.join(spans)} us (mean/p95/worst)")
         lines.append(f"scheduling {found['scheduling'] or 'in real time'}; {found['memory'] or 'memory is locked'}")
         causes = [f"{count} {cause}" for cause, count in timing["overruns"].items()]
         if causes:
             lines.append(f"overruns by cause: {', '.join(causes)}")
         if timing["given_up"]:
-            lines.append(f"{timing['given_up']} frames of the wall clock given up")
+            lines.append(f"{timing['given_up']} {'frames' if each == 1 else 'pieces'} of the wall clock given up")
     return lines
 
 

@@ -14,6 +14,8 @@ else INVALID; the scene may set other shares. Frames of the wall clock that were
 The host of a virtual machine may give its processors to others. How much it took is told (of Linux, to 10 ms), since
 no frame can tell that from a slow scheduler.
 
+Where several frames are carried in one piece, all this is of pieces: `each` tells their length.
+
 A frame costs one tuple. What it means is worked out five times a second, outside the frame.
 """
 
@@ -135,10 +137,10 @@ class Verdict:
 
 
 class Timing:
-    """The time keeping of one paced run with frames of `wall_ns` on the wall clock."""
+    """The time keeping of one paced run in pieces of `each` frames that take `wall_ns` on the wall clock."""
 
-    def __init__(self, wall_ns: float) -> None:
-        self.wall_ns = wall_ns
+    def __init__(self, wall_ns: float, each: int = 1) -> None:
+        self.wall_ns, self.each = wall_ns, each
         self.rows: list[Row] = []
         """Per frame: begin, lateness, whether there was time to wait, spans, processor time spent before it; all ns."""
         self.interruptions = Interruptions()
@@ -158,6 +160,12 @@ class Timing:
     def frames(self) -> int:
         """Frames counted so far."""
         return self.lateness.count
+
+    def resize(self, each: int) -> None:
+        """From here on a piece has `each` frames."""
+        if each != self.each:
+            self.fold()
+            self.wall_ns, self.each = self.wall_ns / self.each * each, each
 
     def fold(self) -> None:
         """Work out the rows so far and forget them."""
@@ -219,11 +227,12 @@ class Timing:
         """
         share = self.late_share
         reasons = []
+        what = ("frames", "frame") if self.each == 1 else (f"pieces of {self.each} frames", "piece")
         if self.frames:
-            reasons.append(f"{share:.2%} of {self.frames + self.given_up} frames late by more than one frame")
+            reasons.append(f"{share:.2%} of {self.frames + self.given_up} {what[0]} late by more than one {what[1]}")
         if self.worst_ns:
             because = f", {self.worst_cause}" if self.worst_cause else ""
-            reasons.append(f"worst {self.worst_ns / 1e6:.3g} ms at frame {self.worst_frame}{because}")
+            reasons.append(f"worst {self.worst_ns / 1e6:.3g} ms at {what[1]} {self.worst_frame}{because}")
         missing = {topic: count for topic, count in (lost or {}).items() if count}
         if self.stolen_share > _STOLEN:
             reasons.append(f"the host of this machine took {self.stolen_share:.1%} of its processors' time")
@@ -246,6 +255,7 @@ class Timing:
         """Everything counted, durations in microseconds."""
         return {
             "frames": self.frames,
+            "each": self.each,
             "late": self.late,
             "given_up": self.given_up,
             "late_share": self.late_share,

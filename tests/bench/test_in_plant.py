@@ -45,7 +45,7 @@ class Ran:
         assert not any(thread.is_alive() for thread in threads)
         self.heard = {}
         for message in heard.drain():
-            self.heard.setdefault(message.topic, []).append(message.said)
+            self.heard.setdefault(message.topic, []).append(message.said or message.payload)
 
     @staticmethod
     def _control(session):
@@ -226,6 +226,97 @@ def test_one_that_has_left_is_tuned_no_more(monkeypatch):
     (refused,) = [text for kind, text, _ in ran.events() if kind == "refused"]
     assert refused == "controllers.nf.gain = 500: controller nf has left"
     assert ran.summary["ended"] == "done"
+
+
+FINE = {"clock.frame": "0.1 ms", "controllers.nf.where": "plant", "controllers.nf.period": "0.1 ms"}
+
+
+def fine(protocol=None, **where):
+    """Frames of 0.1 ms, nf asked in each of them."""
+    raw = json.loads(scenes.load("belt_normal_force", {**FINE, "controllers.nf.enable_at": "0.05 s"}).to_json())
+    if where:
+        raw["controllers"]["bv"] = json.loads(two().to_json())["controllers"]["bv"] | where
+    raw["protocol"] = protocol or raw["protocol"]
+    return Scene.from_json(json.dumps(raw))
+
+
+@pytest.mark.parametrize("pace", [None, 1.0], ids=["lockstep", "paced"])
+def test_short_frames_are_carried_and_told_in_pieces_with_the_same_bits(pace):
+    scene = fine()
+    ran, run = Ran(scene, pace=pace, duration=0.5), in_one_process(scene, 0.5)
+    same_bits(ran, run)
+    assert [step.tick for step in ran.heard["step"]] == [*range(0, 5001 if pace else 5000, 10)]
+    assert [list(one.ticks) for one in ran.heard["applied/nf"]] == [[*range(k, k + 10)] for k in range(0, 5000, 10)]
+    states = messages.state_type(ran.plant.stand.outputs)
+    assert [states.FromString(one).t_ns for one in ran.heard["state"]] == [*range(0, 500_000_001, 5_000_000)]
+    assert ran.summary["ticks"] == 5000
+    if pace is not None:
+        assert ran.summary["timing"]["each"] == 10
+        assert ran.summary["timing"]["frames"] == 501
+
+
+def test_a_protocol_and_an_end_within_pieces_keep_their_ticks():
+    hold, louder = {"step": "hold", "time": 0.0123}, {"step": "set", "target": "controllers.nf.gain", "to": 500.0}
+    knock = {"step": "knock", "impulse": 0.1}
+    off, on = ({"step": step, "controller": "nf"} for step in ("disconnect", "connect"))
+    scene = fine([hold, on, hold, louder, knock, hold, off, hold, on, hold])
+    ran = Ran(scene, pace=1.0)
+    same_bits(ran, in_one_process(scene, 0.0615))
+    assert ran.summary["ticks"] == 615
+    assert [data["after_tick"] for kind, _, data in ran.events("nf") if kind == "parameter"] == [245]
+
+
+def test_a_limit_within_a_piece_ends_in_the_safe_state_at_its_tick():
+    scene = scenes.load("belt_normal_force", {**FINE, "limits.displacement": "1 mm"})
+    ran, run = Ran(scene, pace=4.0), in_one_process(scene, 2.0)
+    (told,) = [event["tick"] for event in run.events if event["kind"] == "limit"]
+    (tick,) = [event.tick for event in ran.heard["event/plant"] if event.kind == "limit"]
+    assert tick == told
+    assert tick % 10
+    same_bits(ran, run)
+
+
+def test_numerics_that_stop_within_a_piece_lose_no_frame_before():
+    raw = json.loads(fine([{"step": "hold", "time": 0.0123}, {"step": "knock", "impulse": 1e5}]).to_json())
+    raw["clock"]["limit"] = 1000.0
+    scene = Scene.from_json(json.dumps(raw))
+    ran, run = Ran(scene, pace=1.0, duration=1.0), in_one_process(scene, 1.0)
+    assert run.fault
+    assert ran.summary["exit_code"] == 4
+    assert ran.summary["fault"] == run.fault
+    for sensor, known in run.measurements.items():
+        assert ran.samples(sensor).tobytes() == known.v.tobytes()
+
+
+@pytest.mark.parametrize("period", [0.003, 0.0004])
+def test_one_in_its_own_process_is_asked_whenever_it_is_due(period):
+    scene = fine(period=period)
+    ran, run = Ran(scene, pace=None, duration=0.3), in_one_process(scene, 0.3)
+    same_bits(ran, run)
+    frames = 10 if period == 0.003 else 4
+    assert [step.tick for step in ran.heard["step"]] == [*range(0, 3000, frames)]
+
+
+def test_where_all_are_in_their_own_processes_frames_are_carried_one_by_one():
+    scene = scenes.load("belt_normal_force", {"clock.frame": "0.1 ms"})
+    ran = Ran(scene, pace=1.0, duration=0.1)
+    assert ran.summary["timing"]["each"] == 1
+    assert len(ran.heard["step"]) == 1001
+
+
+def test_a_guest_that_wants_every_frame_makes_pieces_of_one(monkeypatch):
+    def meanwhile(me):
+        me.ask("param/plant", {"get": ["load.force"]}, 5.0, patient=True)
+        body = {"do": "admit", "controller": "mine", "drives": ["drive.speed"], "period_ns": 300_000, "reads": []}
+        me.ask("cmd/plant", body, 5.0)
+
+    scene = fine()
+    ran = Ran(scene, meanwhile, pace=1.0, duration=0.5)
+    (admitted,) = [event.tick for event in ran.heard["event/plant"] if event.kind == "admitted"]
+    ticks = [step.tick for step in ran.heard["step"]]
+    assert {*range(admitted // 30 * 30 + 30, 5001, 3)} <= {*ticks}
+    assert [tick % 10 for tick in ticks if tick < admitted] == [0] * sum(tick < admitted for tick in ticks)
+    assert ran.summary["ticks"] == 5000
 
 
 def test_a_place_that_there_is_not_is_refused_with_those_that_there_are():

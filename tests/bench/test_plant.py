@@ -888,6 +888,7 @@ def test_a_backlog_is_no_flood(scene, numbers):
 
         def told(steps, commands):
             hub._step.sent += steps
+            hub.asked += steps
             count.received += commands
             return hub.floods()
 
