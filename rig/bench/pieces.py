@@ -7,41 +7,54 @@ the first tick of a piece, and what is published of its ticks goes out at its en
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from math import gcd
 
 from rig.bench.operation import Operation
+from rig.scenes.scene import Scene
 
 LONGEST_NS = 1_000_000
 """Longest piece [ns of the wall clock]. # chosen: what others notice of it is below what the bus takes at times"""
 
 
-class Pieces:
-    """The pieces of a run at `pace` (None: without a clock, as at pace 1).
+def length(scene: Scene, pace: float | None, periods: Collection[int] | None = None) -> int:
+    """Frames in a piece of `scene` at `pace` (None: without a clock, as at pace 1).
 
-    A controller in another process is asked at the first tick of a piece, so that every tick at which it is due begins
-    one. Where all controllers are in other processes a piece is one frame: their commands take effect one frame later.
+    `periods`: of the controllers in other processes [frames]; by default of those of the scene. They are asked at the
+    first tick of a piece, so that every tick at which one is due begins a piece. Where all controllers are in other
+    processes a piece is one frame: their commands take effect one frame later.
     """
+    if periods is None:
+        outside = [one for name, one in scene.controllers.items() if name not in scene.in_plant]
+        periods = [one.period // scene.frame_ns for one in outside]
+    most = max(int(LONGEST_NS * (pace or 1.0)) // scene.frame_ns, 1)
+    if not periods:
+        return most
+    if not scene.in_plant:
+        return 1
+    common = gcd(*periods)
+    return next(frames for frames in range(min(most, common), 0, -1) if common % frames == 0)
+
+
+class Pieces:
+    """The pieces of a run."""
 
     def __init__(self, operation: Operation, pace: float | None) -> None:
         self._stand, self._lines = operation.stand, operation.exchange.lines
-        self._in_plant = operation.scene.in_plant
-        self._most = max(int(LONGEST_NS * (pace or 1.0)) // operation.stand.frame_ns, 1)
+        self._scene, self._pace = operation.scene, pace
+        self._short = length(self._scene, pace, ()) == 1
+        """Whether a frame is a piece anyway."""
 
     @property
     def length(self) -> int:
         """Frames in a whole piece, as long as nobody joins or leaves."""
-        periods = [line.period for name, line in self._lines.items() if name not in self._in_plant]
-        if not periods:
-            return self._most
-        if not self._in_plant:
+        if self._short:
             return 1
-        common = gcd(*periods)
-        return next(frames for frames in range(min(self._most, common), 0, -1) if common % frames == 0)
+        in_plant = self._scene.in_plant
+        return length(self._scene, self._pace, [o.period for name, o in self._lines.items() if name not in in_plant])
 
     @property
     def left(self) -> int:
         """Frames from the present tick up to the first tick of the next piece."""
-        if self._most == 1:
-            return 1
-        length = self.length
-        return length - self._stand.tick % length
+        whole = self.length
+        return whole - self._stand.tick % whole

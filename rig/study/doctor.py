@@ -2,7 +2,8 @@
 
 A frame begins late when the wait before it ends late, or when the frames before it took too long together. So the share
 of late frames is estimated as P(wait > frame) + P(behind > frame). How far a frame is behind follows from what those
-before it cost, the bus and a reserve for the other processes of a run counted in. The scene's own thresholds turn the
+before it cost, the bus and a reserve for the other processes of a run counted in. Short frames are judged by the pieces
+that they are carried in (rig.bench.pieces). The scene's own thresholds turn the
 share into a verdict, at pace 1 or at the largest pace that the scene allows. Where a plant may be scheduled in real
 time, others do not interrupt its frames: their costs are measured in processor time. Elsewhere they are measured by the
 wall clock, under the load of now: a busier hour will give another answer.
@@ -26,6 +27,7 @@ from numpy.typing import NDArray
 
 from rig import kernel, scenes
 from rig.bench import pace
+from rig.bench.pieces import length
 from rig.errors import RigError, SceneError, UsageError
 from rig.scenes.scene import Scene
 from rig.scheduling import PLANT, ahead, come_first, cores
@@ -196,12 +198,16 @@ def judge(scene: Scene, found: Costs | None, late: NDArray[np.int64], put: Sprea
         raise UsageError("its numerics stop within the first frame: rig simulate tells why")
     clock = scene.clock
     pace = min(clock.pace_limit or 1.0, 1.0)
-    wall = scene.frame_ns / pace
+    each = length(scene, pace)
+    wall = each * scene.frame_ns / pace
     puts = 2 + sum(s.period_ns >= FRAME_NS for s in scene.sensors.values())
-    whole = RESERVE * found + round(1e3 * (put.p50 if put is not None else 0.0) * puts)
+    whole = RESERVE * np.add.reduceat(found, np.arange(0, found.size, each)) + round(
+        1e3 * (put.p50 if put is not None else 0.0) * puts
+    )
     share = min(float(np.mean(late > wall) + np.mean(behind(whole, wall) > wall)), 1.0)
     mean, p99 = float(np.mean(whole)) / wall, float(np.quantile(whole, 0.99)) / wall
-    told = f"{100.0 * mean:.2g} % of a frame busy, {100.0 * p99:.2g} % at p99; {100.0 * share:.2g} % of frames late"
+    what = "frame" if each == 1 else "piece"
+    told = f"{100.0 * mean:.2g} % of a {what} busy, {100.0 * p99:.2g} % at p99; {100.0 * share:.2g} % of {what}s late"
     if share <= clock.late_share_valid:
         verdict = "VALID"
     else:

@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
+from rig.bench.pieces import length
 from rig.errors import RigError
 from rig.scenes.scene import Scene, controller_reads
 from rig.scenes.variants import absent, added
@@ -101,16 +102,19 @@ def signals(scene: Scene) -> Iterator[Told]:
 def topics(scene: Scene) -> Iterator[Told]:
     """Topics of `rig run`."""
     frames = 1e9 / scene.frame_ns
+    pieces = frames / length(scene, 1.0)
+    outside = {name: section for name, section in scene.controllers.items() if name not in scene.in_plant}
     readers: dict[str, list[str]] = {}
-    for name, section in scene.controllers.items():
+    for name, section in outside.items():
         for sensor in controller_reads(section).values():
             readers.setdefault(sensor, []).append(name)
-    yield Told("step", frames, f"controllers {', '.join(scene.controllers)}" if scene.controllers else "whoever joins")
+    yield Told("step", pieces, f"controllers {', '.join(outside)}" if outside else "whoever joins")
     for name, section in scene.sensors.items():
         rate = section.rate
         used = f", and heard by {', '.join(readers[name])} in the step" if name in readers else ""
         yield Told(f"meas/{name}", min(rate, BLOCKS), f"the recorder{used}")
     yield Told("state", min(frames, STATES), "recorder and viewer")
     for name, section in scene.controllers.items():
-        yield Told(f"act/{name}", 1e9 / section.period, "the plant")
-        yield Told(f"applied/{name}", 1e9 / section.period, "the recorder")
+        if name in outside:
+            yield Told(f"act/{name}", 1e9 / section.period, "the plant")
+        yield Told(f"applied/{name}", min(1e9 / section.period, pieces), "the recorder")

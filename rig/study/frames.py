@@ -29,8 +29,9 @@ _ENDLESS_NS = 10_000_000_000  # measured of a protocol without an end
 def costs(scene: Scene, least: int = LEAST, clock: Clock = time.perf_counter_ns) -> Costs:
     """What frames of protocol, plant and sensors take [ns], at least `least` of them, spread over the whole protocol.
 
-    As in a paced run, a rehearsal has built the mode sets before; a short protocol is carried out again and again. Of a
-    long one the frames between the measured rows are carried out in one piece. `clock`: that of the measurement [ns].
+    Controllers that work in the plant's process are part of it, others are not. As in a paced run, a rehearsal has
+    built the mode sets before; a short protocol is carried out again and again. Of a long one the frames between the
+    measured rows are carried out in one piece. `clock`: that of the measurement [ns].
     """
     designed = numbers(scene)
     job = Job(scene.to_json(), designed)
@@ -53,6 +54,7 @@ def _carried_through(scene: Scene, job: Job, sets: tuple[int, ...], least: int, 
     operation, answering = begun(scene, working, duration_ns, before=prepare)
     stand, truth = operation.stand, operation.stand.truth
     assert truth is not None
+    inside, outside = ([one for one in answering if (one.name in scene.in_plant) is here] for here in (True, False))
     apart = _ROW * max(duration_ns // scene.frame_ns // least, 1)
     found: list[int] = []
     try:
@@ -67,9 +69,11 @@ def _carried_through(scene: Scene, job: Job, sets: tuple[int, ...], least: int, 
             if tick % apart >= _ROW:
                 carry_on(operation, answering, min(operation.until(), tick - tick % apart + apart))
                 continue
-            for one in answering:
+            for one in outside:
                 one.answer()
             begin = clock()
+            for one in inside:
+                one.answer()
             operation.take_over()
             stand.frame()
             found.append(protocol + clock() - begin)

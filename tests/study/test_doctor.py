@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import rig
+from controllers.narrow_band import NarrowBandFeedback
 from rig import kernel
 from rig.bench.operation import Operation
 from rig.bench.stand import Stand
@@ -94,6 +95,27 @@ def test_a_scene_that_is_slow_is_judged_at_its_own_pace():
     assert slow.verdict == "VALID"
     assert "at most 0.5" in slow.reason
     assert judge(rig.load("brake"), costs, PUNCTUAL, None).verdict == "INVALID"
+
+
+def test_short_frames_are_judged_by_the_pieces_that_they_are_carried_in():
+    there, here = (
+        rig.load("brake_active", {"controllers.nb.where": w, "clock.pace_limit": 1}) for w in ("process", "plant")
+    )
+    uneven = np.tile([100_000, *[20_000] * 19], 100)  # 0.72 ms of each millisecond with the reserve
+    assert judge(there, uneven, PUNCTUAL, None).verdict == "INVALID"
+    found = judge(here, uneven, PUNCTUAL, None)
+    assert found.verdict == "VALID"
+    assert found.reason == "72 % of a piece busy, 72 % at p99; 0 % of pieces late; its pace is at most 1"
+
+
+def test_a_controller_in_the_plants_process_is_part_of_its_frames(monkeypatch):
+    update = NarrowBandFeedback.update
+    monkeypatch.setattr(NarrowBandFeedback, "update", lambda *given: time.sleep(0.0005) or update(*given))
+    there, here = (
+        np.median(costs(rig.load("brake_active", {"controllers.nb.where": where}), least=100))
+        for where in ("process", "plant")
+    )
+    assert here > 500_000 > there
 
 
 @pytest.mark.parametrize("name", ["north", "lever_free_cylinder"])  # 200 frames, and 5000

@@ -28,6 +28,16 @@ def test_what_nobody_asks_for_is_not_computed():
     assert "meas/vibrometer" not in {one.name for one in explained.topics(less)}
 
 
+def test_a_controller_in_the_plants_process_sends_nothing_and_its_commands_are_told_in_pieces():
+    here = {one.name: one.rate for one in explained.topics(rig.load("brake_active", {"controllers.nb.where": "plant"}))}
+    there = {
+        one.name: one.rate for one in explained.topics(rig.load("brake_active", {"controllers.nb.where": "process"}))
+    }
+    assert (here["step"], here["applied/nb"]) == (1000.0, 1000.0)
+    assert (there["step"], there["applied/nb"], there["act/nb"]) == (20_000.0, 20_000.0, 20_000.0)
+    assert "act/nb" not in here
+
+
 @pytest.mark.parametrize("name", ["pendulum", "two_dof", "disc_slider", "brake", "pin", "north", "tread", "seal_l"])
 def test_every_absent_effect_has_values_to_be_measured_with(name):
     scene = rig.load(name)
