@@ -55,6 +55,7 @@ class Attendant:
         if now < self._due:
             return False
         self._due = now + ATTEND_NS
+        self._hub.session.flush()
         self.notice()
         self._hub.serve_scene()
         if now < self._health_due:

@@ -20,7 +20,8 @@ from rig.bench.operation import Operation
 from rig.bench.timing import Spread
 from rig.bus import encode, messages
 from rig.bus.arrivals import Presence, Refused
-from rig.bus.port import Publisher, Session
+from rig.bus.port import Session
+from rig.bus.publisher import Publisher
 from rig.bus.setup import Setup
 from rig.errors import UsageError
 from rig.scenes.scene import heard
@@ -93,7 +94,7 @@ class Hub:
         self._commands: dict[str, list[tuple[int, int, int, Sequence[float]]]] = {}
         """Controller -> tick, answered, status and values of its commands in this piece."""
         self._told = 0
-        self.acts = session.subscribe("act/*", _ACTS, stamped=True)
+        self.acts = session.subscribe("act/*", depth=_ACTS, stamped=True)
         self._voices: dict[str, str] = {}
         """Controller that was admitted -> user whose commands count; one of the scene is a user of its own name."""
         self._admitted: dict[str, float] = {}

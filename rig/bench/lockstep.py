@@ -73,6 +73,7 @@ class Lockstep:
     def _look(self, waited: float) -> None:
         """Wait no longer for those who have gone, or who are hung."""
         self._hub.serve_scene()
+        self._hub.session.flush()
         self._attendant.notice()
         present = self._hub.watch.present
         self._due = {name for name in self._due if ("controller", name) in present}

@@ -1,6 +1,7 @@
 """Who may speak on the bus of a run: one user of Zenoh for each process that is expected, and guests for the others.
 
-Every user speaks, serves and is present under keys of its own, `rig/<run>/<user>/...`, and asks on those that end in
+Every user speaks, serves and is present under keys of its own, `rig/<run>/<user>/...`, plant and controllers also
+under `loop/<run>/<user>/...`, and asks on those that end in
 its name, `rig/<run>/<whom>/<topic>/<user>`; the hub drops everything else before it reaches Python. Rules cannot change
 while the hub is open, so the users are made before: one for each controller of the scene, recorder and viewer, one
 that all operators share, and `GUESTS` for processes that the run does not know beforehand. Their passwords are made
@@ -130,13 +131,13 @@ def dictionary(run: str) -> Iterator[Path]:
 
 def rules(run: str) -> dict[str, Any]:
     """Zenoh's access control for the users of a run: nothing but what is named here."""
-    prefix = f"rig/{run}/"
+    prefix, loop = f"rig/{run}/", f"loop/{run}/"
     users = sorted(path.name for path in folder(run).iterdir() if path.name != _DICTIONARY)
     looking = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
     telling = ["put", "reply", "query", "declare_queryable", "liveliness_token"]
     made = [
-        _allow("told", [*telling, *looking], "egress", [f"{prefix}**"]),
-        _allow("look", looking, "ingress", [f"{prefix}**"]),
+        _allow("told", [*telling, *looking], "egress", [f"{prefix}**", f"{loop}**"]),
+        _allow("look", looking, "ingress", [f"{prefix}**", f"{loop}**"]),
         _allow("refuse", ["reply"], "ingress", [f"{prefix}*/param/*/operator"]),
     ]
     policies: list[dict[str, Any]] = [{"rules": ["told", "look"], "subjects": users}]
@@ -147,7 +148,8 @@ def rules(run: str) -> dict[str, Any]:
         if user != "operator":
             own = ["put", "reply", "declare_queryable", "liveliness_token"]
             made.append(_allow(f"own-{user}", own, "ingress", [f"{prefix}{user}/**"]))
-            policies[-1]["rules"].append(f"own-{user}")
+            made.append(_allow(f"loop-{user}", ["put"], "ingress", [f"{loop}{user}/**"]))
+            policies[-1]["rules"] += [f"own-{user}", f"loop-{user}"]
         if is_guest(user):  # a refusal goes by the key of the question, which does not know the user of a guest
             policies[-1]["rules"].append("refuse")
     subjects = [{"id": user, "usernames": [user]} for user in users]

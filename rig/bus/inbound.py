@@ -162,6 +162,31 @@ class Door:
         count.see(seq, now)
         return Message(topic, payload, seq, t_ns, arrived_ns, said, user)
 
+    def opened(self, arrived: Arrived) -> list[Arrived]:
+        """The messages of a batch, unread. Raises Refused."""
+        if arrived.user != "plant" or not arrived.put:
+            raise Refused("not its own topic", "only the plant sends batches")
+        if arrived.encoding != messages.encoding("batch"):
+            raise _another_version("batch", arrived.encoding)
+        if len(arrived.payload) > PAYLOAD:
+            raise Refused("too long", f"{len(arrived.payload)} bytes; at most {PAYLOAD} are read")
+        batch = messages.TYPES["Batch"].FromString(arrived.payload)
+        if not len(batch.place) == len(batch.header) == len(batch.said) or len(batch.user) != len(batch.topic):
+            raise Refused("wrong length", "a Batch whose columns differ in length")
+        if "batch" in batch.topic:
+            raise Refused("not a message", "a Batch within a Batch")
+        senders = [
+            (user, topic, "" if (user, topic) in self.granted else messages.encoding(topic))
+            for user, topic in zip(batch.user, batch.topic)
+        ]
+        found = []
+        for place, header, said in zip(batch.place, batch.header, batch.said):
+            if not 0 <= place < len(senders):
+                raise Refused("wrong length", "a Batch with a message on a topic that it does not name")
+            user, topic, encoding = senders[place]
+            found.append(Arrived(user, topic, said, header, True, encoding))
+        return found
+
     def _grant(self, user: str, topic: str, encoding: str) -> _Granted:
         row = topics.of(topic)
         if not row.recorded:
@@ -172,11 +197,7 @@ class Door:
         if name not in self._names.get(first, (name,)):
             raise Refused("not of this scene", f"the scene has no {topic[:80]}")
         if encoding != messages.encoding(topic):
-            raise Refused(
-                "another version",
-                f"{topic} speaks {encoding[:80]}, this process {messages.encoding(topic)}: "
-                "the processes of a run must come from the same installation",
-            )
+            raise _another_version(topic, encoding)
         if is_guest(user) and sum(known == user for known, _ in self.granted) >= _OF_A_GUEST:
             raise Refused("too many topics", f"more than {_OF_A_GUEST} topics of one guest")
         kind = row.message
@@ -212,6 +233,14 @@ class Door:
     def question(self, arrived: Arrived) -> dict[str, Any]:
         """The body of a question. Raises Refused."""
         return read_json(arrived.payload or b"{}")
+
+
+def _another_version(topic: str, encoding: str) -> Refused:
+    return Refused(
+        "another version",
+        f"{topic} speaks {encoding[:80]}, this process {messages.encoding(topic)}: "
+        "the processes of a run must come from the same installation",
+    )
 
 
 _FIELDS = {"State": (("tick", TICKS), ("t_ns", TIMES_NS))} | {

@@ -40,6 +40,8 @@ DECLARED = {
     "Event": "t_ns:int tick:int source:text kind:text text:text data:text",
     "Health": "t_ns:int tick:int phase:text rate:real lateness_us:real worst_us:real late:int overruns:int drops:int "
     "held:int energy_error:real stick_share:real eta_s:real refused:int",
+    # several messages: said[i], with its number and time in header[i], is of user[place[i]] on topic[place[i]]
+    "Batch": "user:text* topic:text* place:int* header:data* said:data*",
     # what one process sent, and what it received and lost (gaps seen in the sequence numbers), topic by topic
     "Totals": "process:text sent_topic:text* sent:int* heard_topic:text* received:int* lost:int*",
 }
@@ -48,6 +50,7 @@ _KINDS = {
     "int": FieldDescriptorProto.TYPE_SFIXED64,
     "real": FieldDescriptorProto.TYPE_DOUBLE,
     "text": FieldDescriptorProto.TYPE_STRING,
+    "data": FieldDescriptorProto.TYPE_BYTES,
 }
 
 FINGERPRINT = hashlib.sha256(repr(sorted(DECLARED.items())).encode()).hexdigest()[:8]

@@ -11,43 +11,42 @@ from __future__ import annotations
 import json
 import time
 from abc import ABC, abstractmethod
+from collections import deque
 from typing import Any
 
 from rig.bus import messages, topics
-from rig.bus.arrivals import HEADER, Arrived, Count, Message, Presence, Refused
+from rig.bus.arrivals import Arrived, Count, Message, Presence, Refused
+from rig.bus.batch import Batch
 from rig.bus.inbound import PAYLOAD, Door, speaks
 from rig.bus.json_text import read_json
+from rig.bus.publisher import Batched, Copied, InOrder, Publisher
 from rig.bus.questions import Answer, Server
 from rig.errors import BusError
 
-_MOST = 256
+_MOST, _TOPICS = 256, 4096
 """Most things that one call takes in, so that a flood cannot hold it."""
+DRAINED = 1 << 14
+"""Most messages that one call takes out of what waits."""
 PRESENCES = 1 << 14
 """Most signs of life that wait."""
 
 
-class Publisher(ABC):
-    """Sends on one topic; never waits for a reader."""
-
-    def __init__(self, topic: str) -> None:
-        self.topic = topic
-        self.sent = 0
-
-    def put(self, payload: bytes, t_ns: int) -> None:
-        """Send `payload`, said at simulated time `t_ns`."""
-        self._send(payload, HEADER.pack(self.sent, t_ns))
-        self.sent += 1
-
-    @abstractmethod
-    def _send(self, payload: bytes, header: bytes) -> None: ...
-
-
 class Receiver(ABC):
-    """Receives what fits one pattern of topics. What exceeds `depth` waiting messages is dropped, oldest first."""
+    """Receives what fits some patterns of topics. What exceeds `depth` waiting messages is dropped, oldest first.
 
-    def __init__(self, door: Door, pattern: str, depth: int) -> None:
-        self.door, self.pattern, self.depth = door, pattern, depth
+    A batch waits as one message.
+    """
+
+    def __init__(self, door: Door, patterns: tuple[str, ...], depth: int, copies: Batch | None = None) -> None:
+        self.door, self.patterns, self.depth = door, patterns, depth
+        self.heard = topics.heard(patterns)
+        """The pattern that it listens to, which may let through more than was asked for."""
         self.counts: dict[str, Count] = {}
+        self._wants: dict[str, bool] = {"batch": True}
+        self._opened: deque[Arrived] = deque()
+        """What is left of the batch that came last."""
+        self._copies = copies
+        """Where the plant puts what it lets in of the loop."""
 
     @abstractmethod
     def _next(self, timeout: float) -> Any:
@@ -57,28 +56,50 @@ class Receiver(ABC):
     def _arrived(self, found: Any) -> Arrived:
         """What was delivered, unread."""
 
+    def _wanted(self, topic: str) -> bool:
+        """Whether a topic fits."""
+        wanted = self._wants.get(topic)
+        if wanted is None:
+            if len(self._wants) >= _TOPICS:
+                self._wants = {"batch": True}
+            wanted = self._wants[topic] = any(topics.matches(pattern, topic) for pattern in self.patterns)
+        return wanted
+
     def _message(self, arrived: Arrived) -> Message:
-        if arrived.topic not in self.counts and not topics.matches(self.pattern, arrived.topic):
-            raise Refused("not asked for", f"{arrived.topic[:80]} does not fit {self.pattern}")
+        if not self._wanted(arrived.topic):
+            raise Refused("not asked for", f"{arrived.topic[:80]} does not fit {', '.join(self.patterns)}")
         return self.door.message(arrived, self.counts)
+
+    def _take(self, timeout: float) -> Arrived | None:
+        """The next message that waits, out of a batch or by itself; None after `timeout` seconds."""
+        if self._opened:
+            return self._opened.popleft()
+        found = self._next(timeout)
+        return None if found is None else self._arrived(found)
 
     def get(self, timeout: float = 0.0) -> Message | None:
         """The oldest message that is let in, waited for at most `timeout` seconds; None if there is none."""
         deadline = time.monotonic() + timeout if timeout else 0.0
         for _ in range(_MOST):
-            found = self._next(timeout)
-            if found is None:
+            arrived = self._take(timeout)
+            if arrived is None:
                 return None
-            message = self.door.let_in(self._message, self._arrived(found))
-            if message is not None:
-                return message
+            if arrived.topic == "batch":
+                inside = self.door.let_in(self.door.opened, arrived) or ()
+                self._opened.extend([one for one in inside if self._wanted(one.topic)])
+            elif self.heard != "**" or self._wanted(arrived.topic):
+                message = self.door.let_in(self._message, arrived)
+                if message is not None:
+                    if self._copies is not None and arrived.header is not None:
+                        self._copies.add(arrived.user, arrived.topic, arrived.header, arrived.payload)
+                    return message
             timeout = max(deadline - time.monotonic(), 0.0) if timeout else 0.0
         return None
 
     def drain(self) -> list[Message]:
-        """The messages that wait now, at most `depth`."""
+        """The messages that wait now, at most `DRAINED`."""
         found: list[Message] = []
-        while len(found) < self.depth and (one := self.get()) is not None:
+        while len(found) < DRAINED and (one := self.get()) is not None:
             found.append(one)
         return found
 
@@ -157,13 +178,15 @@ class Session(ABC):
         self._publishers: dict[str, Publisher] = {}
         self._receivers: list[Receiver] = []
         self._stand_ins: list[Session] = []
+        self._batch = Batch(self._send_batch) if user == "plant" else None
+        self._batches: Publisher | None = None
 
     @abstractmethod
     def _publisher(self, topic: str) -> Publisher: ...
 
     @abstractmethod
-    def subscribe(self, pattern: str, depth: int = 4096, *, polled: bool = False, stamped: bool = False) -> Receiver:
-        """A receiver of all topics that fit `pattern` ("meas/*", "**"), except for what this session itself says.
+    def subscribe(self, *patterns: str, depth: int = 4096, polled: bool = False, stamped: bool = False) -> Receiver:
+        """A receiver of all topics that fit one of `patterns` ("meas/*", "**"), except for what this session says.
 
         `polled` suits readers of much that are in no hurry: messages wait outside of Python until they are drained.
         `stamped` notes when each message arrived.
@@ -209,8 +232,29 @@ class Session(ABC):
         """The publisher of a concrete topic; one for each topic in a session. BusError for one of somebody else."""
         if topic not in self._publishers:
             self._own(topic)
-            self._publishers[topic] = self._publisher(topic)
+            way, batch = topics.of(topic).way, self._batch
+            if batch is None:
+                self._publishers[topic] = self._publisher(topic)
+            elif way == topics.BATCH:
+                self._publishers[topic] = Batched(topic, batch)
+            else:
+                made = Copied if way == topics.LOOP else InOrder
+                self._publishers[topic] = made(self._publisher(topic), batch)
         return self._publishers[topic]
+
+    def flush(self) -> None:
+        """Send what waits for its batch."""
+        if self._batch is not None:
+            self._batch.flush()
+
+    def _send_batch(self, payload: bytes) -> None:
+        if self._batches is None:
+            self._batches = self._publisher("batch")
+        self._batches.put(payload, 0)
+
+    def _copies(self, patterns: tuple[str, ...]) -> Batch | None:
+        """Where a receiver of these patterns puts copies: the plant those of what it hears of the loop."""
+        return self._batch if topics.way(patterns[0]) == topics.LOOP else None
 
     def _own(self, topic: str) -> None:
         """Raise BusError for a topic that belongs to another process."""

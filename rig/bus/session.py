@@ -19,8 +19,10 @@ from rig.bus import messages, topics
 from rig.bus.access import Seat, take_seat
 from rig.bus.address import Claim, is_live
 from rig.bus.arrivals import Arrived
+from rig.bus.batch import Batch
 from rig.bus.inbound import Door
-from rig.bus.port import PRESENCES, Publisher, Receiver, Session, Watch
+from rig.bus.port import PRESENCES, Receiver, Session, Watch
+from rig.bus.publisher import Publisher
 from rig.bus.questions import WAITING, Answer, Request, Server
 from rig.bus.waiting import Inbox, patiently
 from rig.errors import BusError
@@ -35,7 +37,7 @@ class _Publisher(Publisher):
         super().__init__(topic)
         self._zenoh = publisher
 
-    def _send(self, payload: bytes, header: bytes) -> None:
+    def send(self, payload: bytes, header: bytes) -> None:
         try:
             self._zenoh.put(payload, attachment=header)
         except zenoh.ZError as fault:
@@ -51,8 +53,10 @@ def _who(key: Any, prefix: int) -> tuple[str, str]:
 class _Receiver(Receiver):
     """Shared by both ways to wait: what Zenoh delivers, unread."""
 
-    def __init__(self, door: Door, pattern: str, depth: int, prefix: int) -> None:
-        super().__init__(door, pattern, depth)
+    def __init__(
+        self, door: Door, patterns: tuple[str, ...], depth: int, prefix: int, copies: Batch | None = None
+    ) -> None:
+        super().__init__(door, patterns, depth, copies)
         self._prefix = prefix
         self._who: dict[str, tuple[str, str]] = {}
         """Key -> user and topic."""
@@ -78,8 +82,16 @@ class _Queued(_Receiver):
     interpreter when the reader wakes: that costs 60 us of a round trip of 280 us (measured).
     """
 
-    def __init__(self, door: Door, pattern: str, depth: int, prefix: int, stamped: bool) -> None:
-        super().__init__(door, pattern, depth, prefix)
+    def __init__(
+        self,
+        door: Door,
+        patterns: tuple[str, ...],
+        depth: int,
+        prefix: int,
+        copies: Batch | None = None,
+        stamped: bool = False,
+    ) -> None:
+        super().__init__(door, patterns, depth, prefix, copies)
         self._queue: queue.SimpleQueue[Any] = queue.SimpleQueue()
         put, clock = self._queue.put, time.monotonic_ns
         self._stamped = stamped
@@ -99,9 +111,7 @@ class _Queued(_Receiver):
 class _Polled(_Receiver):
     """Messages wait in a ring of Zenoh's own and cost this process nothing until they are drained."""
 
-    def __init__(self, door: Door, pattern: str, depth: int, prefix: int) -> None:
-        super().__init__(door, pattern, depth, prefix)
-        self.subscriber: Any = None
+    subscriber: Any = None
 
     def _next(self, timeout: float) -> tuple[zenoh.Sample, int] | None:
         deadline = time.monotonic() + timeout
@@ -169,7 +179,7 @@ class ZenohSession(Session):
         self._zenoh, self._seat, self._claim = opened, seat, claim
         self._shared = shared
         """Whether the connection is that of another session, which closes it."""
-        self._prefix = f"rig/{run}/"
+        self._prefix, self._loop = f"rig/{run}/", f"loop/{run}/"
         self._mine = f"{self._prefix}{seat.user}/"
         self._declared: list[Any] = []
         self._closed = False
@@ -177,7 +187,7 @@ class ZenohSession(Session):
 
     def _publisher(self, topic: str) -> Publisher:
         declared = self._zenoh.declare_publisher(
-            self._mine + topic,
+            f"{self._root(topic)}{self.user}/{topic}",
             encoding=messages.encoding(topic),
             congestion_control=zenoh.CongestionControl.DROP,
             priority=getattr(zenoh.Priority, topics.of(topic).priority),
@@ -187,16 +197,22 @@ class ZenohSession(Session):
         self._declared.append(declared)
         return _Publisher(topic, declared)
 
-    def subscribe(self, pattern: str, depth: int = 4096, *, polled: bool = False, stamped: bool = False) -> Receiver:
+    def _root(self, topic: str) -> str:
+        return self._loop if topics.way(topic) == topics.LOOP else self._prefix
+
+    def subscribe(self, *patterns: str, depth: int = 4096, polled: bool = False, stamped: bool = False) -> Receiver:
         """See `Session.subscribe`."""
-        key, prefix = f"{self._prefix}{self._user_of(pattern)}/{pattern}", len(self._prefix)
+        heard = topics.heard(patterns)
+        root = self._root(heard)
+        key = f"{root}{self._user_of(heard)}/{heard}"
+        how = (self.door, patterns, depth, len(root), self._copies(patterns))
         found: _Polled | _Queued
         if polled:
-            found = _Polled(self.door, pattern, depth, prefix)
+            found = _Polled(*how)
             found.subscriber = self._zenoh.declare_subscriber(key, zenoh.handlers.RingChannel(depth))
             self._declared.append(found.subscriber)
         else:
-            found = _Queued(self.door, pattern, depth, prefix, stamped)
+            found = _Queued(*how, stamped)
             handler = zenoh.handlers.Callback(found.take, indirect=False)
             self._declared.append(self._zenoh.declare_subscriber(key, handler))
         self._receivers.append(found)
@@ -289,6 +305,8 @@ class ZenohSession(Session):
             self._claim.release()
 
     def _end(self) -> None:
+        with contextlib.suppress(BusError):
+            self.flush()
         for declared in reversed(self._declared):
             with contextlib.suppress(zenoh.ZError):
                 declared.undeclare()

@@ -3,6 +3,10 @@
 A topic is written relative to its run: `step`, `meas/vibrometer`, `act/normal_force`. On the wire it is
 `rig/<run>/<user>/<topic>`; in a recording it is the topic itself, so that two runs can be laid side by side.
 
+A topic travels in one of three ways. LOOP: at once and as `loop/<run>/<user>/<topic>`, from plant to controllers and
+back; who listens to everything reads the plant's copy in a batch. BATCH: only in the plant's batches (`rig.bus.batch`),
+about 50 times a second. ALONE: at once.
+
 Every message is sent with congestion control DROP: a publisher never waits for a slow or hung reader. None is sent
 "express": an express message takes one of 16 batches for itself, and at 5 kHz beside two busy processes 2 % were lost;
 batched, none was, and the round trip is the same, for batching begins only under back pressure.
@@ -19,7 +23,7 @@ from rig.errors import BusError
 
 
 class Topic(NamedTuple):
-    """One row: what is said, by whom, how urgently, and whether the recorder keeps it."""
+    """One row: what is said, by whom, how urgently, in which way, and whether the recorder keeps it."""
 
     name: str
     """First part of the topic; `<...>` marks a second part that names a sensor, an output or a process."""
@@ -27,26 +31,31 @@ class Topic(NamedTuple):
     """Type of the message (`rig.bus.messages`); "json" marks a query, "token" a sign of life."""
     sender: str
     priority: str
+    way: str
     recorded: bool
     about: str
 
 
+ALONE, LOOP, BATCH = "alone", "loop", "batch"
 TABLE = (
-    Topic("step", "Step", "plant", "REAL_TIME", True, "one frame: latest sample of every sensor, for the controllers"),
-    Topic("act/<controller>", "Act", "controller", "REAL_TIME", True, "commands that answer the step of a tick"),
+    Topic("step", "Step", "plant", "REAL_TIME", LOOP, True, "one frame: latest sample of every sensor"),
+    Topic("act/<controller>", "Act", "controller", "REAL_TIME", LOOP, True, "commands that answer the step of a tick"),
     Topic(
-        "applied/<controller>", "Applied", "plant", "DATA", True, "commands as they took effect, and the tick at which"
+        "applied/<controller>", "Applied", "plant", "DATA", BATCH, True, "commands as they took effect, and the tick"
     ),
-    Topic("meas/<sensor>", "Block", "plant", "DATA", True, "samples of one sensor: singly to 1 kHz, in blocks above"),
-    Topic("truth/<output>", "Block", "plant", "DATA_LOW", True, "a plant output at the rate of the integrator's steps"),
-    Topic("state", "State", "plant", "DATA_LOW", True, "every plant output at one instant, a named field for each"),
-    Topic("event/<process>", "Event", "anyone", "INTERACTIVE_LOW", True, "what happened: protocol, parameters, faults"),
-    Topic("health", "Health", "plant", "INTERACTIVE_LOW", True, "progress, lateness, drops, energy error; 5 to 10 Hz"),
-    Topic("total/<process>", "Totals", "anyone", "BACKGROUND", True, "last words: what was sent, received and lost"),
-    Topic("scene", "json", "plant", "", False, "query: `rig.bus.setup.Setup`, for whoever joins, whenever"),
-    Topic("param/<process>", "json", "anyone", "", False, "query: {get: [keys]} or {set: {key: value}} -> {values}"),
-    Topic("cmd/<process>", "json", "anyone", "", False, "query: {do: what, ...} -> {...}"),
-    Topic("alive/<role>/<name>", "token", "anyone", "", False, "presence; withdrawn when the process ends or dies"),
+    Topic("meas/<sensor>", "Block", "plant", "DATA", BATCH, True, "samples of one sensor, in blocks of 20 ms"),
+    Topic("truth/<output>", "Block", "plant", "DATA", BATCH, True, "a plant output at the rate of the steps"),
+    Topic("state", "State", "plant", "DATA", BATCH, True, "every plant output at one instant, a named field for each"),
+    Topic("batch", "Batch", "plant", "DATA", ALONE, False, "several messages of the plant and of the loop in one"),
+    Topic("event/<process>", "Event", "anyone", "INTERACTIVE_LOW", ALONE, True, "what happened: protocol, faults"),
+    Topic("health", "Health", "plant", "INTERACTIVE_LOW", ALONE, True, "progress, lateness, drops, energy error; 5 Hz"),
+    Topic("total/<process>", "Totals", "anyone", "BACKGROUND", ALONE, True, "last words: what was sent and received"),
+    Topic("scene", "json", "plant", "", "", False, "query: `rig.bus.setup.Setup`, for whoever joins, whenever"),
+    Topic(
+        "param/<process>", "json", "anyone", "", "", False, "query: {get: [keys]} or {set: {key: value}} -> {values}"
+    ),
+    Topic("cmd/<process>", "json", "anyone", "", "", False, "query: {do: what, ...} -> {...}"),
+    Topic("alive/<role>/<name>", "token", "anyone", "", "", False, "presence; withdrawn when the process ends or dies"),
 )
 
 _ROWS = {row.name.partition("/")[0]: row for row in TABLE}
@@ -86,6 +95,20 @@ def speaker(pattern: str) -> str:
     if first in _ROWS and _ROWS[first].sender == "plant":
         return "plant"
     return name if first in _ROWS and is_name(name) else "*"
+
+
+def way(pattern: str) -> str:
+    """How that travels which fits a pattern; "" where it is not of one kind."""
+    row = _ROWS.get(pattern.partition("/")[0])
+    return row.way if row is not None else ""
+
+
+def heard(patterns: tuple[str, ...]) -> str:
+    """The one pattern to listen to for all that fits `patterns`: what travels in batches comes with these."""
+    ways = {way(pattern) for pattern in patterns}
+    if ways == {BATCH}:
+        return "batch"
+    return patterns[0] if len(patterns) == 1 and ways <= {ALONE, LOOP} else "**"
 
 
 def _known() -> str:

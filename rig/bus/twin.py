@@ -7,8 +7,10 @@ import time
 
 from rig.bus import messages, topics
 from rig.bus.arrivals import Arrived
+from rig.bus.batch import Batch
 from rig.bus.inbound import Door
-from rig.bus.port import PRESENCES, Publisher, Receiver, Session, Watch
+from rig.bus.port import PRESENCES, Receiver, Session, Watch
+from rig.bus.publisher import Publisher
 from rig.bus.questions import WAITING, Answer, Request, Server
 from rig.bus.waiting import Inbox
 
@@ -19,7 +21,7 @@ class Twin:
     def __init__(self, run: str = "twin") -> None:
         self.run = run
         self._lock = threading.RLock()
-        self._receivers: list[tuple[str, _Receiver]] = []
+        self._receivers: list[_Receiver] = []
         self._watches: list[tuple[str, _Watch]] = []
         self._servers: dict[str, _Server] = {}
         self._alive: list[tuple[str, str]] = []
@@ -31,12 +33,16 @@ class Twin:
     def receivers_of(self, topic: str, speaker: Session) -> list[_Receiver]:
         """Everyone who wants `topic`, but for the one who speaks."""
         with self._lock:
-            return [r for pattern, r in self._receivers if r.owner is not speaker and topics.matches(pattern, topic)]
+            looped = topics.way(topic) == topics.LOOP
+            return [
+                r for r in self._receivers
+                if r.owner is not speaker and topics.matches(r.heard, topic) and not (looped and r.heard == "**")
+            ]  # fmt: skip
 
-    def listen(self, pattern: str, receiver: _Receiver) -> None:
+    def listen(self, receiver: _Receiver) -> None:
         """Deliver to `receiver` from now on."""
         with self._lock:
-            self._receivers.append((pattern, receiver))
+            self._receivers.append(receiver)
 
     def look(self, who: str, watch: _Watch) -> None:
         """Tell `watch` who is here, and of everyone who comes and goes."""
@@ -78,7 +84,7 @@ class Twin:
     def forget(self, receivers: list[Receiver], servers: list[_Server]) -> None:
         """A session has closed."""
         with self._lock:
-            self._receivers = [pair for pair in self._receivers if pair[1] not in receivers]
+            self._receivers = [one for one in self._receivers if one not in receivers]
             self._servers = {topic: server for topic, server in self._servers.items() if server not in servers}
 
 
@@ -88,15 +94,17 @@ class _Publisher(Publisher):
         self._hub, self._speaker = hub, speaker
         self._encoding = messages.encoding(topic)
 
-    def _send(self, payload: bytes, header: bytes) -> None:
+    def send(self, payload: bytes, header: bytes) -> None:
         for receiver in self._hub.receivers_of(self.topic, self._speaker):
             now = time.monotonic_ns() if receiver.stamped else 0
             receiver.queue.put(Arrived(self._speaker.user, self.topic, payload, header, True, self._encoding, now))
 
 
 class _Receiver(Receiver):
-    def __init__(self, owner: Session, pattern: str, depth: int, stamped: bool) -> None:
-        super().__init__(owner.door, pattern, depth)
+    def __init__(
+        self, owner: Session, patterns: tuple[str, ...], depth: int, stamped: bool, copies: Batch | None
+    ) -> None:
+        super().__init__(owner.door, patterns, depth, copies)
         self.owner, self.stamped = owner, stamped
         self.queue = Inbox[Arrived](depth)
 
@@ -147,9 +155,9 @@ class _TwinSession(Session):
     def _publisher(self, topic: str) -> Publisher:
         return _Publisher(topic, self._hub, self)
 
-    def subscribe(self, pattern: str, depth: int = 4096, *, polled: bool = False, stamped: bool = False) -> Receiver:
-        found = _Receiver(self, pattern, depth, stamped)
-        self._hub.listen(pattern, found)
+    def subscribe(self, *patterns: str, depth: int = 4096, polled: bool = False, stamped: bool = False) -> Receiver:
+        found = _Receiver(self, patterns, depth, stamped, self._copies(patterns))
+        self._hub.listen(found)
         self._receivers.append(found)
         return found
 
@@ -191,6 +199,7 @@ class _TwinSession(Session):
     def close(self) -> None:
         for other in self._stand_ins:
             other.close()
+        self.flush()
         self._hub.forget(self._receivers, self._servers)
         if self._announced:
             self._hub.tell(self.role, self.name, False)

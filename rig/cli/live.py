@@ -179,7 +179,7 @@ def _heard(pattern: str, run: str | None, listen: float) -> dict[str, tuple[int,
     from rig import bus
 
     with bus.join(run, role="operator", name="topic") as session:
-        receiver = session.subscribe(pattern, 1 << 16, polled=True)
+        receiver = session.subscribe(pattern, depth=1 << 16, polled=True)
         until = time.monotonic() + listen
         while time.monotonic() < until:
             time.sleep(0.02)

@@ -19,15 +19,15 @@ from typing import Any
 from rig import bus
 from rig.bus import messages, setup, topics
 from rig.bus.arrivals import Count, Message
+from rig.bus.batch import LONGEST
 from rig.bus.port import Receiver, Session, Watch
-from rig.bus.setup import Setup
 from rig.errors import BusError, LogError
 from rig.process import stopping
 from rig.record.writer import Writer
 from rig.scheduling import stand_back
 
-_WAITING = 160 << 20  # bytes of messages that may wait; the rest of the process takes 70 MB
-_KEEPING = 2200  # bytes that Zenoh takes to keep a message beside its payload (measured)
+_KEEPING = 7000  # bytes that Zenoh takes to keep a batch beside its payload (measured)
+_DEPTH = (160 << 20) // (LONGEST + _KEEPING)  # batches that may wait; the rest of the process takes 70 MB
 _TURN = 1 << 12  # messages taken before the plant is looked for again
 _PAUSE_S = 0.005
 _LAST_WORDS_S = 0.3
@@ -91,14 +91,6 @@ def default_path(run: str) -> Path:
     return next((folder / name for name in names if not (folder / name).exists()), folder / names[0])
 
 
-def depth(described: Setup) -> int:
-    """How many messages of a run may wait, in bytes of their mean size: a frame's step, a state, blocks of 20 ms."""
-    frames = max(20_000_000 // described.frame_ns, 1)
-    blocks = [8 * max(20_000_000 // max(period_ns, 1), 1) for _, period_ns in described.sensors.values()]
-    size = frames * (24 * len(blocks) + 60) + frames * (9 * len(described.outputs) + 27) + sum(blocks)
-    return int(_WAITING / (_KEEPING + size / (2 * frames + len(blocks))))
-
-
 def record(
     run: str | None = None,
     path: Path | None = None,
@@ -115,7 +107,7 @@ def record(
     stand_back(_NICE)
     with bus.join(run, role="recorder", name=name, wait=wait) as session:
         described = setup.fetch(session, wait)
-        heard = session.subscribe("**", depth(described), polled=True)  # from here on nothing is missed
+        heard = session.subscribe("**", depth=_DEPTH, polled=True)  # from here on nothing is missed
         plant = session.watch("plant/*")
         if not plant.wait_for("plant", "plant", wait):
             raise BusError(f"run {session.run} has no plant; it has ended")

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 PAUSE_S = 0.08
 TOPICS = ("state", "meas/*", "applied/*", "health", "event/*", "total/plant")
-_DEPTH = 4096
+_DEPTH = 1024
 _NICE = 5
 _LAST_WORDS_S = 0.3
 _LEAVING_S = 0.5
@@ -99,7 +99,7 @@ class Bridge:
 
     def __init__(self, session: Session, wait: float = 10.0) -> None:
         self._session = session
-        self._heard: list[Receiver] = [session.subscribe(topic, _DEPTH, polled=True) for topic in TOPICS]
+        self._heard: Receiver = session.subscribe(*TOPICS, depth=_DEPTH, polled=True)
         self._plant: Watch = session.watch("plant/*")
         described = setup.fetch(session, wait)
         if not self._plant.wait_for("plant", "plant", wait):
@@ -111,7 +111,7 @@ class Bridge:
     @property
     def lost(self) -> int:
         """Messages that did not arrive."""
-        return sum(receiver.lost for receiver in self._heard)
+        return self._heard.lost
 
     def run(
         self, rec: rr.RecordingStream, stop: threading.Event, watched: Callable[[], bool] = lambda: True
@@ -132,7 +132,7 @@ class Bridge:
             self._listen()
         sender.finish(self._feed.take(self.lost))
         ended = "told to stop" if told else "the window was closed" if not watched() else "the plant left"
-        counts = {topic: count for receiver in self._heard for topic, count in receiver.counts.items()}
+        counts = self._heard.counts
         return Viewing(
             run=self._session.run,
             ended=sender.fault or ended,
@@ -148,13 +148,12 @@ class Bridge:
         return ("plant", "plant") in self._plant.present or not self._session.ended
 
     def _listen(self) -> None:
-        for receiver in self._heard:
-            arrived = receiver.drain()
-            for message in arrived:
-                if message.topic == "total/plant":  # the plant accounts for what everybody got
-                    own = f"total/{self._session.name}"
-                    self._session.publisher(own).put(self._session.totals(), message.t_ns)
-            self._feed.add(message for message in arrived if not message.topic.startswith("total/"))
+        arrived = self._heard.drain()
+        for message in arrived:
+            if message.topic == "total/plant":  # the plant accounts for what everybody got
+                own = f"total/{self._session.name}"
+                self._session.publisher(own).put(self._session.totals(), message.t_ns)
+        self._feed.add(message for message in arrived if not message.topic.startswith("total/"))
 
 
 class Sender:

@@ -29,7 +29,7 @@ class Ran:
     def __init__(self, scene, meanwhile=lambda me: None, **job):
         twin = Twin("test")
         session, me = twin.open("plant", "plant"), twin.open("operator", "test")
-        heard = me.subscribe("**", 1 << 20)
+        heard = me.subscribe("**", depth=1 << 20)
         numbers = design.numbers(scene)
         outside = [name for name in scene.controllers if name not in scene.in_plant]
         expect = tuple(("controller", name) for name in outside)

@@ -56,7 +56,7 @@ class Bench:
         self.session = self.twin.open("plant", "plant")
         self.plant = Plant(self.session, self.job, lambda: self.stopped)
         self.me = self.twin.open("operator", "test")
-        self.heard = self.me.subscribe("**", 1 << 20)
+        self.heard = self.me.subscribe("**", depth=1 << 20)
         self.session.announce()
         self.summary = None
         self.threads = []

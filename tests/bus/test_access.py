@@ -62,12 +62,13 @@ def put(session, key, seq=0):
 
 
 def test_only_its_own_user_speaks_for_a_controller(plant):
-    acts, watch = plant.subscribe("**"), plant.watch("*/*")
+    acts, rest, watch = plant.subscribe("act/*"), plant.subscribe("**"), plant.watch("*/*")
     with raw("guest-1") as guest, bus.join("guarded", role="controller", name="nf") as nf:
         nf.announce()
         for key in ("act/nf", "nf/act/nf", "plant/act/nf", "plant/step", "*/act/nf", "**", "guest-2/act/x", "state"):
             put(guest, f"rig/guarded/{key}")
-        put(guest, "rig/guarded/guest-1/act/nf")  # passes the hub, which knows no names
+            put(guest, f"loop/guarded/{key}")
+        put(guest, "loop/guarded/guest-1/act/nf")  # passes the hub, which knows no names
         for i in range(300):
             guest.liveliness().declare_token(f"rig/guarded/alive/controller/x{i}")
             guest.liveliness().declare_token(f"rig/guarded/nf/alive/controller/x{i}")
@@ -75,6 +76,7 @@ def test_only_its_own_user_speaks_for_a_controller(plant):
         found = [acts.get(2.0), acts.get(0.3)]
         assert [message and list(message.said.values) for message in found] == [[2.0], None]
         assert acts.counts["act/nf"].received == 1
+        assert rest.get() is None
         assert plant.door.told() == {"guest-1 on act/nf: not its own topic": 1}
         assert watch.wait_for("controller", "nf", 3.0)
         assert watch.present == {("plant", "plant"), ("controller", "nf")}
@@ -218,7 +220,7 @@ def test_a_guest_that_speaks_first_on_a_topic_locks_nobody_out(plant):
         act = encode.act(0, 0, [1.0])
         for topic in ("act/mine", *(f"act/z{i}" for i in range(300))):
             stranger.put(
-                f"rig/guarded/guest-5/{topic}", act, attachment=HEADER.pack(0, 0), encoding=messages.encoding(topic)
+                f"loop/guarded/guest-5/{topic}", act, attachment=HEADER.pack(0, 0), encoding=messages.encoding(topic)
             )
         mine.publisher("act/mine").put(encode.act(0, 0, [2.0]), 0)
         deadline, found = time.monotonic() + 5.0, {}

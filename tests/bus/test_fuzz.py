@@ -26,8 +26,8 @@ from rig.record.writer import Writer
 from rig.study import design
 
 TOPICS = (
-    "step", "state", "health", "scene", "act/nf", "act/mine", "applied/nf", "meas/vibrometer", "truth/x", "event/nf",
-    "event/plant", "total/nf", "total/plant", "total/x", "param/plant", "cmd/plant", "alive/controller/nf",
+    "step", "batch", "state", "health", "scene", "act/nf", "act/mine", "applied/nf", "meas/vibrometer", "truth/x",
+    "event/nf", "event/plant", "total/nf", "total/plant", "total/x", "param/plant", "cmd/plant", "alive/controller/nf",
     "alive/plant/plant", "nonsense/x", "nonsense", "", "/", "//", "act", "act/", "act/*", "**", "act/nf/more",
     "alive", "alive/controller", "alive/controller/nf/more", "alive/king/nf", "act/../../evil x", "act/" + "x" * 300,
     "act/\u00e9\u2028\x00", "event/\ud800",
@@ -64,6 +64,11 @@ def _told(rng, topic):
         said = kinds["Event"](t_ns=number(), tick=number(), kind=rng.choice(("verdict", "x\x1b[2J")), data=data)
     elif kind == "Totals":
         said = kinds["Totals"](sent_topic=["step", ascii(topic)[:20]], sent=[number()], heard_topic=["step"])
+    elif kind == "Batch":
+        inner, user = rng.choice(TOPICS[:-1]), rng.choice(USERS).encode(errors="replace").decode()
+        places = [rng.choice((0, 0, 0, 1, -1, 2**62)) for _ in range(rng.randrange(3))]
+        headers = [HEADER.pack(rng.randrange(50), 0) for _ in places]
+        said = kinds["Batch"](user=[user], topic=[inner], place=places, header=headers, said=[b"x"] * rng.randrange(3))
     elif kind in kinds and kind != "Health":
         said = kinds[kind](tick=number(), t_ns=number(), values=reals)
     else:
@@ -117,10 +122,10 @@ class Stranger:
             if not alive():
                 return
             found = message(self.rng)
-            for _, receiver in self.hub._receivers:
+            for receiver in self.hub._receivers:
                 if receiver.door is self.door:
                     receiver.queue.put(found)
-                    while receiver.queue.qsize() > 200 and receiver.pattern != "total/*" and alive():
+                    while receiver.queue.qsize() > 200 and receiver.patterns != ("total/*",) and alive():
                         time.sleep(0.0005)
             for _, watch in self.hub._watches:
                 if watch.door is self.door:
@@ -233,7 +238,7 @@ def test_a_controller_answers_the_next_step_whatever_came_before(followed, count
 def test_a_recorder_writes_what_can_be_read(followed, count, tmp_path):
     hub, plant = followed
     mine, stop, found = hub.open("recorder", "recorder"), threading.Event(), []
-    heard, watch = mine.subscribe("**", 1 << 17), mine.watch("plant/*")
+    heard, watch = mine.subscribe("**", depth=1 << 17), mine.watch("plant/*")
     writer = Writer(tmp_path / "run.mcap", fetch(mine), "recorded")
     watch.wait_for("plant", "plant", 5.0)
     thread = threading.Thread(target=lambda: found.append(_Recorder(mine, heard, watch, writer).run(stop)), daemon=True)
@@ -241,6 +246,7 @@ def test_a_recorder_writes_what_can_be_read(followed, count, tmp_path):
     state, pack = plant.publisher("state"), encode.StateEncoder(2)
     for k in range(10):
         state.put(pack(k * MS, k, 0, np.array([k, -k], float)), k * MS)
+        plant.flush()
         Stranger(hub, mine, count + k).send(count // 10, thread.is_alive)
     time.sleep(0.1)
     stop.set()

@@ -150,6 +150,7 @@ def test_a_hung_listener_never_holds_the_plant_and_its_loss_is_counted(runs, scr
         assert watch.wait_for("viewer", "slow", 10.0)
         laser, longest = plant.publisher("meas/laser"), 0.0
         laser.put(b"", 0)
+        plant.flush()
         time.sleep(0.1)
         slow.send_signal(signal.SIGSTOP)
         for _ in range(400):  # 20 MB: far more than queue and socket hold
@@ -160,6 +161,7 @@ def test_a_hung_listener_never_holds_the_plant_and_its_loss_is_counted(runs, scr
         time.sleep(0.5)
         laser.put(b"", 0)
         plant.publisher("meas/last").put(b"", 0)
+        plant.flush()
         first, received, lost, last = map(int, slow.communicate(timeout=10)[0].split())
     assert longest < 0.1
     assert lost > 0

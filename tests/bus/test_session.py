@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 
 from rig.bus import encode, messages
-from rig.bus.arrivals import Count
+from rig.bus.arrivals import Arrived, Count
+from rig.bus.batch import LONGEST
 from rig.bus.setup import Setup, fetch
+from rig.bus.twin import Twin
 from rig.errors import BusError
 
 
@@ -53,6 +55,7 @@ def test_a_pattern_hears_each_topic_and_counts_it_apart(wire):
         for _ in range(count):
             wire.plant.publisher(f"meas/{name}").put(b"", 0)
     wire.plant.publisher("step").put(b"", 0)
+    wire.plant.flush()
     gather(heard, 8)
     assert heard.get(0.05) is None
     assert {topic: c.received for topic, c in heard.counts.items()} == {"meas/laser": 3, "meas/gauge": 5}
@@ -65,6 +68,7 @@ def test_nobody_hears_himself(wire):
     one.announce()
     assert seen()
     wire.plant.publisher("step").put(b"", 0)
+    wire.plant.flush()
     assert gather(heard, 1)
     assert own.get(0.05) is None
 
@@ -145,6 +149,7 @@ def test_totals_tell_what_was_sent_and_heard(wire):
     assert seen()
     for _ in range(3):
         wire.plant.publisher("step").put(b"", 0)
+    wire.plant.flush()
     gather(heard, 3)
     wire.plant.publisher("total/plant").put(wire.plant.totals(), 0)
     said = messages.decode("total/plant", gather(heard, 1)[0].payload)
@@ -275,4 +280,84 @@ def test_a_value_of_numpy_can_be_put_as_block(wire):
     one.announce()
     assert seen()
     wire.plant.publisher("meas/laser").put(encode.block(1, 2, 3, np.arange(4.0)), 2)
+    wire.plant.flush()
     assert messages.decode("meas/laser", gather(heard, 1)[0].payload).v[:] == [0.0, 1.0, 2.0, 3.0]
+
+
+def test_who_hears_everything_gets_the_loop_once_and_as_it_was_said(wire):
+    """Step and command go straight to whom they are for; the plant sends copies of them with its batches."""
+    seen = ready(wire)
+    one, acts, recorder = wire.join(), wire.plant.subscribe("act/*"), wire.join("recorder", "recorder")
+    steps, heard = one.subscribe("step"), recorder.subscribe("**")
+    one.announce()
+    assert seen()
+    for tick in range(3):
+        wire.plant.publisher("step").put(encode.act(tick, tick, [1.0]), tick)
+        assert gather(steps, 1)
+        one.publisher("act/one").put(encode.act(tick, tick, [float(tick)]), tick)
+        assert gather(acts, 1)
+        wire.plant.publisher("meas/laser").put(encode.block(tick, 0, 1, [2.0]), tick)
+    assert steps.get(0.05) is None
+    assert heard.get() is None  # nobody has waited long enough for a batch to be sent
+    wire.plant.publisher("event/plant").put(messages.event(5, 0, "plant", "mark", "after that"), 5)
+    found = gather(heard, 10)
+    assert heard.get(0.05) is None
+    looped = [(m.topic, m.seq, m.t_ns, m.user) for m in found if m.topic != "event/plant"]
+    assert looped == [
+        (topic, tick, tick, user)
+        for tick in range(3)
+        for topic, user in (("step", "plant"), ("act/one", one.user), ("meas/laser", "plant"))
+    ]
+    assert [m.said.values[:] for m in found if m.topic == "act/one"] == [[0.0], [1.0], [2.0]]
+    assert {topic: c.received for topic, c in heard.counts.items()} == {
+        "step": 3, "act/one": 3, "meas/laser": 3, "event/plant": 1,
+    }  # fmt: skip
+
+
+def test_a_batch_is_sent_when_it_is_old_or_long(wire):
+    seen = ready(wire)
+    one = wire.join()
+    heard = one.subscribe("meas/*")
+    one.announce()
+    assert seen()
+    laser = wire.plant.publisher("meas/laser")
+    laser.put(b"", 0)
+    time.sleep(0.03)
+    laser.put(b"", 1)
+    assert [m.seq for m in gather(heard, 2)] == [0, 1]
+    laser.put(b"", 2)
+    laser.put(encode.block(0, 0, 1, np.zeros(LONGEST // 8)), 3)
+    assert [m.seq for m in gather(heard, 2)] == [2, 3]
+
+
+def test_of_a_lost_batch_each_message_is_counted(runs):
+    """Two batches come, of three: the numbers of the messages show what was in the other one."""
+    twin = Twin("test")
+    plant, heard = twin.open("plant", "plant"), twin.open("viewer", "v").subscribe("meas/*", "state", depth=1)
+    for _ in range(3):
+        for topic in ("meas/a", "meas/a", "state"):
+            plant.publisher(topic).put(b"", 0)
+        plant.flush()
+        if not heard.counts:
+            heard.drain()
+    heard.drain()
+    assert {t: (c.received, c.lost) for t, c in heard.counts.items()} == {"meas/a": (4, 2), "state": (2, 1)}
+
+
+def test_only_the_plant_sends_batches(runs):
+    twin = Twin("test")
+    heard, two = twin.open("recorder", "recorder").subscribe("**"), twin.open("controller", "two")
+    with pytest.raises(BusError, match="belongs to plant"):
+        two.publisher("batch")
+    batch = messages.TYPES["Batch"](user=["plant"], topic=["step"], place=[0], header=[bytes(16)], said=[b""])
+    good = Arrived("plant", "batch", batch.SerializeToString(), bytes(16), True, messages.encoding("batch"))
+    for wrong in (
+        good._replace(user="two"), good._replace(payload=b"nonsense"), good._replace(encoding="another"),
+        good._replace(payload=messages.TYPES["Batch"](place=[0], said=[b""]).SerializeToString()),
+        good._replace(payload=messages.TYPES["Batch"](place=[0], header=[b""], said=[b""]).SerializeToString()),
+    ):  # fmt: skip
+        heard.queue.put(wrong)
+    assert heard.get() is None
+    assert heard.door.total == 5
+    heard.queue.put(good)
+    assert heard.get().topic == "step"

@@ -40,7 +40,7 @@ class Plant:
         told = Setup(session.run, '{"plant": "belt"}', 1_000_000, 100_000, OUTPUTS, SENSORS)
         self.scene = session.serve("scene", lambda body: told.to_json())
         self.watch = session.watch()
-        self.totals = session.subscribe("total/*")
+        self.totals, self.acts = session.subscribe("total/*"), session.subscribe("act/*")
         session.announce()
         self.sent = []
         self.state = encode.StateEncoder(2)
@@ -185,6 +185,8 @@ def test_the_total_of_a_sender_that_left_is_not_applied_to_the_next_one(plant, s
             act = mine.publisher("act/mine")
             for tick in range(commands):
                 act.put(encode.act(tick, tick * 1_000_000, (1.0,)), tick * 1_000_000)
+            time.sleep(0.1)
+            assert len(plant.acts.drain()) == commands
             if tells:
                 mine.publisher("total/mine").put(mine.totals(), 0)
             time.sleep(0.3)
@@ -275,7 +277,7 @@ def test_a_killed_plant_ends_the_recorder_with_a_whole_file(script, tmp_path):
     assert time.monotonic() - begun < 3.0
     run = reader.open(path)
     assert (run.fault, account["totals"], account["lost"]) == ("", False, 0)
-    assert run.measurements["laser"].v.size >= 500
+    assert run.measurements["laser"].v.size >= 500 - 25  # what waited for its batch is lost
 
 
 PLANT = """

@@ -107,6 +107,7 @@ class Plant:
             if k % 100 == 0:
                 health = messages.TYPES["Health"](t_ns=now, tick=k, rate=1.0, stick_share=0.5, energy_error=1e-12)
                 self.put("health", health.SerializeToString(), now)
+        self.session.flush()
 
     def event(self, kind, text, t_ns=0, **data):
         self.put("event/plant", messages.event(t_ns, 0, "plant", kind, text, data), t_ns)

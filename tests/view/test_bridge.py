@@ -144,15 +144,14 @@ def test_what_nobody_takes_is_dropped_and_counted(plant, hub):
 
 
 def test_what_the_bridge_is_too_slow_for_is_counted_by_topic(plant, hub, monkeypatch):
-    monkeypatch.setattr("rig.view.process._DEPTH", 50)
+    monkeypatch.setattr("rig.view.process._DEPTH", 4)
     plant.serve()
     bridge = Bridge(hub.open("viewer", "viewer"))
     plant.speak(0, 10)
     bridge._listen()
-    plant.speak(10, 1000)
+    plant.speak(10, 1000)  # a dozen batches
     bridge._listen()
-    heard = next(receiver for receiver in bridge._heard if "meas/gauge" in receiver.counts)
-    count = heard.counts["meas/gauge"]
+    count = bridge._heard.counts["meas/gauge"]
     assert count.lost > 0
     assert count.received + count.lost == 1010
     assert bridge.lost >= count.lost
@@ -292,7 +291,7 @@ def test_a_killed_plant_ends_the_bridge_with_a_whole_file(script, contents, tmp_
     assert time.monotonic() - begun < 3.0
     assert (bridge.returncode, complaint) == (0, "")
     assert said.startswith("the plant left; ")
-    assert len(contents(tmp_path / "run.rrd")[0]["/sensor/laser"]) >= 500
+    assert len(contents(tmp_path / "run.rrd")[0]["/sensor/laser"]) >= 500 - 25  # what waited for its batch is lost
 
 
 def test_a_bridge_that_is_told_to_stop_ends_at_once(script, tmp_path):
