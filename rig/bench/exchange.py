@@ -63,13 +63,14 @@ class Exchange:
         self.refused: dict[str, int] = {}
         """Senders without a line, and how often they were refused."""
         self._stand, self._frame_ns, self._hold = stand, frame_ns, hold
-        self._journal, self._keeps = journal, keeps
+        self._journal, self.keeps = journal, keeps
         self._owner: dict[str, str] = {}
         self._asked = {name: one.value for name, one in stand.inputs.items()}
         self._moves: dict[str, tuple[float, float, int, int]] = {}
         self._stairs: set[str] = set()
         """Of these, actuators that run in steps, one in each frame: no state of theirs has a slope."""
-        self._in_force: dict[str, float] = {}
+        self.in_force: dict[str, float] = {}
+        """What every actuator was last put to."""
         self._order: list[Line] = []
         self._changed: list[Line] = []
         self.refit: Refit | None = None
@@ -171,10 +172,15 @@ class Exchange:
             self._climb()
         return changed
 
-    def until(self) -> int | None:
-        """The first tick after this one at which `take_over` has something to do if nobody commands; None: never."""
+    def until(self, but: Collection[str] = ()) -> int | None:
+        """The first tick after this one at which `take_over` has something to do if nobody commands; None: never.
+
+        `but`: controllers whose commands somebody else puts into force meanwhile.
+        """
         found = self._stand.tick + 1 if self._stairs else None
         for line in self._order:
+            if line.name in but:
+                continue
             tick = line.queue[0][0] if line.queue else None
             if line.values and line.status != SAFE:
                 missing = max(line.last + line.period, self._stand.tick + 1)
@@ -218,13 +224,13 @@ class Exchange:
 
     def impose(self, line: Line, answered: int, status: int, values: tuple[float, ...]) -> None:
         """Put values into force as they are: checked by `take_over`, or read from the recording of a run."""
-        tick, in_force = self._stand.tick, self._in_force
+        tick, in_force = self._stand.tick, self.in_force
         line.values, line.answered, line.status, line.last = values, answered, status, tick
         for drive, value in zip(line.drives, values):
             if in_force.get(drive) != value:
                 in_force[drive] = value
                 self._stand.apply(drive, value)
-        if self._keeps:
+        if self.keeps:
             line.keep(tick)
 
     def _without_gaps(self, line: Line, given: Sequence[float]) -> Sequence[float]:
@@ -325,13 +331,13 @@ class Exchange:
         return True
 
     def _write(self, name: str, value: float) -> None:
-        if self._in_force.get(name) != value:
-            self._in_force[name] = value
+        if self.in_force.get(name) != value:
+            self.in_force[name] = value
             self._stand.apply(name, value)
 
     def _ramp(self, name: str, to: float, ticks: int) -> None:
         if self._stand.inputs[name].slope:
-            self._in_force[name] = nan
+            self.in_force[name] = nan
             self._stand.ramp(name, to, ticks)
         else:
             self._stairs.add(name)
@@ -358,7 +364,7 @@ class Playback(Exchange):
     def receive(self, sender: str, answered: int, values: Sequence[float]) -> None:
         """Nobody is listened to."""
 
-    def until(self) -> int | None:
+    def until(self, but: Collection[str] = ()) -> int | None:
         """The tick of the next recorded command; None if there is none.
 
         Not of a controller without a line, whose admission is not in the recording.

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.record.run import Commands
 
@@ -70,6 +71,14 @@ class Line:
         answered.append(self.answered)
         status.append(self.status)
         values.extend(self.values)
+
+    def went_on(self, rows: NDArray[np.int64], values: NDArray[np.float64], keep: bool) -> None:
+        """What came into force since: rows [row, 3] of tick, tick of the measurement, status; values [row, actuator]."""
+        self.values = tuple(values[-1].tolist())
+        self.last, self.answered, self.status = rows[-1].tolist()
+        if keep:
+            for column, new in zip(self._columns, (*rows.T, values)):
+                column.frombytes(np.ascontiguousarray(new).tobytes())
 
     def commands(self) -> Commands:
         """What was written down."""

@@ -1,7 +1,8 @@
 """A run in this process: the same stand, exchange and controller objects, no bus, as fast as it goes.
 
-Frames run in one piece up to the next at which somebody acts: the protocol, a limit, a command. The answers of a
-controller that is not connected are nobody's; it gives them afterwards, from the samples of then.
+Frames run in one piece up to the next at which somebody acts: the protocol, a limit, a command that the compiled loop
+cannot put into force. The answers of a controller that is not connected are nobody's; it gives them afterwards, from
+the samples of then.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import numpy as np
 from controllers.base import Controller
 from controllers.loop import Loop
 from rig.bench.exchange import Exchange, Playback
+from rig.bench.inside import Inside
 from rig.bench.operation import Operation
 from rig.bench.stand import Stand
 from rig.bench.working import Working
@@ -115,18 +117,23 @@ def begun(
 
 def carry_on(operation: Operation, working: list[Working], until: int) -> None:
     """Carry the stand on to tick `until`, or as far as no limit is passed; only controllers act on the way."""
-    stand, exchange = operation.stand, operation.exchange
+    stand, exchange, inside = operation.stand, operation.exchange, Inside(operation)
     heard, others = ([one for one in working if one.line.connected is on] for on in (True, False))
     while True:
         for one in working:
             one.answer()
         operation.take_over()
         tick, end = stand.tick, until
+        lent = inside.lend(heard) if end - tick > 1 else ()
         for one in heard:
-            end = min(end, one.due)
-        if end - tick > 1 and (waits := exchange.until()) is not None:
+            if one.name not in lent:
+                end = min(end, one.due)
+        if end - tick > 1 and (waits := exchange.until(lent)) is not None:
             end = min(end, waits)
-        stand.frames(end - tick)
+        try:
+            stand.frames(end - tick)
+        finally:
+            inside.take_back()
         for one in others:
             one.catch_up(stand.tick)
         if stand.tick >= until or stand.limited:

@@ -20,9 +20,11 @@ from rig.bench.measurements import Measurements
 from rig.bench.truth import ROWS, Truth
 from rig.bench.variant import Variant, Wanted, with_values
 from rig.errors import SceneError
+from rig.loan import Loan
 from rig.scenes.faults import shortened
-from rig.scenes.scene import Scene
+from rig.scenes.scene import Scene, controller_drives, controller_reads
 from rig.solve.assembly import Input
+from rig.solve.control import Controls, controls
 from rig.solve.method import chosen, seen
 from rig.solve.motion import Frames, Motion
 from sensors.bank import Bank
@@ -59,6 +61,7 @@ class Stand:
         if faults and clock.unstable == "refuse":
             raise SceneError(scene.name, [*faults, 'clock.unstable = "run" runs it all the same, up to clock.limit'])
         self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed)
+        self.controls = _room(scene)
         self.motion = Motion(
             system,
             self.step_ns,
@@ -71,7 +74,7 @@ class Stand:
             limit=clock.limit,
             longest=ROWS if truthful else self.steps,
             bounds={self.outputs.index(name): limit for name, limit in scene.limits.items()},
-            frames=Frames(self.steps, self.bank.rack),
+            frames=Frames(self.steps, self.bank.rack, Loan(self.controls)),
             smoothing=clock.smoothing,
         )
         self._index = {name: i for i, name in enumerate(system.names)}
@@ -152,6 +155,17 @@ class Stand:
         start = float(self.motion.x[self._index[one.state]])
         self.values[name] = to
         self.motion.write(self._index[one.slope], (to - start) / (ticks * self.frame_ns * 1e-9))
+
+    def plain(self, name: str) -> tuple[int, int] | None:
+        """The state that a command to this actuator is written to, and that of its slope (-1: none), where that is all.
+
+        None where a command means more than that.
+        """
+        one = self.inputs[name]
+        if not one.state or one.write or name in self._witness.open or self.motion.method == "kick":
+            return None
+        at = self._index[one.state]
+        return None if at < 2 * len(self.motion.system.coordinates) else (at, self._index.get(one.slope, -1))
 
     def lacking(self, names: Iterable[str]) -> tuple[str, ...]:
         """Those of these actuators that get a command state when somebody drives them, and have none yet."""
@@ -299,3 +313,11 @@ class Stand:
     def audit(self) -> list[dict[str, Any]]:
         """What its effects changed in this run, those that are missing among them (rig.bench.audit)."""
         return audit(self.scene, self._witness, self.motion)
+
+
+def _room(scene: Scene) -> Controls:
+    """What the compiled loop needs for the controllers of a scene."""
+    sections = scene.controllers.values()
+    waiting = (section.delay // section.period + 2 for section in sections)
+    reads, drives = (sum(len(of(section)) for section in sections) for of in (controller_reads, controller_drives))
+    return controls(len(sections), reads, drives, max(waiting, default=1), scene.frame_ns)

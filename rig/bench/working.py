@@ -5,16 +5,22 @@ from __future__ import annotations
 from itertools import repeat
 from typing import Any
 
+from controllers.base import Values
 from controllers.loop import Loop
 from rig.bench.operation import Operation
 
 
 class Working:
-    """A controller that works in this process. `due`: tick of its next answer."""
+    """A controller that works in this process. `due`: tick of its next answer.
+
+    `given`: what it has answered at this tick, if it has been asked already; `fault`: what came of that.
+    """
 
     def __init__(self, name: str, loop: Loop, operation: Operation) -> None:
         self.line = operation.exchange.lines[name]
         self.due = 0
+        self.given: Values | None = None
+        self.fault: BaseException | None = None
         self.name, self.loop = name, loop
         self._stand, self._receive = operation.stand, operation.exchange.receive
         self._bank = operation.stand.bank
@@ -24,14 +30,25 @@ class Working:
     def answer(self) -> None:
         """Send a command if one is due at this tick."""
         tick = self._stand.tick
-        if tick != self.due:
-            return
+        if self.fault is not None:
+            raise self.fault
+        if self.given is None:
+            if tick != self.due:
+                return
+            self.ask(tick)
+        values, self.given = self.given, None
+        assert values is not None
+        self._receive(self.name, tick, values)
+
+    def ask(self, tick: int) -> Values:
+        """Have it answer the measurements of this tick."""
+        self.due = tick + self.line.period
         if self.loop.hears:
             heard: Any = tuple([self._bank.samples(i).tolist() for i in self._columns])
         else:
             heard = tuple(map(self._latest, self._columns))
-        self._receive(self.name, tick, self.loop.answer(tick * self._stand.frame_ns, heard))
-        self.due = tick + self.line.period
+        self.given = self.loop.answer(tick * self._stand.frame_ns, heard)
+        return self.given
 
     def catch_up(self, tick: int) -> None:
         """Give the answers due before `tick`, which nobody has waited for."""

@@ -60,13 +60,15 @@ SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
 
 
 class Frames(NamedTuple):
-    """How a motion is carried together with instruments, by frames of `steps` ticks; `rack`: a rig.solve.sampling.Rack.
+    """How a motion is carried together with instruments and controllers, by frames of `steps` ticks.
 
-    It may end early, after a frame at which somebody must look.
+    `rack`: a rig.solve.sampling.Rack; `controls`: rig.solve.control.Controls. It may end early, after a frame at which
+    somebody must look.
     """
 
     steps: int
     rack: Loan
+    controls: Loan
 
 
 class Ready(NamedTuple):
@@ -226,7 +228,7 @@ class Motion:
                 self.booking,
                 self._read > 0,
                 self.limit,
-                self._more[-1] if self._more else None,
+                self._more[1:],
             ),
             cache(system.happens),
             (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((1, len(outputs)))),

@@ -33,9 +33,9 @@ def plan(
     booking: bool,
     emitting: bool,
     limit: float,
-    rack: Loan | None,
+    lent: Sequence[Loan],
 ) -> Plan:
-    """The plan of a system as the method sees it; what has not been compiled yet is. `rack`: instruments, if any."""
+    """The plan of a system as the method sees it; what has not been compiled yet is. `lent`: instruments and controllers, if any."""
     wide, fixed, bends = system.n > UNROLLED, method in ("rk4", "kick"), not system.linear
     made = Plan(
         carry=0,
@@ -84,7 +84,7 @@ def plan(
         matrix = types.Array(types.float64, 2, "C")
         block = tables, loan, types.boolean, ticks, ticks
         return [
-            (advance, block) if rack is None else (frames, (*block, ticks, numba.typeof(rack))),
+            (frames, (*block, ticks, *map(numba.typeof, lent))) if lent else (advance, block),
             (evaluate, (tables, loan, matrix, types.Array(types.int64, 1, "C"), matrix)),
             (expm.ladder, (matrix, types.float64)),
         ]

@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from rig.scenes.scene import Scene
 from rig.solve import ledger
+from rig.loan import Loan
 from rig.solve.assembly import Assembly
+from rig.solve.control import controls
 from rig.solve.motion import Event, Frames, Motion
 from rig.solve.system import CLOSED, STICK
 from rig.study.dense import Dense
@@ -159,7 +161,7 @@ def in_frames(scene: Scene, steps: int) -> Frames:
     """Frames of `steps` ticks in which nothing is sampled."""
     bank = Bank({}, (), scene.frame_ns, scene.seed)
     bank.start(np.zeros(0))
-    return Frames(steps, bank.rack)
+    return Frames(steps, bank.rack, Loan(controls()))
 
 
 class _Ledger:

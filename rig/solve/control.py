@@ -1,0 +1,168 @@
+"""Controllers within the loop over plant and instruments: who is due is asked, and what is commanded is put into force.
+
+This is the way that nearly every command goes (rig.bench.exchange): it comes at its tick, with finite values, and
+is in force after the stated delay of its loop, as a state of the rig. What goes another way is left to who called;
+nothing has been put into force at that tick then, and the answers that were given are there.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from llvmlite import ir
+from numba.core import types
+from numba.extending import intrinsic
+from numpy.typing import NDArray
+
+from rig.kernel import inner
+
+LINE = np.dtype(
+    [
+        ("answer", np.int64),  # address of what gives the answers: see `Controls`
+        ("period", np.int64),  # frames
+        ("delay", np.int64),  # frames
+        ("hears", np.int64),  # its sensors are columns[hears : deaf]
+        ("deaf", np.int64),
+        ("drives", np.int64),  # its actuators are drives .. driven - 1
+        ("driven", np.int64),
+        ("heard_at", np.int64),  # addresses of its parts of heard, command and state
+        ("command_at", np.int64),
+        ("state_at", np.int64),
+        ("due", np.int64),  # tick of the next answer
+        ("given", np.int64),  # tick of the answer in `command`
+        ("updates", np.int64),  # answers given since `kept` was 0
+        ("last", np.int64),  # tick at which its last command came into force
+        ("oldest", np.int64),  # row of the commands that wait: of the next one to be taken, and
+        ("waiting", np.int64),  # how many do
+        ("kept", np.int64),  # commands that came into force: rows of `rows` and `values`
+        ("clamped", np.int64),
+    ],
+    align=True,
+)
+NOW, COUNT, UNUSUAL = range(3)  # of Controls.clock
+DUE, ANSWERED = range(2)  # of Controls.queue
+TICK, FOR, STATUS = range(3)  # of Controls.rows
+ROWS = 1 << 12
+"""Commands of a controller that are kept until somebody takes them."""
+
+
+class Controls(NamedTuple):
+    """Controllers that work within the compiled loop, in the order in which they are asked.
+
+    answer(line, t_ns, heard, command, state) -> 0, or 1 where the answer is not to be used as it is; three addresses.
+    """
+
+    lines: NDArray[Any]  # LINE [line]
+    clock: NDArray[np.int64]  # NOW: tick; COUNT: lines in use; UNUSUAL: 1 where `control` has ended for somebody to look
+    columns: NDArray[np.int64]  # [read] number of the sensor
+    heard: NDArray[np.float64]  # [read]
+    command: NDArray[np.float64]  # [drive] the last answer
+    index: NDArray[np.int64]  # [drive] the state that holds the command, and
+    slope: NDArray[np.int64]  # [drive] the one that is its slope, -1: none
+    low: NDArray[np.float64]  # [drive]
+    high: NDArray[np.float64]  # [drive]
+    force: NDArray[np.float64]  # [drive] in force
+    queue: NDArray[np.int64]  # [line, waiting, 2]
+    queued: NDArray[np.float64]  # [drive, waiting]
+    rows: NDArray[np.int64]  # [line, row, 3]
+    values: NDArray[np.float64]  # [row, drive]
+    frame: int  # ns
+
+
+def controls(lines: int = 0, reads: int = 0, drives: int = 0, waiting: int = 1, frame: int = 1) -> Controls:
+    """Room for so many controllers, sensors that they read, actuators, and commands of one that wait; frame [ns]."""
+    rows = ROWS if lines else 1
+    whole, real = np.int64, np.float64
+    return Controls(
+        lines=np.zeros(lines, dtype=LINE),
+        clock=np.zeros(3, dtype=whole),
+        columns=np.zeros(reads, dtype=whole),
+        heard=np.zeros(reads, dtype=real),
+        command=np.zeros(drives, dtype=real),
+        index=np.zeros(drives, dtype=whole),
+        slope=np.zeros(drives, dtype=whole),
+        low=np.zeros(drives, dtype=real),
+        high=np.zeros(drives, dtype=real),
+        force=np.zeros(drives, dtype=real),
+        queue=np.zeros((lines, waiting, 2), dtype=whole),
+        queued=np.zeros((drives, waiting), dtype=real),
+        rows=np.zeros((lines, rows, 3), dtype=whole),
+        values=np.zeros((rows, drives), dtype=real),
+        frame=frame,
+    )
+
+
+def _ask(typing: Any, address: Any, line: Any, t_ns: Any, heard: Any, command: Any, state: Any) -> Any:
+    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        word = ir.IntType(64)
+        code = builder.inttoptr(arguments[0], ir.FunctionType(word, [word] * 5).as_pointer())
+        return builder.call(code, arguments[1:])
+
+    return types.int64(*[types.int64] * 6), lay
+
+
+ask: Any = intrinsic(_ask)
+
+
+@inner
+def control(c: Any, latest: Any, x: Any) -> bool:
+    """Let the controllers answer and act at the tick of the clock; False: somebody has to look, nothing is in force.
+
+    `latest`: of each sensor; x: the state that the commands are written to.
+    """
+    lines, now, usual = c.lines, c.clock[NOW], True
+    for i in range(c.clock[COUNT]):
+        line = lines[i]
+        if line.due == now:
+            for k in range(line.hears, line.deaf):
+                c.heard[k] = latest[c.columns[k]]
+            if ask(line.answer, i, now * c.frame, line.heard_at, line.command_at, line.state_at) != 0:
+                usual = False
+            line.given = now
+            line.due += line.period
+            line.updates += 1
+        arrives = line.given == now and line.delay == 0
+        arrived = line.waiting > 0 and c.queue[i, line.oldest, DUE] <= now
+        if not (arrives or arrived) and now - line.last >= line.period:
+            usual = False  # a command is missing
+        if line.kept == c.rows.shape[1]:
+            usual = False
+    if not usual:
+        c.clock[UNUSUAL] = 1
+        return False
+    for i in range(c.clock[COUNT]):
+        line = lines[i]
+        room = c.queue.shape[1]
+        if line.given == now:
+            at = (line.oldest + line.waiting) % room
+            c.queue[i, at, DUE], c.queue[i, at, ANSWERED] = now + line.delay, now
+            for k in range(line.drives, line.driven):
+                c.queued[k, at] = c.command[k]
+            line.waiting += 1
+        if line.waiting > 0 and c.queue[i, line.oldest, DUE] <= now:
+            take(c, line, i, now, x)
+            line.oldest = (line.oldest + 1) % room
+            line.waiting -= 1
+    return True
+
+
+@inner
+def take(c: Any, line: Any, i: int, now: int, x: Any) -> None:
+    """Put the oldest command of a line into force."""
+    row, clamped = line.kept, 0
+    for k in range(line.drives, line.driven):
+        value = c.queued[k, line.oldest]
+        if value < c.low[k]:
+            value, clamped = c.low[k], 1
+        elif value > c.high[k]:
+            value, clamped = c.high[k], 1
+        c.values[row, k] = value
+        if value != c.force[k]:
+            c.force[k] = value
+            if c.slope[k] >= 0:
+                x[c.slope[k]] = 0.0
+            x[c.index[k]] = value
+    c.rows[i, row, TICK], c.rows[i, row, FOR], c.rows[i, row, STATUS] = now, c.queue[i, line.oldest, ANSWERED], clamped
+    line.clamped += clamped
+    line.last, line.kept = now, row + 1
