@@ -61,6 +61,11 @@ class Loop:
             raise UsageError(f"{type(controller).__name__} answers {brief(command)}, but drives {drives}")
         return state, command
 
+    def went_on(self, updates: int, t_ns: int, values: Values, state: State, command: Values) -> None:
+        """It was asked elsewhere so many times, at last at t_ns, and has come to `state`."""
+        self.updates += updates
+        self.heard, self.state, self.command = (t_ns, values), state, command
+
     def retune(self, changes: Mapping[str, object]) -> None:
         """Change parameters between two ticks; all or, with a UsageError, none. The state stays.
 

@@ -67,11 +67,15 @@ class NarrowBandFeedback:
 
     def update(self, state: Modes, t_ns: int, values: Values) -> tuple[Modes, Values]:
         """The modes at the next sample, and the voltage [V] until then."""
-        e = values[0] - 2.0 * sum(state).real
-        modes = [z + gain * e for z, gain in zip(state, self.corrected)]
+        expected = 0j
+        for z in state:
+            expected += z
+        e = values[0] - 2.0 * expected.real
+        modes = tuple([z + gain * e for z, gain in zip(state, self.corrected)])
         u = 0.0
         if t_ns >= self.enable_ns:
-            u = -sum(k.real * z.real + k.imag * z.imag for k, z in zip(self.fed_back, modes))
+            for k, z in zip(self.fed_back, modes):
+                u -= k.real * z.real + k.imag * z.imag
             limit = self.section.limit
             u = -limit if u < -limit else limit if u > limit else u
         return tuple([p * z + g * u for p, z, g in zip(self.poles, modes, self.driven)]), (u,)

@@ -11,8 +11,6 @@ Three states (one oscillator) and four (and the zero of an accelerometer) are wr
 
 from __future__ import annotations
 
-from operator import mul
-
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -101,5 +99,7 @@ def propagated(row: ArrayLike, matrix: ArrayLike, time: float) -> Vector:
 
 
 def _dot(a: Vector, b: Vector) -> float:
-    total: float = sum(map(mul, a, b))
+    total = 0.0
+    for x, y in zip(a, b):  # `sum` rounds another way in newer Pythons
+        total += x * y
     return total

@@ -96,3 +96,14 @@ def entry(function: Any, *examples: Any) -> Callable[..., Any]:
     kinds = tuple(numba.typeof(example) for example in examples)  # type: ignore[no-untyped-call]
     function.compile(kinds)
     return function.overloads[kinds].entry_point  # type: ignore[no-any-return]
+
+
+def as_python(function: F) -> F:
+    """Compile `function` so that it rounds, and divides by zero, as Python does: nothing is fused. Not kept on disk."""
+    return _njit(function)  # type: ignore[no-any-return]
+
+
+def called_by_address(function: Callable[..., Any]) -> Any:
+    """Compile answer(line, t_ns, heard, command, memory) -> int as a function of C; the last three point to numbers."""
+    numbers = types.CPointer(types.float64)
+    return numba.cfunc(types.int64(types.int64, types.int64, numbers, numbers, numbers))(function)

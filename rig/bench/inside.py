@@ -10,13 +10,24 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Collection, Sequence
 from math import nan
+from typing import NamedTuple
 
-from rig.bench.line import SAFE, Line
+from controllers.native import Native
+from rig.bench.line import SAFE
 from rig.bench.operation import Operation
 from rig.bench.working import Working
-from rig.solve.control import COUNT, NOW, UNUSUAL, Controls
+from rig.solve.control import COUNT, NOW, UNUSUAL
 
 _Answer = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 5)
+
+
+class Lent(NamedTuple):
+    """A controller that is lent, its parts of the arrays, and its compiled `update`, if that answers."""
+
+    one: Working
+    reads: slice
+    drives: slice
+    native: Native | None
 
 
 class Inside:
@@ -24,28 +35,34 @@ class Inside:
 
     def __init__(self, operation: Operation) -> None:
         self._exchange, self._stand = operation.exchange, operation.stand
-        self._controls: Controls = self._stand.controls
+        self._controls = self._stand.controls
         self._command = memoryview(self._controls.command)
-        self._lent: list[tuple[Working, slice]] = []
+        self._lent: list[Lent] = []
         self._asked = _Answer(self._ask)
         self._address = ctypes.cast(self._asked, ctypes.c_void_p).value
 
     def lend(self, working: Sequence[Working]) -> Collection[str]:
         """Lend what can be lent of these, which have answered what was due at this tick; their names."""
-        c, lent, driven = self._controls, self._lent, 0
+        c, lent, read, driven = self._controls, self._lent, 0, 0
         for one in working:
-            line = one.line
+            line, columns = one.line, one.columns
             places = [self._stand.plain(drive) for drive in line.drives]
             if not line.values or line.wanted or line.status == SAFE or None in places:
                 continue
-            drives = slice(driven, driven := driven + len(places))
-            c.index[drives], c.slope[drives] = zip(*places)
-            self._lay(len(lent), one, drives)
-            lent.append((one, drives))
+            native = one.native() if read + len(columns) <= len(c.columns) else None
+            found = Lent(one, slice(read, read + len(columns)), slice(driven, driven + len(places)), native)
+            if native is not None:
+                c.columns[found.reads] = columns
+                read += len(columns)
+            driven += len(places)
+            c.index[found.drives], c.slope[found.drives] = zip(*places)
+            self._lay(len(lent), found)
+            lent.append(found)
         c.clock[NOW], c.clock[COUNT], c.clock[UNUSUAL] = self._stand.tick, len(lent), 0
-        return [one.name for one, _ in lent]
+        return [found.one.name for found in lent]
 
-    def _lay(self, i: int, one: Working, drives: slice) -> None:
+    def _lay(self, i: int, found: Lent) -> None:
+        one, reads, drives, native = found
         c, line, inputs, in_force = self._controls, one.line, self._stand.inputs, self._exchange.in_force
         c.low[drives] = [inputs[drive].low for drive in line.drives]
         c.high[drives] = [inputs[drive].high for drive in line.drives]
@@ -54,21 +71,32 @@ class Inside:
             c.queue[i, k] = due, answered
             c.queued[drives, k] = values
         record = c.lines[i]
-        record["answer"] = self._address
+        record["hears"], record["deaf"] = (0, 0) if native is None else (reads.start, reads.stop)
+        record["answer"] = self._address if native is None else native.address
+        record["heard_at"] = c.heard.ctypes.data + c.heard.itemsize * reads.start
+        record["command_at"] = c.command.ctypes.data + c.command.itemsize * drives.start
+        record["memory_at"] = 0 if native is None else native.memory.ctypes.data
         record["period"], record["delay"] = line.period, line.delay
         record["drives"], record["driven"] = drives.start, drives.stop
-        record["due"], record["given"], record["last"] = one.due, -1, line.last
-        record["oldest"], record["waiting"] = 0, len(line.queue)
+        record["due"], record["given"], record["updates"] = one.due, -1, 0
+        record["last"], record["oldest"], record["waiting"] = line.last, 0, len(line.queue)
         record["kept"] = record["clamped"] = 0
 
     def take_back(self) -> None:
         """Take over what the lent controllers have done."""
         c = self._controls
-        for i, (one, drives) in enumerate(self._lent):
+        for i, found in enumerate(self._lent):
+            one, reads, drives, native = found
             record, line = c.lines[i], one.line
-            one.due = int(record["due"])
-            if not (c.clock[UNUSUAL] and record["given"] == c.clock[NOW]):
-                one.given = None  # it is in force, or waits for that
+            updates, now = int(record["updates"]), int(c.clock[NOW])
+            if native is not None:
+                one.due = int(record["due"])
+                if updates:
+                    t_ns = (one.due - line.period) * self._stand.frame_ns
+                    heard, command = tuple(c.heard[reads].tolist()), tuple(c.command[drives].tolist())
+                    one.loop.went_on(updates, t_ns, heard, native.state(), command)
+            if c.clock[UNUSUAL] and record["given"] == now:
+                one.given = tuple(c.command[drives].tolist())
             line.queue.clear()
             for k in range(int(record["waiting"])):
                 at = (int(record["oldest"]) + k) % c.queue.shape[1]
@@ -76,20 +104,17 @@ class Inside:
                 line.queue.append((due, answered, tuple(c.queued[drives, at].tolist())))
             if kept := int(record["kept"]):
                 line.went_on(c.rows[i, :kept], c.values[:kept, drives], self._exchange.keeps)
-                self._count(line, kept, int(record["clamped"]))
+                line.counts.taken += kept
+                line.counts.clamped += int(record["clamped"])
+                line.counts.oldest = max(line.counts.oldest, line.delay)
+                for name, value in zip(line.drives, line.values):
+                    self._exchange.in_force[name] = self._stand.values[name] = value
         self._lent.clear()
         c.clock[COUNT] = 0
 
-    def _count(self, line: Line, kept: int, clamped: int) -> None:
-        line.counts.taken += kept
-        line.counts.clamped += clamped
-        line.counts.oldest = max(line.counts.oldest, line.delay)
-        for name, value in zip(line.drives, line.values):
-            self._exchange.in_force[name] = self._stand.values[name] = value
-
-    def _ask(self, i: int, t_ns: int, heard: int, command: int, state: int) -> int:
-        """What the compiled loop calls: 0 if the command is there, 1 if somebody has to look at it."""
-        one, drives = self._lent[i]
+    def _ask(self, i: int, t_ns: int, heard: int, command: int, memory: int) -> int:
+        """What the compiled loop calls: 0 if the command is there, 1 if somebody has to look at what there is."""
+        one, _, drives, _ = self._lent[i]
         try:
             values = one.ask(t_ns // self._stand.frame_ns)
         except BaseException as fault:  # no compiled code lets it through
@@ -99,4 +124,5 @@ class Inside:
             return 1
         for k, value in enumerate(values, drives.start):
             self._command[k] = value
+        one.given = None
         return 0

@@ -73,7 +73,7 @@ class Line:
         values.extend(self.values)
 
     def went_on(self, rows: NDArray[np.int64], values: NDArray[np.float64], keep: bool) -> None:
-        """What came into force since: rows [row, 3] of tick, tick of the measurement, status; values [row, actuator]."""
+        """What came into force since: rows [row, 3] of tick, tick measured at, status; values [row, actuator]."""
         self.values = tuple(values[-1].tolist())
         self.last, self.answered, self.status = rows[-1].tolist()
         if keep:

@@ -112,7 +112,10 @@ def begun(
         operation.exchange.play(commands)
     before(operation)
     operation.open()
-    return operation, [Working(name, loop, operation) for name, loop in sorted(loops.items()) if commands is None]
+    working = [Working(name, loop, operation) for name, loop in sorted(loops.items()) if commands is None]
+    for one in working:
+        one.expect((duration_ns or 0) // (one.line.period * scene.frame_ns))
+    return operation, working
 
 
 def carry_on(operation: Operation, working: list[Working], until: int) -> None:

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from contextlib import suppress
 from itertools import repeat
 from typing import Any
 
 from controllers.base import Values
 from controllers.loop import Loop
+from controllers.native import Native
+from controllers.translate import Untranslatable
 from rig.bench.operation import Operation
+
+TRIALS = 200
+"""Answers that are held against Python's before a compiled controller is believed. # chosen"""
+WORTH = 500_000
+"""Answers of controllers of one class in this process from which on it is compiled: Python takes 1.4 s for them, the
+compiler 1 to 3 s. # chosen"""
+_EXPECTED: Counter[type] = Counter()
 
 
 class Working:
@@ -20,12 +31,20 @@ class Working:
         self.line = operation.exchange.lines[name]
         self.due = 0
         self.given: Values | None = None
+        self._worth = False
+        self._native: Native | None = None
+        self._trial = 0
         self.fault: BaseException | None = None
         self.name, self.loop = name, loop
         self._stand, self._receive = operation.stand, operation.exchange.receive
         self._bank = operation.stand.bank
-        self._columns = [self._bank.names.index(sensor) for sensor in loop.controller.reads]
+        self.columns = [self._bank.names.index(sensor) for sensor in loop.controller.reads]
         self._latest = self._bank.latest.item
+
+    def expect(self, answers: int) -> None:
+        """So many answers will be asked of it in this run: it is compiled where that is worth it."""
+        _EXPECTED[type(self.loop.controller)] += answers
+        self._worth = _EXPECTED[type(self.loop.controller)] >= WORTH
 
     def answer(self) -> None:
         """Send a command if one is due at this tick."""
@@ -44,11 +63,35 @@ class Working:
         """Have it answer the measurements of this tick."""
         self.due = tick + self.line.period
         if self.loop.hears:
-            heard: Any = tuple([self._bank.samples(i).tolist() for i in self._columns])
+            heard: Any = tuple([self._bank.samples(i).tolist() for i in self.columns])
         else:
-            heard = tuple(map(self._latest, self._columns))
-        self.given = self.loop.answer(tick * self._stand.frame_ns, heard)
+            heard = tuple(map(self._latest, self.columns))
+        t_ns = tick * self._stand.frame_ns
+        self.given = self.loop.answer(t_ns, heard)
+        if self._trial:
+            self._try(t_ns, heard)
         return self.given
+
+    def native(self) -> Native | None:
+        """Its compiled `update` at the state of now, once that has given the answers that it has given itself."""
+        if self._worth and self._native is None:
+            self._worth = False
+            with suppress(Untranslatable):
+                self._native, self._trial = Native(self.loop.controller, self.loop.state), TRIALS
+                self._native.take(self.loop.controller, self.loop.state)
+        if self._native is None or self._trial or not self._native.take(self.loop.controller, self.loop.state):
+            return None
+        return self._native
+
+    def _try(self, t_ns: int, heard: Values) -> None:
+        """Hold the compiled `update` against the answer that was just given; where they differ, do without it."""
+        native, loop = self._native, self.loop
+        assert native is not None
+        self._trial -= 1
+        if loop.heard == (t_ns, heard) and not native.agrees(t_ns, heard, loop.command, loop.state):
+            self._native, self._trial = None, 0
+        elif not native.take(loop.controller, loop.state):
+            self._native, self._trial = None, 0
 
     def catch_up(self, tick: int) -> None:
         """Give the answers due before `tick`, which nobody has waited for."""
@@ -57,7 +100,7 @@ class Working:
         frame = self._stand.frame_ns
         times = range(self.due * frame, tick * frame, self.line.period * frame)
         recall = self._bank.published if self.loop.hears else self._bank.shown
-        heard = [recall(i, times) for i in self._columns]
+        heard = [recall(i, times) for i in self.columns]
         for t_ns, values in zip(times, zip(*heard) if heard else repeat(())):
             self.loop.answer(t_ns, values)
         self.due += len(times) * self.line.period

@@ -26,12 +26,12 @@ LINE = np.dtype(
         ("deaf", np.int64),
         ("drives", np.int64),  # its actuators are drives .. driven - 1
         ("driven", np.int64),
-        ("heard_at", np.int64),  # addresses of its parts of heard, command and state
+        ("heard_at", np.int64),  # addresses of its parts of heard and command, of its memory
         ("command_at", np.int64),
-        ("state_at", np.int64),
+        ("memory_at", np.int64),
         ("due", np.int64),  # tick of the next answer
         ("given", np.int64),  # tick of the answer in `command`
-        ("updates", np.int64),  # answers given since `kept` was 0
+        ("updates", np.int64),  # answers given since it was lent
         ("last", np.int64),  # tick at which its last command came into force
         ("oldest", np.int64),  # row of the commands that wait: of the next one to be taken, and
         ("waiting", np.int64),  # how many do
@@ -50,11 +50,13 @@ ROWS = 1 << 12
 class Controls(NamedTuple):
     """Controllers that work within the compiled loop, in the order in which they are asked.
 
-    answer(line, t_ns, heard, command, state) -> 0, or 1 where the answer is not to be used as it is; three addresses.
+    answer(line, t_ns, heard, command, memory) -> 0, or 1 where somebody has to look first; three addresses.
     """
 
     lines: NDArray[Any]  # LINE [line]
-    clock: NDArray[np.int64]  # NOW: tick; COUNT: lines in use; UNUSUAL: 1 where `control` has ended for somebody to look
+    clock: NDArray[
+        np.int64
+    ]  # NOW: tick; COUNT: lines in use; UNUSUAL: 1 where `control` has ended for somebody to look
     columns: NDArray[np.int64]  # [read] number of the sensor
     heard: NDArray[np.float64]  # [read]
     command: NDArray[np.float64]  # [drive] the last answer
@@ -93,7 +95,7 @@ def controls(lines: int = 0, reads: int = 0, drives: int = 0, waiting: int = 1, 
     )
 
 
-def _ask(typing: Any, address: Any, line: Any, t_ns: Any, heard: Any, command: Any, state: Any) -> Any:
+def _ask(typing: Any, address: Any, line: Any, t_ns: Any, heard: Any, command: Any, memory: Any) -> Any:
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         word = ir.IntType(64)
         code = builder.inttoptr(arguments[0], ir.FunctionType(word, [word] * 5).as_pointer())
@@ -117,14 +119,15 @@ def control(c: Any, latest: Any, x: Any) -> bool:
         if line.due == now:
             for k in range(line.hears, line.deaf):
                 c.heard[k] = latest[c.columns[k]]
-            if ask(line.answer, i, now * c.frame, line.heard_at, line.command_at, line.state_at) != 0:
+            if ask(line.answer, i, now * c.frame, line.heard_at, line.command_at, line.memory_at) == 0:
+                line.given = now
+                line.due += line.period
+                line.updates += 1
+            else:
                 usual = False
-            line.given = now
-            line.due += line.period
-            line.updates += 1
-        arrives = line.given == now and line.delay == 0
-        arrived = line.waiting > 0 and c.queue[i, line.oldest, DUE] <= now
-        if not (arrives or arrived) and now - line.last >= line.period:
+        comes = line.given == now and line.delay == 0
+        came = line.waiting > 0 and c.queue[i, line.oldest, DUE] <= now
+        if not (comes or came) and now - line.last >= line.period:
             usual = False  # a command is missing
         if line.kept == c.rows.shape[1]:
             usual = False

@@ -35,7 +35,10 @@ def plan(
     limit: float,
     lent: Sequence[Loan],
 ) -> Plan:
-    """The plan of a system as the method sees it; what has not been compiled yet is. `lent`: instruments and controllers, if any."""
+    """The plan of a system as the method sees it; what has not been compiled yet is.
+
+    `lent`: instruments and controllers, if any.
+    """
     wide, fixed, bends = system.n > UNROLLED, method in ("rk4", "kick"), not system.linear
     made = Plan(
         carry=0,

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.loan import Loan
 from rig.scenes.scene import Scene
 from rig.solve import ledger
-from rig.loan import Loan
 from rig.solve.assembly import Assembly
 from rig.solve.control import controls
 from rig.solve.motion import Event, Frames, Motion
