@@ -119,11 +119,13 @@ def evaluate(tables, loan, states, slots, values):
     t, w = tables, loan.work
     for i in range(states.shape[0]):
         s, x = np.int32(slots[i]), states[i]  # as slots are elsewhere
-        inputs(t, s, x, w.T, w.scratch)
+        asked = False
+        for k in range(values.shape[1]):
+            asked = asked or t.asks[s, k] != 0
+        if asked:
+            inputs(t, s, x, w.T, w.scratch)
         if loan.plan.wide:
             multiply(t.wide.output[s], x, 0, t.wide.output.shape[1], t.wide.product)
-            for k in range(values.shape[1]):
-                values[i, k] = t.wide.product[k] + dot(t.signals_t[s, k], w.T)
-        else:
-            for k in range(values.shape[1]):
-                values[i, k] = dot(t.signals[s, k], x) + dot(t.signals_t[s, k], w.T)
+        for k in range(values.shape[1]):
+            value = t.wide.product[k] if loan.plan.wide else dot(t.signals[s, k], x)
+            values[i, k] = value + dot(t.signals_t[s, k], w.T) if t.asks[s, k] else value

@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.kernel import inlined, inner
 from rig.solve.emit import quartic
-from rig.solve.forces import dot, inputs, rounding
+from rig.solve.forces import dot, refill, rounding
 from rig.solve.leaf import any_shape, states
 from rig.solve.roots import NONE, first_fall
 
@@ -52,32 +52,32 @@ def at(shape, d, theta, x):
 
 
 @inner
-def actual(t, slot, w, g, theta):
+def actual(t, slot, w, f, g, theta):
     """Guard g, which needs the inputs, at the state that the dense output has at theta."""
     at(any_shape(w.y2.shape[0]), w.derivatives, theta, w.y2)
-    inputs(t, slot, w.y2, w.T, w.scratch)
+    refill(f, w.y2)
     return dot(t.G[slot, g], w.y2) + dot(t.GT[slot, g], w.T)
 
 
 @inlined
-def located(t, slot, w, g, theta, noise):
+def located(t, slot, w, f, g, theta, noise):
     """Where guard g, whose fit falls at `theta`, has itself fallen by no more than `noise`; NONE if it does not fall.
 
     The state that is handed on has to say the same as the event: a contact let go by the error of the fit alone would
     not move off, but stick again at once.
     """
     low, high = theta, theta
-    above = below = actual(t, slot, w, g, theta)
+    above = below = actual(t, slot, w, f, g, theta)
     if above > 0.0:  # the fit was early: the guard falls before its next place, where both agree
         if theta >= 1.0:
             return NONE
         high = min(0.25 * (np.floor(4.0 * theta) + 1.0), 1.0)
-        below = actual(t, slot, w, g, high)
+        below = actual(t, slot, w, f, g, high)
         if below > 0.0:
             return NONE
     elif theta > 0.0:
         low = 0.25 * (np.ceil(4.0 * theta) - 1.0)
-        above = actual(t, slot, w, g, low)
+        above = actual(t, slot, w, f, g, low)
     kept = 0  # the end that stayed at the last secant; the value of one that stays twice is halved (Illinois)
     while above > 0.0 and below < -noise:
         u = low + (high - low) * above / (above - below)
@@ -85,7 +85,7 @@ def located(t, slot, w, g, theta, noise):
             u = 0.5 * (low + high)
             if not low < u < high:
                 break
-        value = actual(t, slot, w, g, u)
+        value = actual(t, slot, w, f, g, u)
         if value > 0.0:
             low, above = u, value
             if kept == 1:
@@ -100,7 +100,7 @@ def located(t, slot, w, g, theta, noise):
 
 
 @inlined
-def sampled(t, slot, w):
+def sampled(t, slot, w, f):
     """w.fits[g] = guard g, if it needs the inputs, at five places and at `_PROBE`; the bound on its rounding."""
     found, fits = False, w.fits
     for g in range(t.guards[slot]):
@@ -110,7 +110,7 @@ def sampled(t, slot, w):
     if found:
         for q in range(6):
             at(any_shape(w.y2.shape[0]), w.derivatives, 0.25 * q if q < 5 else _PROBE, w.y2)
-            inputs(t, slot, w.y2, w.T, w.scratch)
+            refill(f, w.y2)
             for g in range(t.guards[slot]):
                 if t.needs[slot, g]:
                     fits[g, q] = dot(t.G[slot, g], w.y2) + dot(t.GT[slot, g], w.T)
@@ -118,7 +118,7 @@ def sampled(t, slot, w):
 
 
 @inlined
-def fitted(t, slot, w, g, noise):
+def fitted(t, slot, w, f, g, noise):
     """First fall (theta or NONE) of guard g, which needs the inputs, and whether the step is too long to tell.
 
     A quartic through five places, which a sixth one tells the error of: where the guard might fall within that error
@@ -137,12 +137,12 @@ def fitted(t, slot, w, g, noise):
         if off > 0.0:
             theta = first_fall(poly, 4, noise, w.roots)
         if theta < NONE:
-            theta = located(t, slot, w, g, theta, _FAINT * noise)
+            theta = located(t, slot, w, f, g, theta, _FAINT * noise)
     return theta, int(4.0 * early) < int(4.0 * theta)
 
 
 @inlined
-def fall(t, slot, w):
+def fall(t, slot, w, f):
     """First fall of any guard along the dense output in w.derivatives.
 
     Returns theta or NONE, the guard, and whether the step is too long to tell.
@@ -151,14 +151,14 @@ def fall(t, slot, w):
     begun to fall: the error of the step, which does not shrink towards its begin as the guard does, may be all of it.
     """
     first, guard, doubtful = NONE, -1, False
-    sampled(t, slot, w)
+    sampled(t, slot, w, f)
     poly = w.poly
     for g in range(t.guards[slot]):
         noise = rounding(t.G[slot, g], w.size)
         unseen = False
         if t.needs[slot, g]:
             noise = max(noise, w.fits[g, 6])
-            theta, unseen = fitted(t, slot, w, g, noise)
+            theta, unseen = fitted(t, slot, w, f, g, noise)
         else:
             for c in range(5):
                 poly[c] = dot(t.G[slot, g], w.derivatives[c])

@@ -15,10 +15,10 @@ import numpy as np
 
 from rig.kernel import inlined, inner
 from rig.loan import lent
-from rig.solve.books import book, read
+from rig.solve.books import book
 from rig.solve.dense import at, clear, dense, fall
-from rig.solve.emit import crowded, emit_quartic
-from rig.solve.forces import inputs, lend, rate
+from rig.solve.emit import close, crowded, part, through
+from rig.solve.forces import dot, lend, rate, refill
 from rig.solve.leaf import any_shape, call, local, states
 from rig.solve.records import HOPED, KEY, LENGTH, MOST, PLACE, REACHED, TICK, TRIALS, TRY
 from rig.solve.settle import land, passed
@@ -121,22 +121,40 @@ def alike(rates, count, step, size):
 
 
 @inlined
-def book_step(shape, t, slot, w, theta, h, energy):
+def book_step(shape, t, w, f, theta, h, energy):
     """Energy up to `theta` of the step, by Gauss-Legendre."""
     for q in range(w.nodes3.shape[0]):
         at(shape, w.derivatives, w.nodes3[q] * theta, w.y2)
-        inputs(t, slot, w.y2, w.T, w.scratch)
-        book(t, slot, w.T, w.y2, w.weights3[q] * theta * h, energy)
+        refill(f, w.y2)
+        book(t, f.slot, w.T, w.y2, w.weights3[q] * theta * h, energy)
 
 
 @inner
-def emit(t, slot, w, from_theta, to_theta, h, start, seg):
-    """One segment of the signals between two instants of the step."""
-    for q in range(5):
-        at(any_shape(w.y2.shape[0]), w.derivatives, from_theta + 0.25 * q * (to_theta - from_theta), w.y2)
-        inputs(t, slot, w.y2, w.T, w.scratch)
-        read(t, slot, w.T, w.y2, w.values[q])
-    emit_quartic(w.values, start, (to_theta - from_theta) * h, seg)
+def emit(t, w, f, from_theta, to_theta, h, start, seg):
+    """One segment of the signals between two instants of the step.
+
+    What depends on no input is a row over the quartic of the state; a quartic through five places stands for the rest.
+    """
+    slot, at_once, width, asked = f.slot, seg.count[0], to_theta - from_theta, False
+    for s in range(seg.coef.shape[1]):
+        if t.asks[slot, s]:
+            asked = True
+            continue
+        coef = seg.coef[at_once, s]
+        for c in range(5):
+            coef[c] = dot(t.signals[slot, s], w.derivatives[c])
+        part(coef, from_theta, width)
+    if asked:
+        for q in range(5):
+            at(any_shape(w.y2.shape[0]), w.derivatives, from_theta + 0.25 * q * width, w.y2)
+            refill(f, w.y2)
+            for s in range(seg.coef.shape[1]):
+                if t.asks[slot, s]:
+                    w.values[q, s] = dot(t.signals[slot, s], w.y2) + dot(t.signals_t[slot, s], w.T)
+        for s in range(seg.coef.shape[1]):
+            if t.asks[slot, s]:
+                through(w.values, s, seg.coef[at_once, s])
+    close(start, width * h, seg)
 
 
 @inlined
@@ -269,13 +287,13 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             break
         h, tick, place = fc[LENGTH], ic[TICK], fc[PLACE]
         left = ((ticks - tick) - place) * tick_length
-        theta, fallen, doubtful = fall(t, slot, w)
+        theta, fallen, doubtful = fall(t, slot, w, f)
         if doubtful and h > 1e-12 * tick_length:
             fc[TRY], fallen = _SHRINK * h, -1
             continue
         end = theta if fallen >= 0 else 1.0
         if plan.booking:
-            book_step(shape, t, slot, w, end, h, state.energy)
+            book_step(shape, t, w, f, end, h, state.energy)
         done, share = 0.0, tick_length / h
         while tick < ticks:  # ticks that end inside the step
             to = reach(tick, place, done, share, ticks, fallen < 0 and h == left)
@@ -283,14 +301,14 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
                 break
             if plan.emitting:
                 since = (tick - origin + place) * tick_length
-                emit(t, slot, w, done, to, h, since, seg)
+                emit(t, w, f, done, to, h, since, seg)
             at(shape, path, to, log.out[tick])
             log.modes[tick] = slot
             tick, place, done = tick + 1, 0.0, to
         if done < end:
             if plan.emitting:
                 since = (tick - origin + place) * tick_length
-                emit(t, slot, w, done, end, h, since, seg)
+                emit(t, w, f, done, end, h, since, seg)
             place += (end - done) * h / tick_length
         if fallen >= 0:
             at(shape, path, end, x)

@@ -66,12 +66,41 @@ def emit_linear(t, slot, x, start, length, seg, derivatives):
 @inner
 def emit_quartic(values, start, length, seg):
     """One segment from signal values at u = 0, 1/4, 1/2, 3/4, 1: `values` [5, signal]."""
+    for s in range(values.shape[1]):
+        through(values, s, seg.coef[seg.count[0], s])
+    close(start, length, seg)
+
+
+@inner
+def through(values, s, coef):
+    """The quartic through the values of signal s."""
+    coef[0], coef[1], coef[2], coef[3], coef[4] = quartic(
+        values[0, s], values[1, s], values[2, s], values[3, s], values[4, s]
+    )
+
+
+@inner
+def part(coef, begin, width):
+    """Coefficients of a quartic over [begin, begin + width] of its interval, in place of those over the whole."""
+    if begin != 0.0:
+        c1, c2, c3, c4 = coef[1], coef[2], coef[3], coef[4]
+        coef[0] += begin * (c1 + begin * (c2 + begin * (c3 + begin * c4)))
+        coef[1] = c1 + begin * (2.0 * c2 + begin * (3.0 * c3 + begin * (4.0 * c4)))
+        coef[2] = c2 + begin * (3.0 * c3 + begin * (6.0 * c4))
+        coef[3] = c3 + begin * (4.0 * c4)
+    if width != 1.0:
+        power = 1.0
+        for k in range(1, 5):
+            power *= width
+            coef[k] *= power
+
+
+@inner
+def close(start, length, seg):
+    """Close the segment whose quartics are written."""
     at = seg.count[0]
     seg.count[0] = at + 1
-    for s in range(values.shape[1]):
-        c0, c1, c2, c3, c4 = quartic(values[0, s], values[1, s], values[2, s], values[3, s], values[4, s])
-        seg.coef[at, s, 0], seg.coef[at, s, 1], seg.coef[at, s, 2] = c0, c1, c2
-        seg.coef[at, s, 3], seg.coef[at, s, 4] = c3, c4
+    for s in range(seg.coef.shape[1]):
         for k in range(5, DEGREE + 1):
             seg.coef[at, s, k] = 0.0
     seg.start[at], seg.length[at] = start, length

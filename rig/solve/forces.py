@@ -137,6 +137,12 @@ def inputs(t, slot, x, T, scratch):
 
 
 @inner
+def refill(f, x):
+    """f.T = the inputs at x, of a field that is lent for a stretch."""
+    fill(f, x)
+
+
+@inner
 def couple(sigma, code, numbers, pace, bear_t, x, T, M):
     """Solve T = T0 + diag(mu) bear_t T for the friction forces T, in place of T0; M is scratch.
 

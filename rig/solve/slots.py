@@ -122,6 +122,7 @@ class Slots:
             "bear_t": modes.sigma[:, None] * load_t,
             "signals": rows,
             "signals_t": rows_t,
+            "asks": rows_t.any(axis=1).astype(np.int64),
             "coupled": int(load_t[:, : len(system.patches)].any()),
             "needs": _padded(np.array(modes.guards_t.any(axis=1), dtype=np.int64), g),
             "store": store(system, key),

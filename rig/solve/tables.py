@@ -59,6 +59,7 @@ class Tables(NamedTuple):
     bear_t: Array  # [slot, P, I]
     signals: Array  # [slot, S, n] quantities the sensors read
     signals_t: Array  # [slot, S, I]
+    asks: NDArray[np.int64]  # [slot, S] 1: the quantity depends on the inputs
     coupled: NDArray[np.int64]  # [slot] 1: some load depends on the friction forces T
     needs: NDArray[np.int64]  # [slot, guard] 1: the guard depends on the inputs
     press: Array  # [slot, K, n] the normal forces that are closed, 0 for the others
@@ -142,6 +143,7 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         bear_t=z((0, P, I)),
         signals=z((0, S, n)),
         signals_t=z((0, S, I)),
+        asks=z((0, S), dtype=np.int64),
         coupled=z(0, dtype=np.int64),
         needs=z((0, g), dtype=np.int64),
         press=z((0, K, n)),
