@@ -19,6 +19,10 @@ def _finite(values: Values) -> bool:
     return isfinite(sum(values)) or all(map(isfinite, values))  # the sum alone may overflow
 
 
+def _miscounted(controller: Controller, command: Values) -> UsageError:
+    return UsageError(f"{type(controller).__name__} answers {brief(command)}, but drives {', '.join(controller.drives)}")
+
+
 class Loop:
     """One controller with its state. `command` is the last good answer, () before the first."""
 
@@ -40,26 +44,21 @@ class Loop:
 
     def answer(self, t_ns: int, values: Any) -> Values:
         """The command after the measurements of t_ns: a new one, or the last one where there is nothing to go by."""
-        if not (all(map(_finite, values)) if self.hears else _finite(values)):
+        # Who simulates waits for this at every tick: what is nearly always so is asked first, without a call of ours.
+        if not (all(map(_finite, values)) if self.hears else isfinite(sum(values)) or _finite(values)):
             self.held += 1
             return self.command
-        state, command = self._updated(self.controller, t_ns, values)
-        if not _finite(command):
-            self.refused += 1
-            self.state = self.controller.start()
-            return self.command
-        self.updates += 1
-        self.heard = t_ns, values
-        self.state = state
-        self.command = command
-        return command
-
-    def _updated(self, controller: Controller, t_ns: int, values: Any) -> tuple[State, Values]:
+        controller = self.controller
         state, command = controller.update(self.state, t_ns, values)
         if len(command) != len(controller.drives):
-            drives = ", ".join(controller.drives)
-            raise UsageError(f"{type(controller).__name__} answers {brief(command)}, but drives {drives}")
-        return state, command
+            raise _miscounted(controller, command)
+        if not (isfinite(sum(command)) or _finite(command)):
+            self.refused += 1
+            self.state = controller.start()
+            return self.command
+        self.updates += 1
+        self.heard, self.state, self.command = (t_ns, values), state, command
+        return command
 
     def went_on(self, updates: int, t_ns: int, values: Values, state: State, command: Values) -> None:
         """It was asked elsewhere so many times, at last at t_ns, and has come to `state`."""
@@ -77,7 +76,9 @@ class Loop:
             if (tried.reads, tried.drives, tried.period_ns) != (old.reads, old.drives, old.period_ns):
                 raise UsageError("what it reads and drives, and its period, are fixed while the rig runs")
             if self.heard is not None:
-                self._updated(tried, *self.heard)
+                _, command = tried.update(self.state, *self.heard)
+                if len(command) != len(tried.drives):
+                    raise _miscounted(tried, command)
             self.controller = retune(old, changes)  # another one: what was tried may have kept something
         except UsageError:
             raise

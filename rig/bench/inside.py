@@ -38,6 +38,9 @@ class Inside:
         self._controls = self._stand.controls
         self._command = memoryview(self._controls.command)
         self._lent: list[Lent] = []
+        self._called: list[tuple[Working, int, int]] = []
+        """The same for `_ask`: the first of its actuators, and how many."""
+        self._frame = self._stand.frame_ns
         self._asked = _Answer(self._ask)
         self._address = ctypes.cast(self._asked, ctypes.c_void_p).value
 
@@ -58,6 +61,7 @@ class Inside:
             c.index[found.drives], c.slope[found.drives] = zip(*places)
             self._lay(len(lent), found)
             lent.append(found)
+            self._called.append((one, found.drives.start, len(places)))
         c.clock[NOW], c.clock[COUNT], c.clock[UNUSUAL] = self._stand.tick, len(lent), 0
         return [found.one.name for found in lent]
 
@@ -110,19 +114,21 @@ class Inside:
                 for name, value in zip(line.drives, line.values):
                     self._exchange.in_force[name] = self._stand.values[name] = value
         self._lent.clear()
+        self._called.clear()
         c.clock[COUNT] = 0
 
     def _ask(self, i: int, t_ns: int, heard: int, command: int, memory: int) -> int:
         """What the compiled loop calls: 0 if the command is there, 1 if somebody has to look at what there is."""
-        one, _, drives, _ = self._lent[i]
+        one, first, count = self._called[i]
         try:
-            values = one.ask(t_ns // self._stand.frame_ns)
+            values = one.ask(t_ns // self._frame)
         except BaseException as fault:  # no compiled code lets it through
             one.fault = fault
             return 1
-        if len(values) != drives.stop - drives.start:
+        if len(values) != count:
             return 1
-        for k, value in enumerate(values, drives.start):
-            self._command[k] = value
+        for value in values:
+            self._command[first] = value
+            first += 1
         one.given = None
         return 0

@@ -65,7 +65,7 @@ class Working:
         if self.loop.hears:
             heard: Any = tuple([self._bank.samples(i).tolist() for i in self.columns])
         else:
-            heard = tuple(map(self._latest, self.columns))
+            heard = tuple([self._latest(i) for i in self.columns])
         t_ns = tick * self._stand.frame_ns
         self.given = self.loop.answer(t_ns, heard)
         if self._trial:
