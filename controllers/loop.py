@@ -20,7 +20,9 @@ def _finite(values: Values) -> bool:
 
 
 def _miscounted(controller: Controller, command: Values) -> UsageError:
-    return UsageError(f"{type(controller).__name__} answers {brief(command)}, but drives {', '.join(controller.drives)}")
+    return UsageError(
+        f"{type(controller).__name__} answers {brief(command)}, but drives {', '.join(controller.drives)}"
+    )
 
 
 class Loop:

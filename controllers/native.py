@@ -13,12 +13,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numba import typeof, types
+from numba import typeof as _typeof
+from numba import types
 
 from controllers.base import Controller, State, Values, hears
 from controllers.translate import Translated, Untranslatable, fact, found, translate, words
 from rig.kernel import as_python, called_by_address
 
+typeof: Any = _typeof
 _MADE: dict[Any, Any] = {}
 """What was compiled in this process, None where it failed: (update function, facts, type of the state) -> code."""
 
@@ -188,8 +190,8 @@ def _compiled(controller: Any, translated: Translated, state: State, shape: _Sha
     heard = typeof((0.0,) * len(controller.reads))
     kinds = array, types.Array(types.int64, 1, "C"), typeof(state), types.int64, heard
     update.compile(kinds)
-    returned = update.overloads[kinds].signature.return_type
-    if not (isinstance(returned, types.BaseTuple) and len(returned) == 2 and returned[0] == typeof(state)):
+    returned: Any = update.overloads[kinds].signature.return_type
+    if list(getattr(returned, "types", ()))[:1] != [typeof(state)]:
         raise Untranslatable(f"its state does not keep its type: {returned}")
     if len(returned[1]) != len(controller.drives):
         raise Untranslatable("it does not command its actuators")
@@ -199,7 +201,7 @@ def _compiled(controller: Any, translated: Translated, state: State, shape: _Sha
 
 def _wrapped(controller: Any, translated: Translated, shape: _Shape, first: int, names: dict[str, Any]) -> str:
     """The text of `answer`: what is heard and remembered in, what is answered and remembered out, if it can be used."""
-    from numba import carray
+    from numba import carray  # type: ignore[attr-defined]
 
     reads, drives = len(controller.reads), len(controller.drives)
     names |= {"carray": carray, "isfinite": math.isfinite, "isnan": math.isnan, "int64": np.int64}

@@ -105,5 +105,5 @@ def as_python(function: F) -> F:
 
 def called_by_address(function: Callable[..., Any]) -> Any:
     """Compile answer(line, t_ns, heard, command, memory) -> int as a function of C; the last three point to numbers."""
-    numbers = types.CPointer(types.float64)
+    numbers = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
     return numba.cfunc(types.int64(types.int64, types.int64, numbers, numbers, numbers))(function)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Collection, Sequence
 from math import nan
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from controllers.native import Native
 from rig.bench.line import SAFE
@@ -36,7 +36,7 @@ class Inside:
     def __init__(self, operation: Operation) -> None:
         self._exchange, self._stand = operation.exchange, operation.stand
         self._controls = self._stand.controls
-        self._command = memoryview(self._controls.command)
+        self._command: Any = self._controls.command.data
         self._lent: list[Lent] = []
         self._called: list[tuple[Working, int, int]] = []
         """The same for `_ask`: the first of its actuators, and how many."""
@@ -58,7 +58,7 @@ class Inside:
                 c.columns[found.reads] = columns
                 read += len(columns)
             driven += len(places)
-            c.index[found.drives], c.slope[found.drives] = zip(*places)
+            c.place[found.drives], c.slope[found.drives] = zip(*places)
             self._lay(len(lent), found)
             lent.append(found)
             self._called.append((one, found.drives.start, len(places)))

@@ -77,8 +77,8 @@ class Line:
         self.values = tuple(values[-1].tolist())
         self.last, self.answered, self.status = rows[-1].tolist()
         if keep:
-            for column, new in zip(self._columns, (*rows.T, values)):
-                column.frombytes(np.ascontiguousarray(new).tobytes())
+            for i, new in enumerate((*rows.T, values)):
+                self._columns[i].frombytes(np.ascontiguousarray(new).tobytes())
 
     def commands(self) -> Commands:
         """What was written down."""

@@ -60,7 +60,7 @@ class Controls(NamedTuple):
     columns: NDArray[np.int64]  # [read] number of the sensor
     heard: NDArray[np.float64]  # [read]
     command: NDArray[np.float64]  # [drive] the last answer
-    index: NDArray[np.int64]  # [drive] the state that holds the command, and
+    place: NDArray[np.int64]  # [drive] the state that holds the command, and
     slope: NDArray[np.int64]  # [drive] the one that is its slope, -1: none
     low: NDArray[np.float64]  # [drive]
     high: NDArray[np.float64]  # [drive]
@@ -82,7 +82,7 @@ def controls(lines: int = 0, reads: int = 0, drives: int = 0, waiting: int = 1, 
         columns=np.zeros(reads, dtype=whole),
         heard=np.zeros(reads, dtype=real),
         command=np.zeros(drives, dtype=real),
-        index=np.zeros(drives, dtype=whole),
+        place=np.zeros(drives, dtype=whole),
         slope=np.zeros(drives, dtype=whole),
         low=np.zeros(drives, dtype=real),
         high=np.zeros(drives, dtype=real),
@@ -165,7 +165,7 @@ def take(c: Any, line: Any, i: int, now: int, x: Any) -> None:
             c.force[k] = value
             if c.slope[k] >= 0:
                 x[c.slope[k]] = 0.0
-            x[c.index[k]] = value
+            x[c.place[k]] = value
     c.rows[i, row, TICK], c.rows[i, row, FOR], c.rows[i, row, STATUS] = now, c.queue[i, line.oldest, ANSWERED], clamped
     line.clamped += clamped
     line.last, line.kept = now, row + 1

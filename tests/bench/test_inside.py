@@ -1,0 +1,171 @@
+"""Controllers within the compiled loop: the same run, to the last bit, as if each had been asked from outside."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import controllers
+import rig
+from rig.bench import simulate, working
+from rig.bench.inside import Inside
+from rig.study.design import numbers
+
+WAYS = ("outside", "called", "compiled")
+
+
+def way(monkeypatch, name):
+    """Controllers are asked from outside, from the compiled loop, or are compiled themselves."""
+    if name == "outside":
+        monkeypatch.setattr(Inside, "lend", lambda *_: ())
+    monkeypatch.setattr(working, "WORTH", 1 if name == "compiled" else 10**12)
+    monkeypatch.setattr(working, "TRIALS", 5)
+
+
+def told(run):
+    """All that a run is, bytes of arrays included."""
+    columns = {f"measured {name}": samples[1] for name, samples in run.measurements.items()}
+    columns |= {f"signal {name}": values for name, values in run.signals.items()}
+    columns |= {f"{name} {i}": column for name, one in run.commands.items() for i, column in enumerate(one)}
+    summary = {key: value for key, value in run.summary.items() if key != "audit"}
+    return {name: np.asarray(values).tobytes() for name, values in columns.items()}, summary, run.events, run.fault
+
+
+def runs(name, changes, duration, wrap=lambda controller: controller):
+    """The run of a scene in each way."""
+    found = []
+    for kind in WAYS:
+        with pytest.MonkeyPatch.context() as patch:
+            way(patch, kind)
+            scene = rig.load(str(name), changes)
+            designed = numbers(scene)
+            built = {n: wrap(controllers.build(s, designed[n])) for n, s in scene.controllers.items()}
+            found.append(told(simulate.simulate(scene, built, round(duration * 1e9))))
+    return found
+
+
+CASES = [
+    ("belt_normal_force", {"controllers.nf.enable_at": 0.2}, 1.0),
+    ("belt_normal_force", {"controllers.nf.enable_at": 0.2, "controllers.nf.delay": 0.003}, 1.0),
+    ("belt_normal_force", {"controllers.nf.period": 0.005, "controllers.nf.delay": 0.012}, 1.0),
+    ("belt_velocity_feedback", {"controllers.belt.enable_at": 0.1}, 1.0),
+    ("belt_normal_force_displacement", {"controllers.nf.enable_at": 0.2}, 1.0),
+    (
+        "belt_normal_force",
+        {"controllers.nf.enable_at": 0.1, "controllers.nf.gain": 1e5, "limits.displacement": 0.0015},
+        1.0,
+    ),
+    ("belt_dither_sampled", {}, 0.5),
+    ("belt_dither_controlled", {}, 0.3),
+    ("brake_active", {"controllers.nb.enable_at": 0.02, "start.velocity": 0.01}, 0.06),
+    ("brake_shunt_listener", {}, 0.05),
+]
+
+
+@pytest.mark.parametrize(("name", "changes", "duration"), CASES, ids=range(len(CASES)))
+def test_a_run_has_the_same_bits_in_every_way(name, changes, duration):
+    outside, called, compiled = runs(name, changes, duration)
+    assert called == outside
+    assert compiled == outside
+
+
+def test_frames_are_carried_in_one_piece(monkeypatch):
+    way(monkeypatch, "compiled")
+    pieces = []
+    frames = simulate.Stand.frames
+
+    def counted(stand, most):
+        pieces.append(most)
+        frames(stand, most)
+
+    monkeypatch.setattr(simulate.Stand, "frames", counted)
+    rig.simulate(rig.load("belt_normal_force", {"controllers.nf.enable_at": 0.0}), 2.0)
+    assert len(pieces) < 100  # of 2000 frames
+
+
+PROTOCOL = """
+[[protocol]]
+step = "hold"
+time = "0.2 s"
+[[protocol]]
+step = "connect"
+controller = "nf"
+[[protocol]]
+step = "hold"
+time = "0.2 s"
+[[protocol]]
+step = "set"
+target = "friction.mu_static"
+to = "0.45"
+[[protocol]]
+step = "set"
+target = "controllers.nf.gain"
+to = "120 N*s/m"
+[[protocol]]
+step = "ramp"
+target = "drive.speed"
+to = "0.08 m/s"
+over = "0.2 s"
+[[protocol]]
+step = "disconnect"
+controller = "nf"
+[[protocol]]
+step = "hold"
+time = "0.1 s"
+[[protocol]]
+step = "connect"
+controller = "nf"
+[[protocol]]
+step = "hold"
+time = "0.1 s"
+"""
+
+
+def test_the_protocol_acts_between(tmp_path):
+    shipped = (Path(rig.__file__).parent / "scenes" / "belt_normal_force.toml").read_text()
+    path = tmp_path / "own.toml"
+    path.write_text(shipped.partition("[[protocol]]")[0].replace('"4 s"', '"0.05 s"') + PROTOCOL)
+    outside, called, compiled = runs(path, {}, 0.8)
+    assert called == outside
+    assert compiled == outside
+
+
+@dataclasses.dataclass
+class Odd:
+    """A controller around another one that does what it should not, at some of its answers."""
+
+    within: object
+    what: str
+    at: tuple[int, ...]
+
+    def __post_init__(self):
+        self.reads, self.drives, self.period_ns = self.within.reads, self.within.drives, self.within.period_ns
+
+    def start(self):
+        return 0, self.within.start()
+
+    def update(self, state, t_ns, values):
+        count, inner = state
+        inner, command = self.within.update(inner, t_ns, values)
+        if count in self.at:
+            if self.what == "raise":
+                raise ValueError("odd")
+            command = {"nan": (math.nan,), "few": (), "huge": (1e12,), "whole": (17,)}[self.what]
+        return (count + 1, inner), command
+
+
+@pytest.mark.parametrize("what", ["nan", "huge", "whole"])
+def test_what_is_not_as_usual_has_the_same_bits(what):
+    outside, called, compiled = runs("belt_normal_force", {}, 0.5, lambda c: Odd(c, what, (3, 100, 101, 400)))
+    assert called == outside
+    assert compiled == outside
+
+
+@pytest.mark.parametrize(("what", "error"), [("raise", ValueError), ("few", rig.errors.UsageError)])
+def test_a_faulty_controller_ends_the_run_with_its_own_error(what, error):
+    scene = rig.load("belt_normal_force")
+    built = {n: Odd(controllers.build(s, numbers(scene)[n]), what, (100,)) for n, s in scene.controllers.items()}
+    with pytest.raises(error, match=r"odd|drives"):
+        simulate.simulate(scene, built, 10**9)

@@ -1,0 +1,208 @@
+"""Compiled controllers: the bits of Python, or no compiling at all; what a text of theirs may and may not hold."""
+
+import cmath
+import math
+import random
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import controllers
+import rig
+from controllers.base import retune
+from controllers.native import Native
+from controllers.translate import Untranslatable, translate
+from rig.study.design import numbers
+
+SHIPPED = (
+    "belt_normal_force", "belt_normal_force_displacement", "belt_normal_force_acceleration", "belt_velocity_feedback",
+    "belt_dither_controlled", "belt_dither_sampled", "brake_active",
+)  # fmt: skip
+
+
+def of_scene(name):
+    """The only controller of a shipped scene."""
+    scene = rig.load(name)
+    ((key, section),) = scene.controllers.items()
+    return controllers.build(section, numbers(scene)[key])
+
+
+def compared(controller, count=1500, size=0.05):
+    """Have Python and the compiled code answer the same measurements; how many answers agree to the last bit."""
+    draw, period = random.Random(1), controller.period_ns
+    state, command = controller.update(controller.start(), 0, tuple(0.01 for _ in controller.reads))
+    native, agreed, t_ns = Native(controller, state), 0, period
+    for k in range(count):
+        values = tuple(size * draw.gauss(0.0, 1.0) for _ in controller.reads)
+        assert native.take(controller, state)
+        state, command = controller.update(state, t_ns, values)
+        agreed += native.agrees(t_ns, values, command, state)
+        t_ns += 4 * period if k % 100 == 99 else period  # a sample may be missing
+    return agreed
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_a_shipped_controller_gives_the_bits_of_python(name):
+    assert compared(of_scene(name)) == 1500
+
+
+def test_it_goes_on_as_a_retuned_controller():
+    old = of_scene("belt_normal_force")
+    state, _ = old.update(old.start(), 0, (0.01,))
+    native, new = Native(old, state), retune(old, {"gain": 50.0, "enable_at": 0.0})
+    for controller in (old, new, old):
+        assert native.take(controller, state)
+        after, command = controller.update(state, 10**7, (0.02,))
+        assert native.agrees(10**7, (0.02,), command, after)
+
+
+def test_it_does_not_go_on_as_one_whose_text_is_another():
+    old = of_scene("belt_normal_force")
+    state, _ = old.update(old.start(), 0, (0.01,))
+    native = Native(old, state)
+    observing = of_scene("belt_normal_force_displacement")  # the same class, with an observer where there was none
+    assert not native.take(observing, observing.update(observing.start(), 0, (0.01,))[0])
+    assert not native.take(old, ((1.0, 2.0, 3.0), 0, 0.0, 0.0))  # nor from a state that is laid out in another way
+
+
+class Plain:
+    """What users write: parts with methods, tuples, constants, conditions."""
+
+    reads, drives, period_ns = ("a", "b"), ("x",), 1_000_000
+
+    def __init__(self):
+        self.part, self.none, self.mode, self.wide = Part(), None, "fast", True
+
+    def start(self):
+        return Kept()
+
+    def update(self, state, t_ns, values):
+        part, gain = self.part, 2.0
+        if self.none is not None:
+            return state, (self.none.nothing(values),)
+        a, b = values
+        total = 0.0
+        for weight, entry in zip(part.weights, (a, b)):
+            total += weight * entry
+        turned = tuple([p * z + b for p, z in zip(part.poles, state.z)])
+        if self.mode == "slow" or len(values) > 3:
+            total = values[7]
+        count = state.count + 1 if self.wide and t_ns % 3_000_000 else state.count // 2
+        u = part.limited(gain * total + turned[0].real) * LEVEL
+        return Kept(turned, count=count, last=u), (u + cmath.phase(turned[1]) + math.exp(-abs(u)),)
+
+
+LEVEL = 0.5
+
+
+class Kept(NamedTuple):
+    """State."""
+
+    z: tuple[complex, complex] = (0j, 0j)
+    count: int = 0
+    last: float = math.inf
+    best: float = -1.0
+
+
+class Part:
+    """A part of a controller."""
+
+    def __init__(self):
+        self.weights, self.poles, self.high = (0.3, 0.7), (0.9 + 0.1j, 0.5 - 0.2j), 1.0
+
+    def limited(self, u):
+        return clip(u, -self.high, self.high)
+
+
+def clip(u, low, high):
+    return low if u < low else high if u > high else u
+
+
+def test_what_users_write_is_compiled():
+    assert compared(Plain(), size=1.0) == 1500
+
+
+def variant(**methods):
+    """Plain with other methods."""
+    return type("Changed", (Plain,), methods)()
+
+
+def with_sum(self, state, t_ns, values):
+    return state, (sum(values),)
+
+
+def with_power(self, state, t_ns, values):
+    return state, (values[0] ** 2,)
+
+
+def with_hypot(self, state, t_ns, values):
+    return state, (math.hypot(values[0], values[1]),)
+
+
+def with_numpy(self, state, t_ns, values):
+    return state, (float(np.sum(values)),)
+
+
+def with_memory(self, state, t_ns, values):
+    self.memory = values[0]
+    return state, (values[0],)
+
+
+def with_dictionary(self, state, t_ns, values):
+    return {"a": 1}, (values[0],)
+
+
+def with_growing_state(self, state, t_ns, values):
+    return (state, 1.0), (values[0],)
+
+
+def with_two_commands(self, state, t_ns, values):
+    return state, (values[0], values[1])
+
+
+def with_text(self, state, t_ns, values):
+    return state, (float(f"{values[0]}"),)
+
+
+REFUSED = [
+    with_sum, with_power, with_hypot, with_numpy, with_memory, with_dictionary, with_growing_state, with_two_commands,
+    with_text,
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("update", REFUSED, ids=lambda update: update.__name__)
+def test_what_could_round_or_behave_in_another_way_is_left_to_python(update):
+    controller = variant(update=update)
+    with pytest.raises(Untranslatable, match=r"\S"):
+        Native(controller, controller.start())
+
+
+def test_one_that_hears_every_sample_is_left_to_python():
+    with pytest.raises(Untranslatable, match="every sample"):
+        Native(variant(every_sample=True), Kept())
+
+
+def test_a_closure_is_left_to_python():
+    factor = 2.0
+
+    def update(self, state, t_ns, values):
+        return state, (factor * values[0],)
+
+    with pytest.raises(Untranslatable, match="no plain function"):
+        translate(variant(update=update))
+
+
+def divides(self, state, t_ns, values):
+    return state, (values[0] / values[1],)
+
+
+@pytest.mark.parametrize("values", [(1.0, 0.0), (math.nan, 1.0), (math.inf, 1.0), (1e300, 1e-300)])
+def test_it_declines_where_python_would_raise_or_a_value_is_not_finite(values):
+    controller = variant(update=divides)
+    native = Native(controller, Kept())
+    assert native.take(controller, Kept())
+    before = native.memory.tobytes()
+    assert not native.agrees(0, values, (0.0,), Kept())
+    assert native.memory.tobytes() == before
+    assert native.agrees(0, (1.0, 4.0), (0.25,), Kept())
