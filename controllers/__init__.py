@@ -13,6 +13,7 @@ shunt_tuner      a shunt's inductance after the squeal's frequency
 resonator        a narrow band of a signal: amplitude, phase, frequency
 velocity         the velocity fed back: measured or observed, filtered, predicted
 observer         a Kalman observer as plain arithmetic
+native           a controller whose `update` is compiled: translate, body make it text for a compiler
 file             a user's own controller from a file
 service          its events and parameters on the bus
 process          the process main

@@ -17,7 +17,8 @@ from numba import typeof as _typeof
 from numba import types
 
 from controllers.base import Controller, State, Values, hears
-from controllers.translate import Translated, Untranslatable, fact, found, translate, words
+from controllers.body import Untranslatable
+from controllers.translate import Translated, fact, found, translate, words
 from rig.kernel import as_python, called_by_address
 
 typeof: Any = _typeof

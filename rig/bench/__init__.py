@@ -7,7 +7,7 @@ operation       what happens at a tick between measurement and integration; the 
 tuning          values that an operator or the protocol changes while the rig runs
 variant, builds, refit, upcoming   other rigs that it goes on as, built beside the frames
 simulate        everything in one process
-working         a controller that works in this process; in_plant: those of a live run
+working         a controller that works in this process; inside: within the compiled loop; in_plant: in a live run
 plant_process   the plant as a process: lockstep or paced; hub, desk, attend and conclude are its parts
 pieces          how many frames are carried at once
 pace, timing    the pace of the wall clock, and how well it was kept

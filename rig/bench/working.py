@@ -8,9 +8,9 @@ from itertools import repeat
 from typing import Any
 
 from controllers.base import Values
+from controllers.body import Untranslatable
 from controllers.loop import Loop
 from controllers.native import Native
-from controllers.translate import Untranslatable
 from rig.bench.operation import Operation
 
 TRIALS = 200

@@ -12,6 +12,7 @@ laws         friction coefficient over slip speed
 settle       the modes that agree with the equations at one instant
 records      what a kernel works on: state, scratch, log, plan
 carry        the compiled loop that hands the state from method to method
+frames       plant, instruments (sampling, response) and controllers (control) in one compiled loop
 leaf         hot code for a number of states, called by address
 plan, parts  which compiled code a rig needs, and where it begins
 exact        propagators per tick, guards certified, uncertified ticks opened

@@ -11,8 +11,9 @@ import pytest
 import controllers
 import rig
 from controllers.base import retune
+from controllers.body import Untranslatable
 from controllers.native import Native
-from controllers.translate import Untranslatable, translate
+from controllers.translate import translate
 from rig.study.design import numbers
 
 SHIPPED = (
