@@ -62,6 +62,8 @@ class Instants(NamedTuple):
     def at(self, numbers: int | Integers) -> Integers:
         """The instants [ns] of samples `numbers`, as the kernels find them (rig.solve.sampling.instant)."""
         period, rest = self.whole
+        if not rest:
+            return np.asarray(numbers, dtype=np.int64) * period
         cycles, k = np.divmod(np.asarray(numbers, dtype=np.int64), self.samples)
         more, part = np.divmod(k * rest, self.samples)
         down = k * period + more

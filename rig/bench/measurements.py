@@ -25,9 +25,11 @@ class Measurements:
             self._count[i] += len(new)
 
     def samples(self) -> dict[str, Samples]:
-        """What each sensor published: times [ns], values."""
+        """What each sensor published: times [ns], which sensors of one rate share, and values."""
         self.take()
+        series = list(zip(self._bank.instants, self._count))
+        times = {one: one[0].at(np.arange(one[1])) for one in set(series)}
         return {
-            name: Samples(instants.at(np.arange(self._count[i])), np.concatenate(self._taken[i]))
-            for i, (name, instants) in enumerate(zip(self._bank.names, self._bank.instants))
+            name: Samples(times[one], np.concatenate(taken))
+            for name, one, taken in zip(self._bank.names, series, self._taken)
         }

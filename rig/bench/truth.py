@@ -45,9 +45,14 @@ class Truth:
         motion.kept = 0
 
     def outputs(self, motion: Motion) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """All outputs [step, output] and mode sets [step] so far."""
+        """All outputs [output, step] and mode sets [step] so far."""
         self.work_out(motion)
-        return np.concatenate(self._done), np.concatenate(self._keys)
+        keys = np.concatenate(self._keys)
+        values, done = np.empty((self._done[0].shape[1], len(keys))), 0
+        for block in self._done:
+            values[:, done : done + len(block)] = block.T
+            done += len(block)
+        return values, keys
 
     def events(self, motion: Motion) -> list[dict[str, Any]]:
         """All events so far, as a recording keeps them."""
