@@ -105,9 +105,15 @@ def gained(t, sector, before, after, x):
 def beyond(t, slot, x, w, watched, bound):
     """The first watched output whose size is beyond its bound; -1 if none is."""
     if watched.shape[0]:
-        inputs(t, slot, x, w.T, w.scratch)
+        asked = False
         for i in range(watched.shape[0]):
-            value = dot(t.signals[slot, watched[i]], x) + dot(t.signals_t[slot, watched[i]], w.T)
+            asked = asked or t.asks[slot, watched[i]] != 0
+        if asked:
+            inputs(t, slot, x, w.T, w.scratch)
+        for i in range(watched.shape[0]):
+            value = dot(t.signals[slot, watched[i]], x)
+            if t.asks[slot, watched[i]]:
+                value += dot(t.signals_t[slot, watched[i]], w.T)
             if not abs(value) <= bound[i]:
                 return watched[i]
     return -1

@@ -27,7 +27,7 @@ from rig.solve.stage import begin, complete, rubbing, stage
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 _LEAST = 1e-6  # of the largest coordinate or speed
 _MOST = 200_000  # trials for one tick
-ENDED, ASKS, FAILED = range(3)  # what the leaf returns
+ENDED, ASKS, CLEAR, FAILED = range(4)  # what the leaf returns
 _SHARE = 0.7  # of the tolerance for the local error, so that event times keep within ten times the tolerance
 
 
@@ -101,6 +101,8 @@ def growth(e):
 
     The next step waits for it, and a power takes as long as a stage.
     """
+    if e < 1e-4:
+        return _GROW
     if e < 0.1:
         return min(_GROW, _SAFETY * e ** (-0.2))
     return (1.6 - 2.3 * e) + (e * e) * (2.9 - 1.3 * e)
@@ -203,7 +205,7 @@ def reach(tick, place, done, share, ticks, last):
 def steps(shape, t, w, state, log, seg, plan, ticks):
     """Leaf: steps on from state.x, its derivative in w.k[0], until the ticks end or somebody has to look at a step.
 
-    ASKS: its length is fc[LENGTH], its end w.y, its stages w.k, its dense output w.derivatives; state, tick and place
+    ASKS, or CLEAR where no guard can fall in it: its length is fc[LENGTH], its end w.y, its stages w.k, its dense output w.derivatives; state, tick and place
     are those of its begin. FAILED: no step is short enough. What a step works on is lent to nobody, so that it stays
     in registers.
     """
@@ -235,14 +237,15 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
             next_h = h * max(_SHRINK, min(grow, (grow * grow) * (h / hoped)))
         hoped = h * grow
         dense(shape, k, here, y, h, d)
-        if looked or not clear(shape, f, d, size):
+        plain = clear(shape, f, d, size)
+        if looked or not plain:
             fc[LENGTH] = h
             for i in range(n):
                 w.y[i] = y[i]
                 w.k[6, i] = k[6, i]
                 for c in range(5):
                     w.derivatives[c, i] = d[c, i]
-            ends = ASKS
+            ends = CLEAR if plain else ASKS
             break
         done, share = 0.0, tick_length / h
         while tick < ticks:
@@ -287,11 +290,13 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             break
         h, tick, place = fc[LENGTH], ic[TICK], fc[PLACE]
         left = ((ticks - tick) - place) * tick_length
-        theta, fallen, doubtful = fall(t, slot, w, f)
-        if doubtful and h > 1e-12 * tick_length:
-            fc[TRY], fallen = _SHRINK * h, -1
-            continue
-        end = theta if fallen >= 0 else 1.0
+        end = 1.0
+        if ends == ASKS:
+            theta, fallen, doubtful = fall(t, slot, w, f)
+            if doubtful and h > 1e-12 * tick_length:
+                fc[TRY], fallen = _SHRINK * h, -1
+                continue
+            end = theta if fallen >= 0 else 1.0
         if plan.booking:
             book_step(shape, t, w, f, end, h, state.energy)
         done, share = 0.0, tick_length / h
