@@ -20,9 +20,9 @@ class Live:
     A thread of its own writes: a terminal that is held up must not hold up a plant.
     """
 
-    def __init__(self, stream: TextIO = sys.stderr) -> None:
-        self._stream, self._width = stream, 0
-        self._terminal = stream.isatty()
+    def __init__(self, stream: TextIO | None = None) -> None:
+        self._stream, self._width = stream or sys.stderr, 0
+        self._terminal = self._stream.isatty()
         self._queue: queue.SimpleQueue[tuple[str, bool] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._write, name="live", daemon=True)
         self._thread.start()
