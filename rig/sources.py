@@ -1,7 +1,8 @@
 """What compiled code depends on: the statements of the modules that hold it, and of those that they import.
 
 Comments, docstrings and line numbers do not matter, nor does any other module: an edit of a plant, an effect, an
-instrument or a benchmark compiles nothing anew. A module is parsed once and its summary kept beside the kernels.
+instrument or a benchmark compiles nothing anew. A module is parsed once and its summary kept beside the kernels, for
+each checkout its own.
 """
 
 from __future__ import annotations
@@ -43,7 +44,7 @@ def key(root: Path, kept: Path, version: str) -> str:
         status = path.stat()
         stamp = [status.st_size, status.st_mtime_ns]
         if name not in found:
-            old = known.get(name)
+            old = known.get(str(path))
             found[name] = old if old is not None and old.stamp == stamp else _summary(path.read_bytes(), stamp)
         return found[name]
 
@@ -56,11 +57,13 @@ def key(root: Path, kept: Path, version: str) -> str:
             if name not in needed:
                 needed.add(name)
                 todo.append(name)
-    if found != known:
+    read_here = {str(root / name): one for name, one in found.items()}
+    if any(known.get(path) != one for path, one in read_here.items()):
+        others = {path: one for path, one in known.items() if Path(path).is_file()}  # of other checkouts
         draft = kept.with_suffix(f".{os.getpid()}")
         with suppress(OSError):  # a place that cannot be written costs the time of parsing
             kept.parent.mkdir(parents=True, exist_ok=True)
-            draft.write_text(json.dumps(found))
+            draft.write_text(json.dumps(others | read_here))
             draft.replace(kept)
     text = "".join(f"{name} {found[name].digest}\n" for name in sorted(needed))
     return hashlib.sha256(f"{version}\n{text}".encode()).hexdigest()[:16]

@@ -220,6 +220,21 @@ def test_the_same_sources_elsewhere_find_the_same_kernels(checkout, tmp_path):
     assert sources.key(folder, tmp_path / "file" / "sources.json", "0") == before
 
 
+def test_two_checkouts_do_not_parse_their_sources_in_turns(checkout, tmp_path, monkeypatch):
+    folder, _ = checkout
+    shutil.copytree(folder / "rig", tmp_path / "rig", ignore=shutil.ignore_patterns("__pycache__"))
+    shared, parsed = tmp_path / "kept" / "sources.json", []
+    parse = sources.ast.parse
+    for root in (folder, tmp_path):
+        sources.key(root, shared, "0")
+    monkeypatch.setattr(sources.ast, "parse", lambda source: (parsed.append(source), parse(source))[1])
+    assert sources.key(folder, shared, "0") == sources.key(tmp_path, shared, "0")
+    assert not parsed
+    (tmp_path / "rig" / "solve" / "carry.py").write_text("X = 1\n")
+    sources.key(tmp_path, shared, "0")
+    assert len(parsed) == 1
+
+
 def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
     monkeypatch.setenv("RIG_KERNELS", str(tmp_path))
     monkeypatch.setattr(kept, "LIMIT", 3500)
