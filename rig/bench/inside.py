@@ -8,7 +8,7 @@ line on safe values, an answer that fails.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Generator, Sequence
 from math import nan
 from typing import Any, NamedTuple
 
@@ -18,7 +18,8 @@ from rig.bench.operation import Operation
 from rig.bench.working import Working
 from rig.solve.control import COUNT, NOW, UNUSUAL
 
-_Answer = ctypes.CFUNCTYPE(ctypes.c_int64, *[ctypes.c_int64] * 5)
+_Answer = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
+"""It takes the first argument only, which is all that it needs."""
 
 
 class Lent(NamedTuple):
@@ -37,11 +38,13 @@ class Inside:
         self._exchange, self._stand = operation.exchange, operation.stand
         self._controls = self._stand.controls
         self._command: Any = self._controls.command.data
+        self._clock: Any = self._controls.clock.data
         self._lent: list[Lent] = []
         self._called: list[tuple[Working, int, int]] = []
-        """The same for `_ask`: the first of its actuators, and how many."""
-        self._frame = self._stand.frame_ns
-        self._asked = _Answer(self._ask)
+        """The same for `_answers`: the first of its actuators, and how many."""
+        answers = self._answers()
+        next(answers)
+        self._asked = _Answer(answers.send)
         self._address = ctypes.cast(self._asked, ctypes.c_void_p).value
 
     def lend(self, working: Sequence[Working]) -> Collection[str]:
@@ -117,18 +120,27 @@ class Inside:
         self._called.clear()
         c.clock[COUNT] = 0
 
-    def _ask(self, i: int, t_ns: int, heard: int, command: int, memory: int) -> int:
-        """What the compiled loop calls: 0 if the command is there, 1 if somebody has to look at what there is."""
-        one, first, count = self._called[i]
-        try:
-            values = one.ask(t_ns // self._frame)
-        except BaseException as fault:  # no compiled code lets it through
-            one.fault = fault
-            return 1
-        if len(values) != count:
-            return 1
-        for value in values:
-            self._command[first] = value
-            first += 1
-        one.given = None
-        return 0
+    def _answers(self) -> Generator[int, int, None]:
+        """What the compiled loop calls with the place of who is due: 0 if the command is there, 1 if one has to look.
+
+        A generator, since a Ctrl-C strikes where Python begins again after compiled code: here that is inside `try`. A
+        function would lose it, as no compiled code lets an exception through.
+        """
+        result = 1
+        while True:
+            i = 0
+            try:
+                i = yield result
+                result = 1
+                one, first, count = self._called[i]
+                values = one.ask(int(self._clock[NOW]))
+                if len(values) == count:
+                    for value in values:
+                        self._command[first] = value
+                        first += 1
+                    one.given = None
+                    result = 0
+            except GeneratorExit:
+                return
+            except BaseException as fault:
+                self._called[i][0].fault = fault

@@ -205,9 +205,9 @@ def reach(tick, place, done, share, ticks, last):
 def steps(shape, t, w, state, log, seg, plan, ticks):
     """Leaf: steps on from state.x, its derivative in w.k[0], until the ticks end or somebody has to look at a step.
 
-    ASKS, or CLEAR where no guard can fall in it: its length is fc[LENGTH], its end w.y, its stages w.k, its dense output w.derivatives; state, tick and place
-    are those of its begin. FAILED: no step is short enough. What a step works on is lent to nobody, so that it stays
-    in registers.
+    ASKS, or CLEAR where no guard can fall in it: its length is fc[LENGTH], its end w.y, its stages w.k, its dense
+    output w.derivatives; state, tick and place are those of its begin. FAILED: no step is short enough. What a step
+    works on is lent to nobody, so that it stays in registers.
     """
     n, tick_length, looked = states(shape), t.step[0], plan.booking or plan.emitting
     ic, fc, x, size, slot = state.ic, state.fc, state.x, w.size, t.slot_of[state.ic[KEY]]

@@ -2,6 +2,10 @@
 
 import dataclasses
 import math
+import signal
+import subprocess
+import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -169,3 +173,27 @@ def test_a_faulty_controller_ends_the_run_with_its_own_error(what, error):
     built = {n: Odd(controllers.build(s, numbers(scene)[n]), what, (100,)) for n, s in scene.controllers.items()}
     with pytest.raises(error, match=r"odd|drives"):
         simulate.simulate(scene, built, 10**9)
+
+
+INTERRUPTED = """
+import rig, sys
+scene = rig.load("belt_normal_force")
+rig.simulate(scene, 0.5)
+print("begins", flush=True)
+try:
+    rig.simulate(scene, 400.0)  # too short to be compiled
+except KeyboardInterrupt:
+    print("interrupted", flush=True)
+"""
+
+
+def test_a_ctrl_c_is_not_lost_in_the_compiled_loop():
+    for _ in range(3):
+        with subprocess.Popen([sys.executable, "-c", INTERRUPTED], stdout=subprocess.PIPE, text=True) as run:
+            try:
+                assert run.stdout.readline() == "begins\n"
+                time.sleep(0.4)
+                run.send_signal(signal.SIGINT)
+                assert run.communicate(timeout=20.0)[0] == "interrupted\n"
+            finally:
+                run.kill()
