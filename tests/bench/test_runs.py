@@ -1,5 +1,6 @@
 """Whole runs: plant, controller and recorder as processes over a private unix socket."""
 
+import contextlib
 import os
 import re
 import shutil
@@ -81,8 +82,9 @@ class Going:
         deadline = time.monotonic() + seconds
         while time.monotonic() < deadline:
             for child in psutil.Process().children():
-                if child.pid not in self.before and set(words.split()) <= set(child.cmdline()):
-                    return child
+                with contextlib.suppress(psutil.NoSuchProcess):  # it has ended just now
+                    if child.pid not in self.before and set(words.split()) <= set(child.cmdline()):
+                        return child
             time.sleep(0.02)
         raise AssertionError(f"no process has {words}: {self.lines}")
 
