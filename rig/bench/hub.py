@@ -9,13 +9,12 @@ sent after the step, so that no controller waits for it.
 from __future__ import annotations
 
 import time
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.bench.line import Line
 from rig.bench.operation import Operation
 from rig.bench.timing import Spread
 from rig.bus import encode, messages
@@ -89,10 +88,9 @@ class Hub:
         self._health = session.publisher("health")
         self._meas = [session.publisher(f"meas/{name}") for name in bank.names]
         self._samples = [Samples(instants) for instants in bank.instants]
+        stand.keep_samples = self.collect
         self._applied: dict[str, Publisher] = {}
         self._waiting: list[tuple[Publisher, bytes]] = []
-        self._commands: dict[str, list[tuple[int, int, int, Sequence[float]]]] = {}
-        """Controller -> tick, answered, status and values of its commands in this piece."""
         self._told = 0
         self.acts = session.subscribe("act/*", depth=_ACTS, stamped=True)
         self._voices: dict[str, str] = {}
@@ -208,7 +206,7 @@ class Hub:
         self.gather_state()
 
     def collect(self) -> None:
-        """Take the samples that were published since the last call; none may be forgotten by the bank before."""
+        """Take the samples that were published since the last call."""
         tick, bank = self.stand.tick, self.stand.bank
         for i, samples in enumerate(self._samples):
             new = bank.since(i, samples.next)
@@ -223,25 +221,20 @@ class Hub:
             payload = self._encode_state(stand.t_ns, stand.tick, stand.motion.key, values)
             self._waiting.append((self._state, payload))
 
-    def gather_within(self) -> None:
-        """The same as `gather` within a piece: samples are collected only before they are forgotten."""
-        if self.stand.bank.short:
-            self.collect()
-        self.gather_state()
+    @property
+    def state_due(self) -> int:
+        """The first tick after this one at which the state is told."""
+        return (self.stand.tick // self._state_ticks + 1) * self._state_ticks
 
     def put_gathered(self) -> None:
         """Send what was gathered."""
         t_ns = self.stand.t_ns
-        for name, rows in self._commands.items():
-            publisher = self._applied.get(name)
-            if publisher is None:
-                publisher = self._applied[name] = self.session.publisher(f"applied/{name}")
-            tick, answered, status, values = rows[0]
-            frame_ns = self.stand.frame_ns
-            one = len(rows) == 1
-            payload = encode.applied(tick, tick * frame_ns, answered, status, values) if one else b""
-            self._waiting.append((publisher, payload or encode.applied_rows(frame_ns, rows)))
-        self._commands.clear()
+        for name, line in self.operation.exchange.all_lines.items():
+            if (taken := line.taken()) is not None:
+                publisher = self._applied.get(name)
+                if publisher is None:
+                    publisher = self._applied[name] = self.session.publisher(f"applied/{name}")
+                self._waiting.append((publisher, encode.commands(self.stand.frame_ns, *taken)))
         for publisher, payload in self._waiting:
             publisher.put(payload, t_ns)
         self._waiting.clear()
@@ -253,13 +246,6 @@ class Hub:
             block = samples.block(tick)
             if block is not None:
                 publisher.put(block, self.stand.t_ns)
-
-    def applied(self, lines: Iterable[Line]) -> None:
-        """Gather commands that took effect at this tick."""
-        tick = self.stand.tick
-        for line in lines:
-            row = (tick, line.answered, line.status, line.values)
-            self._commands.setdefault(line.name, []).append(row)
 
     def put_events(self) -> None:
         """Send what has been written into the journal since."""

@@ -13,39 +13,60 @@ from typing import Any
 import controllers
 from controllers.loop import Loop
 from controllers.service import Service
+from rig.bench.inside import Inside
 from rig.bench.operation import Operation
+from rig.bench.simulate import carry_on
 from rig.bench.working import Working
 from rig.bus.port import Session
 from rig.errors import UsageError
 
+_NEVER = 1 << 62
 
-class _Resident(Service):
-    """One such controller, `working`, which speaks on a session of its own."""
 
-    def __init__(self, session: Session, working: Working) -> None:
-        super().__init__(session, working.loop)
-        self.working = working
+class _Resident(Working):
+    """One such controller, which speaks on a `session` of its own. What it raises ends it, not the plant."""
+
+    def __init__(self, name: str, loop: Loop, operation: Operation, session: Session) -> None:
+        super().__init__(name, loop, operation)
+        self.service = Service(session, loop)
         self.left = False
+        self._told = False
 
-    def answer(self, tick: int, t_ns: int) -> None:
-        """Answer the measurement of `tick`. What the controller raises ends it, not the plant."""
-        self.tick, self.t_ns = tick, t_ns
-        held = self.loop.held
+    def answer(self) -> None:
+        """See `Working.answer`."""
         try:
-            self.working.answer()
+            super().answer()
         except Exception as error:  # of whatever it computes
-            self.failed(error)
-            self.leave()
-            self.session.close()
-            return
-        if self.loop.held and not held:
-            self.held()
+            self._fail(error)
+
+    def catch_up(self, tick: int) -> None:
+        """See `Working.catch_up`."""
+        try:
+            super().catch_up(tick)
+        except Exception as error:
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        self.due, self.given, self.fault = _NEVER, None, None
+        self.service.tick, self.service.t_ns = self._stand.tick, self._stand.t_ns
+        self.service.failed(error)
+        self.leave()
+        self.service.session.close()
+
+    def look(self) -> None:
+        """Bring what it says up to this tick: which one it has heard last, and whether a value was missing."""
+        if not self.left:
+            self.service.tick = self.due - self.line.period
+            self.service.t_ns = max(self.service.tick, 0) * self._stand.frame_ns
+            if self.loop.held and not self._told:
+                self._told = True
+                self.service.held()
 
     def leave(self) -> None:
         """The last words, once."""
         if not self.left:
             self.left = True
-            super().leave()
+            self.service.leave()
 
 
 class InPlant:
@@ -54,37 +75,39 @@ class InPlant:
     def __init__(
         self, session: Session, operation: Operation, numbers: Mapping[str, Any], notice: Callable[[], object]
     ) -> None:
-        self._stand, self._notice = operation.stand, notice
+        self._operation, self._notice = operation, notice
         self._all: dict[str, _Resident] = {}
         for name in sorted(operation.scene.in_plant):
             told = controllers.described(operation.scene.controllers[name], numbers.get(name, {}))
-            working = Working(name, Loop(controllers.restored(told)), operation)
-            self._all[name] = _Resident(session.stand_in("controller", name), working)
+            loop = Loop(controllers.restored(told))
+            self._all[name] = one = _Resident(name, loop, operation, session.stand_in("controller", name))
+            one.expect(0)
+            one.native()  # compiled if the rehearsal has done so
         self._at_work = list(self._all.values())
+        self._inside = Inside(operation)
         for one in self._at_work:
-            one.session.announce()
+            one.service.session.announce()
 
-    def answer(self) -> None:
-        """Let those answer that are due at this tick."""
-        tick = self._stand.tick
+    def carry_on(self, until: int) -> None:
+        """Carry the stand on to tick `until`, or as far as no limit is passed; only controllers act on the way."""
+        carry_on(self._operation, self._at_work, until, self._inside)
         for one in self._at_work:
-            if one.working.due == tick:
-                one.answer(tick, self._stand.t_ns)
-                if one.left:
-                    self._at_work = [other for other in self._at_work if not other.left]
-                    self._notice()
+            one.look()
+        if any(one.left for one in self._at_work):
+            self._at_work = [one for one in self._at_work if not one.left]
+            self._notice()
 
     def poll(self) -> None:
         """Answer who asks for parameters, or sets them."""
         for one in self._at_work:
-            one.server.poll()
+            one.service.server.poll()
 
     def retune(self, name: str, changes: Mapping[str, Any]) -> None:
         """Change parameters of one at this tick. Raises UsageError if it cannot be, or if it has left."""
         one = self._all[name]
         if one.left:
             raise UsageError(f"controller {name} has left")
-        one.asked({"set": dict(changes)})
+        one.service.asked({"set": dict(changes)})
 
     def leave(self) -> None:
         """The run has ended: the last words of those who are still at work."""

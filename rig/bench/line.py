@@ -80,6 +80,16 @@ class Line:
             for i, new in enumerate((*rows.T, values)):
                 self._columns[i].frombytes(np.ascontiguousarray(new).tobytes())
 
+    def taken(self) -> tuple[array[int], array[int], array[int], array[float]] | None:
+        """What was written down since the last call: ticks, answered, statuses, values in a row; None if nothing."""
+        ticks, answered, status, values = self._columns
+        if not ticks:
+            return None
+        found = ticks[:], answered[:], status[:], values[:]
+        for column in self._columns:
+            del column[:]
+        return found
+
     def commands(self) -> Commands:
         """What was written down."""
         ticks, answered, status = (np.array(column, np.int64) for column in self._columns[:3])

@@ -37,7 +37,7 @@ from rig.bench.in_plant import InPlant
 from rig.bench.job import Job, keeps_up
 from rig.bench.lockstep import Lockstep
 from rig.bench.operation import BEGIN, Operation
-from rig.bench.pieces import Pieces
+from rig.bench.pieces import Pieces, length
 from rig.bench.refit import Refit
 from rig.bench.rehearse import visited
 from rig.bench.stand import Stand
@@ -64,9 +64,9 @@ class Plant:
     def __init__(self, session: Session, job: Job, stopping: Callable[[], str], sets: Iterable[int] = ()) -> None:
         self.session, self.job, self._stopping, self._sets = session, job, stopping, sets
         self.scene = scene = Scene.from_json(job.scene)
-        self.stand = stand = Stand(scene)
+        self.stand = stand = Stand(scene, piece=length(scene, job.pace))
         duration_ns = None if job.duration is None else round(job.duration * 1e9)
-        self.operation = Operation(scene, stand, duration_ns, self._retune, keeps=False)
+        self.operation = Operation(scene, stand, duration_ns, self._retune)
         self.setup = self._setup()
         self.hub = hub = Hub(session, self.operation, self.setup)
         self.desk = Desk(hub)
@@ -205,20 +205,14 @@ class Plant:
     def _carry(self, frames: int) -> bool:
         """Carry the plant through a piece at whose first tick all is done but the commands; whether it goes on then."""
         hub, operation, stand, in_plant = self.hub, self.operation, self.stand, self.in_plant
-        until = operation.until() if frames > 1 else 0
-        for frame in range(frames):
-            if frame:
-                hub.gather_within()
-                if stand.tick >= until or stand.limited:
-                    if not operation.begin():
-                        return False
-                    until = operation.until()
-            in_plant.answer()
-            lines = operation.take_over()
-            if lines:
-                hub.applied(lines)
-            stand.frame()
-        return True
+        end = stand.tick + frames
+        while True:
+            in_plant.carry_on(min(end, operation.until(), hub.state_due) if frames > 1 else end)
+            if stand.tick >= end:
+                return True
+            hub.gather_state()
+            if not operation.begin():
+                return False
 
     def _in_lockstep(self, pacer: pace.Pacer | None, show: Show) -> None:
         hub, desk, operation = self.hub, self.desk, self.operation
@@ -237,7 +231,6 @@ class Plant:
             self.in_plant.poll()
             answers.ask()
             hub.put_gathered()
-            self.in_plant.answer()
             answers.wait()
             answered = clock()
             goes_on = self._carry(frames)

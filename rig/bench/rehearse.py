@@ -4,6 +4,7 @@ A mode set takes milliseconds to build when it is first visited, and a frame has
 out in this process, controllers and all, as fast as it goes. A paced run visits the same mode sets, or nearly so, since
 its commands arrive a frame later. What a frame calls is loaded or compiled on the way, and so is what it calls once a
 controller has joined that the scene does not know: compiling takes a minute, for which no frame has time.
+Controllers that the plant itself asks in short frames are compiled here and compared with Python's answers.
 
 What the protocol and a limit ask of the rig is known too: `rig.bench.upcoming`.
 """
@@ -15,9 +16,11 @@ from contextlib import suppress
 
 import controllers
 from rig.bench.job import Job
+from rig.bench.pieces import length
 from rig.bench.simulate import carry_out
 from rig.bench.stand import Stand
 from rig.bench.variant import Wanted
+from rig.bench.working import asked_often
 from rig.errors import RigError
 from rig.scenes.scene import Scene
 
@@ -35,6 +38,8 @@ def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, 
     for name, section in scene.controllers.items():
         with suppress(RigError):  # one that cannot begin says why in its own process; the run goes on without
             working[name] = controllers.restored(controllers.described(section, job.numbers.get(name, {})))
+            if name in scene.in_plant and length(scene, job.pace) > 1:
+                asked_often(working[name])
     duration_ns = scene.duration_ns if job.duration is None else round(job.duration * 1e9)
     begun: list[float] = []
 

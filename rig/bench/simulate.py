@@ -7,7 +7,7 @@ the samples of then.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -118,9 +118,12 @@ def begun(
     return operation, working
 
 
-def carry_on(operation: Operation, working: list[Working], until: int) -> None:
-    """Carry the stand on to tick `until`, or as far as no limit is passed; only controllers act on the way."""
-    stand, exchange, inside = operation.stand, operation.exchange, Inside(operation)
+def carry_on(operation: Operation, working: Sequence[Working], until: int, inside: Inside | None = None) -> None:
+    """Carry the stand on to tick `until`, or as far as no limit is passed; only controllers act on the way.
+
+    `inside`: what lends them to the compiled loop, for who calls this often.
+    """
+    stand, exchange, inside = operation.stand, operation.exchange, inside or Inside(operation)
     heard, others = ([one for one in working if one.line.connected is on] for on in (True, False))
     while True:
         for one in working:

@@ -6,7 +6,7 @@ one process, over the bus in lockstep, or played back from a recording gives the
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from typing import Any
 
@@ -35,10 +35,11 @@ Array = NDArray[np.float64]
 class Stand:
     """A scene's plant with its sensors at tick `tick` (frames). Raises rig.errors.NumericsError when it must stop.
 
-    `truthful`: keep the plant's own quantities at every step (`truth`) and every sample (`measurements`).
+    `truthful`: keep the plant's own quantities at every step (`truth`) and every sample (`measurements`). Else `piece`:
+    frames that are carried at once, for which there is room from the start.
     """
 
-    def __init__(self, scene: Scene, truthful: bool = False) -> None:
+    def __init__(self, scene: Scene, truthful: bool = False, piece: int = 1) -> None:
         self.scene = scene
         self.frame_ns, self.step_ns = scene.frame_ns, scene.step_ns
         self.steps = self.frame_ns // self.step_ns
@@ -72,7 +73,7 @@ class Stand:
             substeps=clock.substeps(self.step_ns),
             cap=clock.events_per_frame,
             limit=clock.limit,
-            longest=ROWS if truthful else self.steps,
+            longest=ROWS if truthful else piece * self.steps,
             bounds={self.outputs.index(name): limit for name, limit in scene.limits.items()},
             frames=Frames(self.steps, self.bank.rack, Loan(self.controls)),
             smoothing=clock.smoothing,
@@ -85,6 +86,8 @@ class Stand:
         self._witness = Witness(self.values)
         self._needs, self._truthful = len(needs), truthful
         self._prepared: list[Variant] = []
+        self.keep_samples: Callable[[], object] = lambda: None
+        """Called before the bank forgets samples."""
         self.start()
 
     def start(self) -> None:
@@ -101,6 +104,8 @@ class Stand:
         self.bank.start(motion.outputs_now()[: self._needs].copy())
         self.truth = Truth(motion, self.steps, self.step_ns) if self._truthful else None
         self.measurements = Measurements(self.bank) if self._truthful else None
+        if self.measurements is not None:
+            self.keep_samples = self.measurements.take
 
     @property
     def t_ns(self) -> int:
@@ -118,15 +123,14 @@ class Stand:
         the samples is that of these frames.
         """
         if self._look and self.bank.short:
-            if self.measurements is not None:
-                self.measurements.take()
+            self.keep_samples()
             self.bank.fill()
         self._look = True
         try:
             if self.truth is not None:
                 self._look = self.truth.advance(self.motion, most)
             else:
-                self._look = self.motion.advance(self.steps)
+                self._look = self.motion.advance(most * self.steps)
         finally:
             self.tick = self.motion.tick // self.steps
         if self.tick >= self._witness.due:

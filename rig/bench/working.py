@@ -7,7 +7,7 @@ from contextlib import suppress
 from itertools import repeat
 from typing import Any
 
-from controllers.base import Values
+from controllers.base import Controller, Values
 from controllers.body import Untranslatable
 from controllers.loop import Loop
 from controllers.native import Native
@@ -19,6 +19,13 @@ WORTH = 500_000
 """Answers of controllers of one class in this process from which on it is compiled: Python takes 1.4 s for them, the
 compiler 1 to 3 s. # chosen"""
 _EXPECTED: Counter[type] = Counter()
+_TRIED: set[int] = set()
+"""Addresses of compiled controllers that have given these answers in this process."""
+
+
+def asked_often(controller: Controller) -> None:
+    """Controllers of this class are worth compiling in this process, however short the next run is."""
+    _EXPECTED[type(controller)] += WORTH
 
 
 class Working:
@@ -77,7 +84,8 @@ class Working:
         if self._worth and self._native is None:
             self._worth = False
             with suppress(Untranslatable):
-                self._native, self._trial = Native(self.loop.controller, self.loop.state), TRIALS
+                self._native = Native(self.loop.controller, self.loop.state)
+                self._trial = 0 if self._native.address in _TRIED else TRIALS
                 self._native.take(self.loop.controller, self.loop.state)
         if self._native is None or self._trial or not self._native.take(self.loop.controller, self.loop.state):
             return None
@@ -92,6 +100,8 @@ class Working:
             self._native, self._trial = None, 0
         elif not native.take(loop.controller, loop.state):
             self._native, self._trial = None, 0
+        elif not self._trial:
+            _TRIED.add(native.address)
 
     def catch_up(self, tick: int) -> None:
         """Give the answers due before `tick`, which nobody has waited for."""

@@ -7,6 +7,7 @@ Wire form: sfixed64 is tag, 8 bytes; a packed field is tag, length as a varint, 
 from __future__ import annotations
 
 import struct
+from array import array
 from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 
@@ -44,6 +45,8 @@ def _numbers(count: int) -> Callable[..., bytes]:
 
 
 def _raw(values: np.ndarray | Sequence[float]) -> bytes:
+    if isinstance(values, array):
+        return values.tobytes()
     if isinstance(values, np.ndarray):
         return values.tobytes() if values.dtype.char == "d" else values.astype(np.float64).tobytes()
     return _numbers(len(values))(*values)
@@ -77,13 +80,16 @@ def applied(tick: int, t_ns: int, answered: int, status: int, values: np.ndarray
     return _FOUR.pack(9, tick, 17, t_ns, 25, answered, 33, status, 42) + _length(len(raw)) + raw
 
 
-def applied_rows(frame_ns: int, rows: Sequence[tuple[int, int, int, Sequence[float]]]) -> bytes:
-    """An Applied of several commands: (tick, answered, status, values) of each, at least one, in the order of ticks."""
-    ticks, answers, statuses, values = zip(*rows)
-    head = applied(ticks[0], ticks[0] * frame_ns, answers[0], statuses[0], [one for row in values for one in row])
-    columns = np.array([ticks, answers, statuses], np.int64)
-    length = _length(8 * len(rows))
-    return b"".join([head, *(tag + length + column.tobytes() for tag, column in zip((b"2", b":", b"B"), columns))])
+def commands(
+    frame_ns: int, ticks: array[int], answers: array[int], statuses: array[int], values: array[float]
+) -> bytes:
+    """An Applied of as many commands as there are ticks, one at least; `values` of one after those of the other."""
+    head = applied(ticks[0], ticks[0] * frame_ns, answers[0], statuses[0], values)
+    if len(ticks) == 1:
+        return head
+    length = _length(8 * len(ticks))
+    columns = zip((b"2", b":", b"B"), (ticks, answers, statuses))
+    return b"".join([head, *(tag + length + column.tobytes() for tag, column in columns)])
 
 
 def block(tick: int, t0_ns: int, dt_ns: int, v: np.ndarray | Sequence[float], t_ns: np.ndarray | None = None) -> bytes:

@@ -1,5 +1,7 @@
 """The bytes on the wire: what is packed by hand is what the stock protobuf library reads and writes."""
 
+from array import array
+
 import numpy as np
 import pytest
 from google.protobuf import descriptor_pb2
@@ -77,7 +79,9 @@ def test_any_applied_comes_back_bit_for_bit(tick, t_ns, answered, status, values
     )
 )
 def test_any_commands_in_one_applied_come_back_bit_for_bit(rows):
-    read = messages.commands(messages.decode("applied/x", encode.applied_rows(50, [(t % 10**9, *r) for t, *r in rows])))
+    columns = [array("q", column) for column in zip(*((t % 10**9, a, s) for t, a, s, _ in rows))]
+    values = array("d", [one for *_, values in rows for one in values])
+    read = messages.commands(messages.decode("applied/x", encode.commands(50, *columns, values)))
     assert list(read.tick) == [tick % 10**9 for tick, *_ in rows]
     assert list(read.answered) == [answered for _, answered, *_ in rows]
     assert list(read.status) == [status for _, _, status, _ in rows]
@@ -91,7 +95,8 @@ def test_a_single_applied_is_read_as_one_row():
 
 @pytest.mark.parametrize("field", ["ticks", "answers", "statuses", "values"])
 def test_an_applied_whose_columns_differ_in_length_is_refused(field):
-    said = messages.decode("applied/x", encode.applied_rows(50, [(1, 0, 0, (1.0,)), (2, 1, 0, (2.0,))]))
+    columns = [array("q", column) for column in ([1, 2], [0, 1], [0, 0])]
+    said = messages.decode("applied/x", encode.commands(50, *columns, array("d", [1.0, 2.0])))
     del getattr(said, field)[:1]
     with pytest.raises(BusError, match="columns differ"):
         messages.commands(said)

@@ -6,6 +6,7 @@ import dataclasses
 import json
 import re
 import tracemalloc
+from array import array
 from pathlib import Path
 
 import numpy as np
@@ -340,9 +341,8 @@ def test_commands_read_the_same_from_one_message_each_and_from_one_for_several(t
         )
         groups = [[row] for row in rows] if name == "each" else [rows[:1], rows[1:21], rows[21:]]
         for number, group in enumerate(groups):
-            packed = encode.applied(group[0][0], group[0][0] * 1_000_000, *group[0][1:])
-            if len(group) > 1:
-                packed = encode.applied_rows(1_000_000, group)
+            columns = [array("q", column) for column in list(zip(*group))[:3]]
+            packed = encode.commands(1_000_000, *columns, array("d", [one for row in group for one in row[3]]))
             log.write("applied/nf", packed, group[-1][0] * 1_000_000, number, 0)
         log.close({}, {})
     each, several = (reader.open(tmp_path / f"{name}.mcap").commands["nf"] for name in ("each", "several"))
