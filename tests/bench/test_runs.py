@@ -27,7 +27,7 @@ from rig.bench.plant_process import carry_out, warm
 from rig.bench.simulate import simulate
 from rig.bench.verify import verify
 from rig.bus import address, messages
-from rig.errors import Interrupted, UsageError
+from rig.errors import BusError, Interrupted, UsageError
 from rig.record.reader import Scan
 from rig.study import design
 from rig.view.process import TOPICS
@@ -128,9 +128,48 @@ def test_lockstep_gives_the_bits_of_a_run_in_one_process(folder, load):
             process.wait()
 
 
-@pytest.mark.parametrize(("name", "duration"), [("brake_active", 0.12), ("brake_shunt_listener", 0.2)])
-def test_so_do_a_loop_at_20_khz_and_one_that_hears_every_sample(folder, name, duration):
-    in_lockstep(folder, scenes.load(name), duration)
+@pytest.mark.parametrize(
+    ("name", "changes", "duration"),
+    [
+        ("brake_active", {"controllers.nb.where": "process"}, 0.12),
+        ("brake_active", {}, 0.15),
+        ("brake_shunt_listener", {}, 0.2),
+    ],
+    ids=["20 kHz", "20 kHz in the plant's process", "every sample"],
+)
+def test_so_do_a_loop_at_20_khz_and_one_that_hears_every_sample(folder, name, changes, duration):
+    in_lockstep(folder, scenes.load(name, changes), duration)
+
+
+def test_a_loop_at_20_khz_runs_live(folder):
+    """The squeal of the brake is damped at the pace of the wall clock, with the bits of a run in one process."""
+    scene = scenes.load("brake_active")
+    outcome = Going(scene, duration=3.0, out=folder / "run.mcap").wait(100.0)
+    timing = outcome.summary["timing"]
+    assert outcome.summary["verdict"] != "INVALID", outcome.text()
+    assert (timing["each"], timing["frames"], timing["given_up"]) == (20, 3001, 0)
+    assert outcome.summary["lost"] == {}
+    assert outcome.summary["faults"] == []
+    log = rig.open(folder / "run.mcap")
+    assert log.commands["nb"].tick.tolist() == [*range(60_000)]
+    numbers = design.numbers(scene)
+    built = {name: controllers.build(section, numbers[name]) for name, section in scene.controllers.items()}
+    same_bits(log, simulate(scene, built, 3 * 10**9))
+    assert verify(folder / "run.mcap").identical
+    assert np.abs(log.measurements["vibrometer"].v[-2000:]).max() < 1e-3
+    sent = Counter(record.topic for record in Scan(folder / "run.mcap"))
+    assert sent["applied/nb"] <= 3001
+    assert sent["act/nb"] == 0
+
+
+def test_a_controller_cannot_be_started_beside_the_one_in_the_plants_process(folder):
+    going = Going(scenes.load(SCENE, {"controllers.nf.where": "plant"}), duration=30.0, record=False)
+    going.line("begin: begins with nf")
+    with pytest.raises(BusError, match=r"a controller nf takes part in run .* already"):
+        bus.join(role="controller", name="nf")
+    with bus.join(role="operator", name="test") as session:
+        session.ask("cmd/plant", {"do": "stop"}, 5.0)
+    assert going.wait(20.0).summary["ended"] == "stopped by an operator"
 
 
 def in_lockstep(folder, scene, duration):
