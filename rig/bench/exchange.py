@@ -54,16 +54,16 @@ class Actuators(Protocol):
 
 
 class Exchange:
-    """All lines of a run. `hold`: ticks that a missing command is held; `keeps`: whether commands are written down."""
+    """All lines of a run. `hold`: ticks that a missing command is held."""
 
-    def __init__(self, stand: Actuators, frame_ns: int, hold: int, journal: Journal, keeps: bool = True) -> None:
+    def __init__(self, stand: Actuators, frame_ns: int, hold: int, journal: Journal) -> None:
         self.lines: dict[str, Line] = {}
         self.all_lines: dict[str, Line] = {}
         """The last line of every name, also of controllers that were dismissed: what was counted stays counted."""
         self.refused: dict[str, int] = {}
         """Senders without a line, and how often they were refused."""
         self._stand, self._frame_ns, self._hold = stand, frame_ns, hold
-        self._journal, self.keeps = journal, keeps
+        self._journal = journal
         self._owner: dict[str, str] = {}
         self._asked = {name: one.value for name, one in stand.inputs.items()}
         self._moves: dict[str, tuple[float, float, int, int]] = {}
@@ -230,8 +230,7 @@ class Exchange:
             if in_force.get(drive) != value:
                 in_force[drive] = value
                 self._stand.apply(drive, value)
-        if self.keeps:
-            line.keep(tick)
+        line.keep(tick)
 
     def _without_gaps(self, line: Line, given: Sequence[float]) -> Sequence[float]:
         """Values that are no numbers replaced by those in force. Infinite ones too: what they stand for is unknown."""

@@ -110,7 +110,7 @@ class Inside:
                 due, answered = c.queue[i, at].tolist()
                 line.queue.append((due, answered, tuple(c.queued[drives, at].tolist())))
             if kept := int(record["kept"]):
-                line.went_on(c.rows[i, :kept], c.values[:kept, drives], self._exchange.keeps)
+                line.went_on(c.rows[i, :kept], c.values[:kept, drives])
                 line.counts.taken += kept
                 line.counts.clamped += int(record["clamped"])
                 line.counts.oldest = max(line.counts.oldest, line.delay)

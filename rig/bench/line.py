@@ -72,13 +72,12 @@ class Line:
         status.append(self.status)
         values.extend(self.values)
 
-    def went_on(self, rows: NDArray[np.int64], values: NDArray[np.float64], keep: bool) -> None:
+    def went_on(self, rows: NDArray[np.int64], values: NDArray[np.float64]) -> None:
         """What came into force since: rows [row, 3] of tick, tick measured at, status; values [row, actuator]."""
         self.values = tuple(values[-1].tolist())
         self.last, self.answered, self.status = rows[-1].tolist()
-        if keep:
-            for i, new in enumerate((*rows.T, values)):
-                self._columns[i].frombytes(np.ascontiguousarray(new).tobytes())
+        for i, new in enumerate((*rows.T, values)):
+            self._columns[i].frombytes(np.ascontiguousarray(new).tobytes())
 
     def taken(self) -> tuple[array[int], array[int], array[int], array[float]] | None:
         """What was written down since the last call: ticks, answered, statuses, values in a row; None if nothing."""

@@ -52,13 +52,12 @@ class Operation:
         stand: Stand,
         duration_ns: int | None,
         retune: Retune,
-        keeps: bool = True,
         exchange: type[Exchange] = Exchange,
         events: Iterable[Mapping[str, Any]] = (),
     ) -> None:
         self.scene, self.stand = scene, stand
         self.journal = Journal(stand.frame_ns, lambda: stand.tick)
-        self.exchange = exchange(stand, stand.frame_ns, scene.clock.hold_frames, self.journal, keeps)
+        self.exchange = exchange(stand, stand.frame_ns, scene.clock.hold_frames, self.journal)
         for name, section in scene.controllers.items():
             self.exchange.admit(name, controller_drives(section), section.period, section.delay)
         for step in flat(scene.protocol):

@@ -2,7 +2,8 @@
 
 The recorded bytes are published as they are. Without a pace, each step waits for the answers that were recorded to
 it: the replay goes as fast as the controllers acknowledge. A recording that was saved from a Run, not taken off the
-bus, has no steps; they are made again from its measurements.
+bus, has no steps; they are made again from its measurements. So are those that a controller in the plant's process has
+heard: only the first of each piece of frames went over the bus.
 """
 
 from __future__ import annotations
@@ -82,9 +83,8 @@ def replay(
     described = replace(start.setup(), run=session.run)
     if not described.frame_ns:
         raise LogError(f"{path} has lost what describes its run: it can be read, and not replayed")
-    traffic: Scan | _Remade = (
-        _Remade(read(path), _heard(described)) if start.metadata.get("log", {}).get("made") == "saved" else Scan(path)
-    )
+    lacking = start.metadata.get("log", {}).get("made") == "saved" or (into and _in_plant(described))
+    traffic: Scan | _Remade = _Remade(read(path), _heard(described)) if lacking else Scan(path)
     consumers, decode = {name: _Consumer() for name in into}, Decoder(described)
     for record in traffic:
         first, _, name = record.topic.partition("/")
@@ -101,6 +101,11 @@ def replay(
         filter(None, (traffic.fault if isinstance(traffic, Scan) else traffic.run.damage, refused))
     )
     return result
+
+
+def _in_plant(described: Setup) -> bool:
+    """Whether a controller of the run worked in the plant's process."""
+    return any(told.get("section", {}).get("where") == "plant" for told in described.controllers.values())
 
 
 def _heard(described: Setup) -> frozenset[str]:

@@ -24,6 +24,7 @@ from rig import bus, scenes
 from rig.bench import supervise
 from rig.bench.job import Job
 from rig.bench.plant_process import carry_out, warm
+from rig.bench.replay import replay
 from rig.bench.simulate import simulate
 from rig.bench.verify import verify
 from rig.bus import address, messages
@@ -160,6 +161,18 @@ def test_a_loop_at_20_khz_runs_live(folder):
     sent = Counter(record.topic for record in Scan(folder / "run.mcap"))
     assert sent["applied/nb"] <= 3001
     assert sent["act/nb"] == 0
+
+
+def test_a_recording_of_one_in_the_plants_process_is_replayed_into_a_process(folder):
+    """It was asked in every frame, and only one step in ten went over the bus."""
+    fine = {"clock.frame": "0.1 ms", "controllers.nf.period": "0.1 ms", "controllers.nf.enable_at": "0.05 s"}
+    scene = scenes.load(SCENE, {**fine, "controllers.nf.where": "plant"})
+    going = Going(scene, pace=None, duration=0.3, out=folder / "run.mcap")
+    assert going.wait(100.0).exit_code == 0
+    found = replay(folder / "run.mcap", ["nf"])
+    assert found.divergence is None
+    assert found.compared == {"nf": 3000}
+    assert (found.unanswered, found.fault) == (0, "")
 
 
 def test_a_controller_cannot_be_started_beside_the_one_in_the_plants_process(folder):
