@@ -19,7 +19,7 @@ from numba import types
 from controllers.base import Controller, State, Values, hears
 from controllers.body import Untranslatable
 from controllers.translate import Translated, fact, found, translate, words
-from rig.kernel import as_python, called_by_address
+from rig.kernel import as_python, called_by_address, told_as
 
 typeof: Any = _typeof
 _MADE: dict[Any, Any] = {}
@@ -164,7 +164,8 @@ def _made(controller: Any, state: State, shape: _Shape) -> tuple[Any, Any, Any]:
             return paths, facts, code
     translated = translate(controller)
     try:
-        code = _compiled(controller, translated, state, shape)
+        with told_as(f"controllers of class {type(controller).__name__}"):
+            code = _compiled(controller, translated, state, shape)
     except Exception as error:
         _MADE[key].append((translated.paths, translated.facts, None))
         raise Untranslatable(str(error).partition("\n")[0]) from error

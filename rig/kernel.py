@@ -12,7 +12,8 @@ import importlib
 import os
 import platform
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -43,8 +44,9 @@ def source_key() -> str:
 FOLDER = kept.Folder(source_key())
 """Where what is compiled from these sources is kept."""
 numba.config.CACHE_DIR = str(FOLDER.path)  # type: ignore[attr-defined]
+_TELLER = kept.Teller(FOLDER)
 if os.environ.get("RIG_OWN_PROCESS"):
-    event.register("numba:compile", kept.Teller(FOLDER))  # type: ignore[no-untyped-call]
+    event.register("numba:compile", _TELLER)  # type: ignore[no-untyped-call]
 
 
 _njit: Any = numba.njit  # noqa: TID251
@@ -101,6 +103,16 @@ def entry(function: Any, *examples: Any) -> Callable[..., Any]:
 def as_python(function: F) -> F:
     """Compile `function` so that it rounds, and divides by zero, as Python does: nothing is fused. Not kept on disk."""
     return _njit(function)  # type: ignore[no-any-return]
+
+
+@contextmanager
+def told_as(what: str) -> Iterator[None]:
+    """Tell the user that `what` is compiled here: nothing that is kept on disk, as kernels are."""
+    before, _TELLER.other = _TELLER.other, what
+    try:
+        yield
+    finally:
+        _TELLER.other = before
 
 
 def called_by_address(function: Callable[..., Any]) -> Any:

@@ -45,6 +45,25 @@ def test_compiling_is_told_once_and_only_when_it_happens(tmp_path):
     assert (warm.stdout, warm.stderr) == ("2.0 2\n", "")
 
 
+OTHER = """
+from rig.kernel import as_python, told_as
+
+@as_python
+def twice(x):
+    return 2 * x
+
+with told_as("this and that"):
+    print(twice({}))
+"""
+
+
+def test_what_is_kept_nowhere_is_told_by_its_name(tmp_path, monkeypatch):
+    monkeypatch.setitem(globals(), "CODE", OTHER)
+    for _ in range(2):
+        found = run(tmp_path, "1.0), twice(1", RIG_KERNELS=str(tmp_path / "kept"))
+        assert (found.stdout, found.stderr) == ("2.0 2\n", "compiling this and that, at every start: 1 to 3 s\n")
+
+
 def test_a_place_that_cannot_be_written_costs_time_only(tmp_path):
     (tmp_path / "file").write_text("")
     kept = tmp_path / "file" / "kept"
