@@ -2,7 +2,7 @@
 
 stand           the plant and its instruments, frame by frame; depends on ticks only
 protocol        the steps of an experiment, due on ticks
-exchange        commands: taken over, held, clamped, refused, replaced by safe values
+exchange        commands: taken over, held, clamped, refused, replaced by safe values; playback: those of a recording
 operation       what happens at a tick between measurement and integration; the same in every mode
 tuning          values that an operator or the protocol changes while the rig runs
 variant, builds, refit, upcoming   other rigs that it goes on as, built beside the frames

@@ -14,7 +14,6 @@ comes back when the controller is disconnected.
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict
 from math import isfinite, nan
@@ -25,7 +24,6 @@ from rig.bench.line import AS_SENT, CLAMPED, SAFE, Line
 from rig.bus import topics
 from rig.errors import UsageError
 from rig.quantities import brief
-from rig.record.run import Commands
 from rig.solve.assembly import Input
 
 if TYPE_CHECKING:
@@ -351,37 +349,3 @@ class Exchange:
         """What was counted, controller by controller; strangers under "refused"."""
         found: dict[str, dict[str, Any]] = {name: asdict(line.counts) for name, line in self.all_lines.items()}
         return found | ({"refused": dict(self.refused)} if self.refused else {})
-
-
-class Playback(Exchange):
-    """The exchange of a run that is simulated again: commands take effect when, and as, they did the first time."""
-
-    def play(self, recorded: Mapping[str, Commands]) -> None:
-        """Take the commands of each controller from a recording."""
-        self._recorded = {name: deque(zip(*(column.tolist() for column in one))) for name, one in recorded.items()}
-
-    def receive(self, sender: str, answered: int, values: Sequence[float]) -> None:
-        """Nobody is listened to."""
-
-    def until(self, but: Collection[str] = ()) -> int | None:
-        """The tick of the next recorded command; None if there is none.
-
-        Not of a controller without a line, whose admission is not in the recording.
-        """
-        due = [self._stand.tick + 1] if self._stairs else []
-        played = (recorded for name, recorded in self._recorded.items() if recorded and name in self.lines)
-        return min((*due, *(recorded[0][0] for recorded in played)), default=None)
-
-    def take_over(self) -> list[Line]:
-        """Put into force what took effect at this tick."""
-        tick, changed = self._stand.tick, self._changed
-        changed.clear()
-        for line in self._order:
-            recorded = self._recorded.get(line.name)
-            while recorded and recorded[0][0] <= tick:
-                _, answered, status, values = recorded.popleft()
-                self.impose(line, answered, status, tuple(values))
-                changed.append(line)
-        if self._stairs:
-            self._climb()
-        return changed

@@ -19,9 +19,10 @@ from typing import Any
 import numpy as np
 
 from rig.bench.builds import Builds
-from rig.bench.exchange import Exchange, Playback
+from rig.bench.exchange import Exchange
 from rig.bench.journal import OPERATOR, Journal
 from rig.bench.line import Line
+from rig.bench.playback import Playback
 from rig.bench.postponed import Postponed
 from rig.bench.protocol import Action, Apply, Change, Finish, Move, Note, Progress, Protocol, Strike, Switch
 from rig.bench.stand import Stand

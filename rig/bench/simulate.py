@@ -14,9 +14,10 @@ import numpy as np
 
 from controllers.base import Controller
 from controllers.loop import Loop
-from rig.bench.exchange import Exchange, Playback
+from rig.bench.exchange import Exchange
 from rig.bench.inside import Inside
 from rig.bench.operation import Operation
+from rig.bench.playback import Playback
 from rig.bench.stand import Stand
 from rig.bench.working import Working
 from rig.errors import NumericsError, UsageError

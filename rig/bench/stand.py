@@ -322,6 +322,5 @@ class Stand:
 def _room(scene: Scene) -> Controls:
     """What the compiled loop needs for the controllers of a scene."""
     sections = scene.controllers.values()
-    waiting = (section.delay // section.period + 2 for section in sections)
     reads, drives = (sum(len(of(section)) for section in sections) for of in (controller_reads, controller_drives))
-    return controls(len(sections), reads, drives, max(waiting, default=1), scene.frame_ns)
+    return controls(len(sections), reads, drives, scene.frame_ns)

@@ -19,7 +19,7 @@ from rig.kernel import inner
 
 LINE = np.dtype(
     [
-        ("answer", np.int64),  # address of what gives the answers: see `Controls`
+        ("answer", np.int64),  # address of what gives the answers: see `Controls`; 0: all commands are waiting already
         ("period", np.int64),  # frames
         ("delay", np.int64),  # frames
         ("hears", np.int64),  # its sensors are columns[hears : deaf]
@@ -41,10 +41,10 @@ LINE = np.dtype(
     align=True,
 )
 NOW, COUNT, UNUSUAL = range(3)  # of Controls.clock
-DUE, ANSWERED = range(2)  # of Controls.queue
+DUE, ANSWERED, AS = range(3)  # of Controls.queue: in force from this tick on | tick measured at | status
 TICK, FOR, STATUS = range(3)  # of Controls.rows
 ROWS = 1 << 12
-"""Commands of a controller that are kept until somebody takes them."""
+"""Commands of a controller that are kept until somebody takes them, and that may wait."""
 
 
 class Controls(NamedTuple):
@@ -65,15 +65,15 @@ class Controls(NamedTuple):
     low: NDArray[np.float64]  # [drive]
     high: NDArray[np.float64]  # [drive]
     force: NDArray[np.float64]  # [drive] in force
-    queue: NDArray[np.int64]  # [line, waiting, 2]
-    queued: NDArray[np.float64]  # [drive, waiting]
+    queue: NDArray[np.int64]  # [line, waiting, 3]
+    queued: NDArray[np.float64]  # [waiting, drive]
     rows: NDArray[np.int64]  # [line, row, 3]
     values: NDArray[np.float64]  # [row, drive]
     frame: int  # ns
 
 
-def controls(lines: int = 0, reads: int = 0, drives: int = 0, waiting: int = 1, frame: int = 1) -> Controls:
-    """Room for so many controllers, sensors that they read, actuators, and commands of one that wait; frame [ns]."""
+def controls(lines: int = 0, reads: int = 0, drives: int = 0, frame: int = 1) -> Controls:
+    """Room for so many controllers, sensors that they read and actuators; frame [ns]."""
     rows = ROWS if lines else 1
     whole, real = np.int64, np.float64
     return Controls(
@@ -87,8 +87,8 @@ def controls(lines: int = 0, reads: int = 0, drives: int = 0, waiting: int = 1, 
         low=np.zeros(drives, dtype=real),
         high=np.zeros(drives, dtype=real),
         force=np.zeros(drives, dtype=real),
-        queue=np.zeros((lines, waiting, 2), dtype=whole),
-        queued=np.zeros((drives, waiting), dtype=real),
+        queue=np.zeros((lines, rows, 3), dtype=whole),
+        queued=np.zeros((rows, drives), dtype=real),
         rows=np.zeros((lines, rows, 3), dtype=whole),
         values=np.zeros((rows, drives), dtype=real),
         frame=frame,
@@ -129,8 +129,8 @@ def control(c: Any, latest: Any, x: Any) -> bool:
         came = line.waiting > 0 and c.queue[i, line.oldest, DUE] <= now
         if not (comes or came) and now - line.last >= line.period:
             usual = False  # a command is missing
-        if line.kept == c.rows.shape[1]:
-            usual = False
+        if line.kept + line.waiting >= c.rows.shape[1] and line.answer != 0:
+            usual = False  # there is no more room
     if not usual:
         c.clock[UNUSUAL] = 1
         return False
@@ -139,11 +139,11 @@ def control(c: Any, latest: Any, x: Any) -> bool:
         room = c.queue.shape[1]
         if line.given == now:
             at = (line.oldest + line.waiting) % room
-            c.queue[i, at, DUE], c.queue[i, at, ANSWERED] = now + line.delay, now
+            c.queue[i, at, DUE], c.queue[i, at, ANSWERED], c.queue[i, at, AS] = now + line.delay, now, 0
             for k in range(line.drives, line.driven):
-                c.queued[k, at] = c.command[k]
+                c.queued[at, k] = c.command[k]
             line.waiting += 1
-        if line.waiting > 0 and c.queue[i, line.oldest, DUE] <= now:
+        while line.waiting > 0 and c.queue[i, line.oldest, DUE] <= now:
             take(c, line, i, now, x)
             line.oldest = (line.oldest + 1) % room
             line.waiting -= 1
@@ -153,9 +153,9 @@ def control(c: Any, latest: Any, x: Any) -> bool:
 @inner
 def take(c: Any, line: Any, i: int, now: int, x: Any) -> None:
     """Put the oldest command of a line into force."""
-    row, clamped = line.kept, 0
+    row, clamped, entry = line.kept, 0, c.queue[i, line.oldest]
     for k in range(line.drives, line.driven):
-        value = c.queued[k, line.oldest]
+        value = c.queued[line.oldest, k]
         if value < c.low[k]:
             value, clamped = c.low[k], 1
         elif value > c.high[k]:
@@ -166,6 +166,6 @@ def take(c: Any, line: Any, i: int, now: int, x: Any) -> None:
             if c.slope[k] >= 0:
                 x[c.slope[k]] = 0.0
             x[c.place[k]] = value
-    c.rows[i, row, TICK], c.rows[i, row, FOR], c.rows[i, row, STATUS] = now, c.queue[i, line.oldest, ANSWERED], clamped
+    c.rows[i, row, TICK], c.rows[i, row, FOR], c.rows[i, row, STATUS] = now, entry[ANSWERED], max(entry[AS], clamped)
     line.clamped += clamped
     line.last, line.kept = now, row + 1

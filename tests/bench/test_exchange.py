@@ -9,9 +9,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from rig.bench.exchange import Exchange, Playback
+from rig.bench.exchange import Exchange
 from rig.bench.journal import Journal
 from rig.bench.line import CLAMPED, SAFE
+from rig.bench.playback import Playback
 from rig.errors import UsageError
 
 MS = 1_000_000

@@ -13,8 +13,9 @@ import pytest
 
 import controllers
 import rig
-from rig.bench import simulate, working
+from rig.bench import inside, playback, simulate, working
 from rig.bench.inside import Inside
+from rig.solve import control
 from rig.study.design import numbers
 
 WAYS = ("outside", "called", "compiled")
@@ -73,6 +74,34 @@ def test_a_run_has_the_same_bits_in_every_way(name, changes, duration):
     outside, called, compiled = runs(name, changes, duration)
     assert called == outside
     assert compiled == outside
+
+
+@pytest.mark.parametrize(("name", "changes", "duration"), CASES[:6], ids=range(6))
+def test_a_recording_is_simulated_again_with_the_same_bits(name, changes, duration):
+    found = []
+    for kind in WAYS[:2]:
+        with pytest.MonkeyPatch.context() as patch:
+            way(patch, kind)
+            scene = rig.load(name, changes)
+            first = rig.simulate(scene, duration)
+            again = simulate.simulate(scene, {}, round(duration * 1e9), first.commands, events=first.events)
+            assert told(again)[0] == told(first)[0]
+            found.append(told(again))
+    assert found[0] == found[1]
+
+
+def test_more_commands_than_the_compiled_loop_has_room_for(monkeypatch):
+    monkeypatch.setattr(inside, "ROWS", 64)
+    monkeypatch.setattr(playback, "ROWS", 64)
+    monkeypatch.setattr(control, "ROWS", 64)
+    scene = rig.load("belt_normal_force", {"controllers.nf.enable_at": 0.0})
+    first = rig.simulate(scene, 0.5)
+    again = simulate.simulate(scene, {}, 5 * 10**8, first.commands, events=first.events)
+    with pytest.MonkeyPatch.context() as patch:
+        way(patch, "outside")
+        outside = rig.simulate(scene, 0.5)
+    assert told(first) == told(outside)
+    assert told(again)[0] == told(outside)[0]
 
 
 def test_frames_are_carried_in_one_piece(monkeypatch):

@@ -13,10 +13,10 @@ from controllers.file import load_file
 from controllers.process import Worker
 from rig import scenes
 from rig.bench.conclude import _verdict
-from rig.bench.exchange import Playback
 from rig.bench.job import Job
 from rig.bench.operation import Operation
 from rig.bench.plant_process import Plant
+from rig.bench.playback import Playback
 from rig.bench.simulate import simulate
 from rig.bench.stand import Stand
 from rig.bench.status import summary

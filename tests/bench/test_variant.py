@@ -10,8 +10,9 @@ import pytest
 
 import rig
 from rig.bench.builds import Builds
-from rig.bench.exchange import Exchange, Playback
+from rig.bench.exchange import Exchange
 from rig.bench.journal import Journal
+from rig.bench.playback import Playback
 from rig.bench.refit import Refit
 from rig.bench.simulate import simulate
 from rig.bench.stand import Stand

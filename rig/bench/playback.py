@@ -1,0 +1,60 @@
+"""The exchange of a run that is simulated again: commands take effect when, and as, they did the first time."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+
+from rig.bench.exchange import Exchange
+from rig.bench.line import Line
+from rig.record.run import Commands
+from rig.solve.control import ROWS
+
+
+class Played:
+    """The recorded commands of one controller; the first `done` of them have been in force."""
+
+    def __init__(self, commands: Commands) -> None:
+        self.commands, self.done = commands, 0
+        self._ticks = commands.tick.tolist()
+
+    def due(self, ahead: int = 0) -> int | None:
+        """The tick of the next command, or of one so many further on; None if there is none."""
+        at = self.done + ahead
+        return self._ticks[at] if at < len(self._ticks) else None
+
+
+class Playback(Exchange):
+    """The lines of such a run. Nobody is listened to."""
+
+    def play(self, recorded: Mapping[str, Commands]) -> None:
+        """Take the commands of each controller from a recording."""
+        self.played = {name: Played(commands) for name, commands in recorded.items()}
+
+    def receive(self, sender: str, answered: int, values: Sequence[float]) -> None:
+        """Nothing comes of it."""
+
+    def until(self, but: Collection[str] = ()) -> int | None:
+        """The tick of the next recorded command; None if there is none.
+
+        Not of a controller without a line, whose admission is not in the recording. `but`: of these, the first
+        command that does not fit into the compiled loop any more.
+        """
+        due = [self._stand.tick + 1] if self._stairs else []
+        played = [(name, one) for name, one in self.played.items() if name in self.lines]
+        ticks = [one.due(ROWS if name in but else 0) for name, one in played]
+        return min([*due, *(tick for tick in ticks if tick is not None)], default=None)
+
+    def take_over(self) -> list[Line]:
+        """Put into force what took effect at this tick."""
+        tick, changed = self._stand.tick, self._changed
+        changed.clear()
+        for line in self._order:
+            one = self.played.get(line.name)
+            while one is not None and (due := one.due()) is not None and due <= tick:
+                _, answered, status, values = (column[one.done].tolist() for column in one.commands)
+                self.impose(line, answered, status, tuple(values))
+                one.done += 1
+                changed.append(line)
+        if self._stairs:
+            self._climb()
+        return changed
