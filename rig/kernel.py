@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from numba.core import event, types
+from llvmlite.binding import Linkage
+from numba.core import codegen, event, registry, types
 
 from rig import kept, sources
 
@@ -48,6 +49,32 @@ _TELLER = kept.Teller(FOLDER)
 if os.environ.get("RIG_OWN_PROCESS"):
     event.register("numba:compile", _TELLER)  # type: ignore[no-untyped-call]
 
+
+class _Apart(codegen.JITCodeLibrary):  # type: ignore[misc]
+    """Compiled code that calls its own copies of our functions that were linked into it.
+
+    numba leaves them open: of several copies, each optimised within another kernel, the one that was loaded first
+    serves all. They differ in what is fused, so that the last bits of a run depended on what else had been loaded, and
+    on whether its kernels were compiled in its own process.
+    """
+
+    def _finalize_final_module(self) -> None:
+        module = self._final_module
+        own = [one for one in module.functions if not one.is_declaration]
+        copies = [one for one in own if one.linkage == _SHARED and one.name.startswith("_ZN3rig")]
+        if copies and self._shared_module is None:
+            shared = module.clone()  # what others link in stays open, or they would have it twice
+            for one in own:
+                if one.linkage == _OPEN:
+                    shared.get_function(one.name).linkage = _SHARED
+            self._shared_module = shared
+            for one in copies:
+                one.linkage = "internal"
+        super()._finalize_final_module()  # type: ignore[no-untyped-call]
+
+
+_OPEN, _SHARED = Linkage.external, Linkage.linkonce_odr
+registry.cpu_target.target_context.codegen()._library_class = _Apart  # noqa: SLF001  # type: ignore[attr-defined]
 
 _njit: Any = numba.njit  # noqa: TID251
 _OPTIONS: dict[str, Any] = {"cache": FOLDER.keeps, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}

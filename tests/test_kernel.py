@@ -239,6 +239,39 @@ def test_the_same_sources_elsewhere_find_the_same_kernels(checkout, tmp_path):
     assert sources.key(folder, tmp_path / "file" / "sources.json", "0") == before
 
 
+COPIES = """
+def part(x):
+    s = x
+    for k in range(50):
+        s = s * 0.5 + x / (s + k) - (s * x) / (1.0 + s * s)
+        if s > 3.0:
+            s -= x * s
+    return s
+
+def whole(x):
+    return part(x) + part(x + 1.0) * part(x + 2.0) - part(x + 3.0) / part(x + 4.0)
+"""
+
+
+def test_compiled_code_calls_its_own_copies_of_our_functions():
+    """Else the first copy in a process serves all, and last bits depend on what else was loaded."""
+    space = {"__name__": "rig.copies"}
+    exec(COPIES, space)
+    part = space["part"]
+    space["part"] = kernel.as_python(part)
+    whole = kernel.as_python(space["whole"])
+    assert whole(1.5) == pytest.approx(sum_of(part))
+    (code,) = whole.overloads.values()
+    copies = [line for line in code.library.get_llvm_str().splitlines() if "define" in line and "copies4part" in line]
+    assert copies
+    assert all("internal" in line for line in copies)
+
+
+def sum_of(part):
+    """What `whole` is at 1.5."""
+    return part(1.5) + part(2.5) * part(3.5) - part(4.5) / part(5.5)
+
+
 def test_two_checkouts_do_not_parse_their_sources_in_turns(checkout, tmp_path, monkeypatch):
     folder, _ = checkout
     shutil.copytree(folder / "rig", tmp_path / "rig", ignore=shutil.ignore_patterns("__pycache__"))

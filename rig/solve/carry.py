@@ -33,13 +33,21 @@ def advance(tables, loan, begin, origin, ticks):
 
 @inner
 def start(t, w, state, seg, origin):
-    """Begin a block at row `origin` of the log: modes are settled first, no event and no segment was yet."""
+    """Begin a block at row `origin` of the log: no event and no segment was yet.
+
+    Modes are settled first, unless the state is the one that the block before has ended with.
+    """
     for g in range(t.swing.shape[0]):
         for i in range(2):
             w.swung[g, i] = state.x[t.swing[g, i]]
     state.ic[REACHED] = state.ic[TICK] = origin
     state.ic[EVENTS] = 0
-    state.ic[PENDING] = max(state.ic[PENDING], SETTLE)
+    same = state.ic[PENDING] == READY
+    for i in range(state.x.shape[0]):
+        same = same and state.x[i] == w.ended[i]
+        w.size[i] = max(w.size[i], abs(state.x[i]))
+    if not same:
+        state.ic[PENDING] = max(state.ic[PENDING], SETTLE)
     seg.count[0] = 0
 
 
@@ -84,6 +92,7 @@ def carry(shape, t, w, state, log, seg, plan, ticks):
             x[i] = 0.0
         if not (abs(x[i]) <= plan.limit):
             return LOST
+        w.ended[i] = x[i]
     ic[BEYOND] = beyond(t, t.slot_of[ic[KEY]], x, w, state.watched, state.bound)
     ic[REACHED] = ticks
     return DONE

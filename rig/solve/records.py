@@ -34,6 +34,7 @@ class Work(NamedTuple):
     x0: Array
     copy: Array
     size: Array
+    ended: Array  # the state at the end of the block before
     ask: Array
     ask_x: Array
     bear: Array
@@ -67,6 +68,7 @@ def workspace(system: System, read: int, guards: int) -> Work:
         x0=np.zeros(n),
         copy=np.zeros(n),
         size=np.zeros(n),
+        ended=np.zeros(n),
         ask=np.zeros(n),
         ask_x=np.zeros(n),
         bear=np.zeros(n),

@@ -1,10 +1,10 @@
 """The modes that agree with the equations at one instant.
 
-Settled at the start of a run, after every event and at the start of every block (a held command may have jumped):
-change a mode, look up its slot, land on the constraint, look again, until nothing changes. A step that ends on w = 0
-decides by the force that sticking would need, never by the sign of a rounded w. Nothing is landed at a jump of the
-belt: a stuck body whose belt jumps slips, and no energy moves by itself. A switch that was thrown takes its position
-here; what the network then stores less is booked.
+Settled at the start of a run, after every event and at the start of a block where a state was written (a held command
+may have jumped): change a mode, look up its slot, land on the constraint, look again, until nothing changes. A step
+that ends on w = 0 decides by the force that sticking would need, never by the sign of a rounded w. Nothing is landed at
+a jump of the belt: a stuck body whose belt jumps slips, and no energy moves by itself. A switch that was thrown takes
+its position here; what the network then stores less is booked.
 """
 
 from __future__ import annotations
