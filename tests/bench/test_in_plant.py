@@ -10,6 +10,7 @@ import controllers
 from controllers.normal_force import NormalForceFeedback
 from controllers.process import Worker
 from rig import scenes
+from rig.bench import lockstep
 from rig.bench.job import Job
 from rig.bench.plant_process import Plant
 from rig.bench.simulate import simulate
@@ -125,6 +126,13 @@ def test_in_lockstep_so_are_those_of_one_there_and_one_in_its_own_process(inside
     assert [topic for topic in sorted(ran.heard) if topic.startswith("act/")] == [
         f"act/{'bv' if inside == 'nf' else 'nf'}"
     ]
+
+
+def test_a_second_answer_to_a_step_that_was_sent_again_is_no_command(monkeypatch):
+    """Of a controller that is not due in every frame it would come between two of its ticks."""
+    monkeypatch.setattr(lockstep, "AGAIN", 1e-5)
+    scene = two(nf="plant")
+    same_bits(Ran(scene, pace=None, duration=0.6), in_one_process(scene, 0.6))
 
 
 def test_one_there_and_one_in_its_own_process_paced():
@@ -286,6 +294,24 @@ def test_numerics_that_stop_within_a_piece_lose_no_frame_before():
     assert ran.summary["fault"] == run.fault
     for sensor, known in run.measurements.items():
         assert ran.samples(sensor).tobytes() == known.v.tobytes()
+
+
+def test_one_that_fails_within_a_piece_ends_at_its_tick(monkeypatch):
+    sound = NormalForceFeedback.update
+
+    def update(controller, state, t_ns, values):
+        if t_ns >= 123_400_000:
+            raise ZeroDivisionError("there is no such force")
+        return sound(controller, state, t_ns, values)
+
+    monkeypatch.setattr(NormalForceFeedback, "update", update)
+    ran = Ran(fine(), pace=1.0, duration=0.2)
+    (fault,) = [event for event in ran.heard["event/nf"] if event.kind == "fault"]
+    assert (fault.tick, fault.text) == (1234, "ZeroDivisionError: there is no such force")
+    assert ran.commands("nf")[0].tolist() == [*range(1234), 1284]
+    assert ran.commands("nf")[2].tolist() == [*[0] * 1234, 2]
+    assert ran.summary["ticks"] == 2000
+    assert ran.summary["verdict"] != "VALID"
 
 
 @pytest.mark.parametrize("period", [0.003, 0.0004])
