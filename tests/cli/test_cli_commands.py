@@ -169,11 +169,11 @@ def test_options_are_read_with_units():
 
 
 def test_a_scene_that_is_too_slow_for_the_clock_is_refused_with_what_works(rig):
-    code, _, err = rig("run", "points")
+    code, _, err = rig("run", "brake_disc_modes")
     assert code == 2
-    assert all(text in err for text in ("0.2 ms", "rig simulate", "--lockstep", "--pace 0.2"))
+    assert all(text in err for text in ("1 to 2 ms", "rig simulate", "--lockstep", "--pace 0.5"))
     code, out, _ = rig("list")
-    assert [line.split()[2] for line in out.splitlines() if line.startswith("points ")] == ["0.2"]
+    assert [line.split()[2] for line in out.splitlines() if line.startswith("brake_disc_modes ")] == ["0.5"]
 
 
 def test_reports_are_json_even_where_a_number_is_none(rig, capsys):
