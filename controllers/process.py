@@ -15,6 +15,7 @@ import argparse
 import gc
 import math
 import sys
+import time
 import traceback
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
@@ -31,9 +32,12 @@ from rig.bus import encode, setup
 from rig.bus.port import Session
 from rig.errors import BusError, RigError, UsageError
 from rig.memory import locked
+from rig.placement import anywhere, placed
 from rig.process import as_process, stopping
 from rig.scheduling import CONTROLLER, ahead, come_first
 
+LONG_NS, LONG_ANSWERS = 300_000, 20
+"""A controller of which so many answers in a row take longer leaves the core of the bus: others wait for that core."""
 UNHEARD = (math.nan,)
 ADMITTED = 60.0
 """Longest wait [s] to be let in: the plant may have to build, or to compile, what the controller drives."""
@@ -46,6 +50,7 @@ class Worker(Service):
     def __init__(self, session: Session, described: setup.Setup, controller: Controller) -> None:
         super().__init__(session, Loop(controller))
         self.answered = b""
+        self._long = 0
         sensors = list(described.sensors)
         missing = [name for name in controller.reads if name not in sensors]
         if missing:
@@ -89,9 +94,12 @@ class Worker(Service):
         self.tick, self.t_ns, self.answered = step.tick, step.t_ns, b""
         if self.loop.due(step.t_ns):
             values = self._heard(step) if self.loop.hears else tuple([step.values[i] for i in self.columns])
-            first = self.loop.held == 0
+            first, begin = self.loop.held == 0, time.perf_counter_ns()
             self.answered = encode.act(step.tick, step.t_ns, self.loop.answer(step.t_ns, values))
             self.act.put(self.answered, step.t_ns)
+            self._long = self._long + 1 if time.perf_counter_ns() - begin > LONG_NS else 0
+            if self._long == LONG_ANSWERS:
+                anywhere()
             if first and self.loop.held:
                 self.held()
 
@@ -157,6 +165,7 @@ def run(
         try:
             with ExitStack() as stack:
                 stop = stack.enter_context(stopping())
+                stack.enter_context(placed(described.core, described.core))
                 if described.paced:
                     stack.enter_context(locked())
                     stack.enter_context(ahead(CONTROLLER, worker.fell_back))

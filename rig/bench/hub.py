@@ -2,8 +2,8 @@
 
 Samples go out in blocks of 20 ms, those of slower sensors one by one. A message for each sample of four sensors at
 1 kHz would cost 0.1 ms of every frame (measured: seven times as many late frames); the step carries the latest samples
-anyway. The state goes out at most 200 times per second of simulated time. What is published is encoded at its tick and
-sent after the step, so that no controller waits for it.
+anyway. The state goes out at most 200 times per second of simulated time. All that waits for the next batch of the
+session (`rig.bus.batch`); only the step goes out at once.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from rig.bench.operation import Operation
 from rig.bench.timing import Spread
 from rig.bus import encode, messages
 from rig.bus.arrivals import Presence, Refused
+from rig.bus.inbound import TIMES_NS
 from rig.bus.port import Session
 from rig.bus.publisher import Publisher
 from rig.bus.setup import Setup
@@ -50,6 +51,15 @@ class Samples:
         self.next = 0
         """Number of the first sample that is not collected yet."""
 
+    def full_ns(self) -> int:
+        """When the sample is published that makes the block full [ns]."""
+        first = self._first if self._count else self.next
+        return self._instants.instant(first + self._size - 1)
+
+    def published(self, t_ns: int) -> int:
+        """How many samples of those that are not collected yet are published up to `t_ns`."""
+        return max(self._instants.count(t_ns) - self.next, 0)
+
     def add(self, tick: int, samples: NDArray[np.float64]) -> bytes | None:
         """Add the samples that came after those before; a block if it is full."""
         if not self._count:
@@ -64,15 +74,20 @@ class Samples:
         if not self._count:
             return None
         gathered = self._kept[0] if len(self._kept) == 1 else np.concatenate(self._kept)
-        times = self._instants.at(np.arange(self._first, self._first + self._count))
+        first, instants = self._first, self._instants
+        times = None if instants.even else instants.at(np.arange(first, first + self._count))
         self._kept, self._count = [], 0
-        return encode.block(tick, int(times[0]), self._period_ns, gathered, None if self._instants.even else times)
+        return encode.block(tick, instants.instant(first), self._period_ns, gathered, times)
 
 
 class Hub:
-    """Publishes what happens on the stand of `operation`, and feeds its exchange."""
+    """Publishes what happens on the stand of `operation`, and feeds its exchange.
 
-    def __init__(self, session: Session, operation: Operation, setup: Setup) -> None:
+    `waits`: the plant waits for commands, so that one has arrived when it is read. Otherwise the thread that brings it
+    notes when, and holds the interpreter for that while the plant wakes: it would cost a waiting plant 50 us.
+    """
+
+    def __init__(self, session: Session, operation: Operation, setup: Setup, waits: bool = False) -> None:
         self.session, self.operation = session, operation
         self.stand = operation.stand
         stand, bank = self.stand, self.stand.bank
@@ -89,10 +104,11 @@ class Hub:
         self._meas = [session.publisher(f"meas/{name}") for name in bank.names]
         self._samples = [Samples(instants) for instants in bank.instants]
         stand.keep_samples = self.collect
+        self._full_ns = 0
+        """When samples have to be collected next [ns]."""
         self._applied: dict[str, Publisher] = {}
-        self._waiting: list[tuple[Publisher, bytes]] = []
         self._told = 0
-        self.acts = session.subscribe("act/*", depth=_ACTS, stamped=True)
+        self.acts = session.subscribe("act/*", depth=_ACTS, stamped=not waits)
         self._voices: dict[str, str] = {}
         """Controller that was admitted -> user whose commands count; one of the scene is a user of its own name."""
         self._admitted: dict[str, float] = {}
@@ -128,7 +144,7 @@ class Hub:
             if self.speaks_for(message.user, name):
                 tick, put_at = self._put_at[act.tick % _REMEMBERED]
                 if tick == act.tick:
-                    self._trips.append(message.arrived_ns - put_at)
+                    self._trips.append((message.arrived_ns or time.monotonic_ns()) - put_at)
                 return name, act
             why = "another one commands there" if name in self._voices else "not admitted"
             self.session.door.count(f"{message.user} on {message.topic}", Refused(why))
@@ -201,43 +217,43 @@ class Hub:
         return [names.index(name) for name in sensors]
 
     def gather(self) -> None:
-        """Encode what there is to publish of this tick, before anything is changed at it."""
-        self.collect()
+        """Publish what there is of this tick, before anything is changed at it."""
+        if self.stand.t_ns >= self._full_ns:
+            self.collect()
         self.gather_state()
 
     def collect(self) -> None:
         """Take the samples that were published since the last call."""
-        tick, bank = self.stand.tick, self.stand.bank
+        stand = self.stand
+        tick, bank = stand.tick, stand.bank
         for i, samples in enumerate(self._samples):
-            new = bank.since(i, samples.next)
+            new = bank.since(i, samples.next)[: samples.published(stand.t_ns)]
             if len(new) and (block := samples.add(tick, new)) is not None:
-                self._waiting.append((self._meas[i], block))
+                self._meas[i].put(block, stand.t_ns)
+        self._full_ns = min((samples.full_ns() for samples in self._samples), default=TIMES_NS)
 
     def gather_state(self) -> None:
-        """Encode the state of this tick, where it is one at which the state is told."""
+        """Publish the state of this tick, where it is one at which the state is told."""
         stand = self.stand
         if stand.tick % self._state_ticks == 0:
             values = stand.output_values()
             payload = self._encode_state(stand.t_ns, stand.tick, stand.motion.key, values)
-            self._waiting.append((self._state, payload))
+            self._state.put(payload, stand.t_ns)
 
     @property
     def state_due(self) -> int:
         """The first tick after this one at which the state is told."""
         return (self.stand.tick // self._state_ticks + 1) * self._state_ticks
 
-    def put_gathered(self) -> None:
-        """Send what was gathered."""
+    def put_applied(self) -> None:
+        """Publish the commands that took effect in this piece."""
         t_ns = self.stand.t_ns
         for name, line in self.operation.exchange.all_lines.items():
             if (taken := line.taken()) is not None:
                 publisher = self._applied.get(name)
                 if publisher is None:
                     publisher = self._applied[name] = self.session.publisher(f"applied/{name}")
-                self._waiting.append((publisher, encode.commands(self.stand.frame_ns, *taken)))
-        for publisher, payload in self._waiting:
-            publisher.put(payload, t_ns)
-        self._waiting.clear()
+                publisher.put(encode.commands(self.stand.frame_ns, *taken), t_ns)
 
     def put_rest(self) -> None:
         """Send the blocks that are not full: nothing comes after them."""

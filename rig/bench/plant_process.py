@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any
 
 import controllers
-from rig import bus, memory, scheduling
+from rig import bus, memory, placement, scheduling
 from rig.bench import pace
 from rig.bench.attend import Attendant
 from rig.bench.conclude import conclude
@@ -67,8 +67,10 @@ class Plant:
         self.stand = stand = Stand(scene, piece=length(scene, job.pace))
         duration_ns = None if job.duration is None else round(job.duration * 1e9)
         self.operation = Operation(scene, stand, duration_ns, self._retune)
+        self.cores = placement.choose()
+        """Of this plant's thread, where it is paced, and of the bus."""
         self.setup = self._setup()
-        self.hub = hub = Hub(session, self.operation, self.setup)
+        self.hub = hub = Hub(session, self.operation, self.setup, job.in_lockstep)
         self.desk = Desk(hub)
         self.upcoming: Upcoming | None = None
         """What a paced run builds before it is asked for."""
@@ -99,6 +101,7 @@ class Plant:
             sensors={n: (u, p) for n, u, p in zip(stand.bank.names, stand.bank.units, stand.bank.periods_ns)},
             controllers={n: controllers.described(s, numbers.get(n, {})) for n, s in scene.controllers.items()},
             paced=self.job.pace is not None,
+            core=self.cores[1],
             provenance=provenance(scene.seed, self.job.command or tuple(sys.argv)),
         )
 
@@ -150,6 +153,8 @@ class Plant:
             )  # before real time: after compiling a collection takes 0.2 s and more
             stack.callback(sys.setswitchinterval, sys.getswitchinterval())
             sys.setswitchinterval(1e-4)  # who waits for the interpreter, waits for a tenth of a frame, not for five
+            own, of_bus = self.cores
+            stack.enter_context(placement.placed(of_bus if job.in_lockstep else own, of_bus))
             if job.pace is not None:
                 self.memory = stack.enter_context(memory.locked())
                 self.ahead = stack.enter_context(scheduling.ahead(scheduling.PLANT, self._fell_back))
@@ -182,7 +187,6 @@ class Plant:
             received = clock()
             hub.put_step()
             hub.gather()
-            hub.put_gathered()
             sent = clock()
             if not operation.begin() or self._ends(pacer):
                 rows.rows.append((begin, late, pacer.waited, 0, 0, 0, 0, spent))
@@ -191,7 +195,7 @@ class Plant:
             self.in_plant.poll()
             goes_on = self._carry(frames)
             done = clock()
-            hub.put_gathered()
+            hub.put_applied()
             hub.put_events()
             told = clock()
             if attendant.look(told):
@@ -230,12 +234,11 @@ class Plant:
             desk.poll()
             self.in_plant.poll()
             answers.ask()
-            hub.put_gathered()
             answers.wait()
             answered = clock()
             goes_on = self._carry(frames)
             done = clock()
-            hub.put_gathered()
+            hub.put_applied()
             hub.put_events()
             told = clock()
             if attendant.look(told):

@@ -16,6 +16,7 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from pydantic import ValidationError
 
 from rig.errors import SceneError
+from rig.placement import anywhere
 from rig.scenes.faults import lines
 from rig.scenes.scene import Scene
 from rig.scheduling import stand_back
@@ -89,6 +90,7 @@ class Build(Generic[T]):
     def _run(self, apart: bool) -> None:
         try:
             if apart:
+                anywhere()
                 stand_back(0)  # no lower: it holds the interpreter's lock now and then, which the plant waits for
             self._made = self._make()
         except Exception as fault:

@@ -6,6 +6,7 @@ import json
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from rig import placement
 from rig.bus.port import Session
 from rig.errors import BusError
 
@@ -28,6 +29,8 @@ class Setup:
     provenance: dict[str, str] = field(default_factory=dict)
     paced: bool = False
     """Whether frames keep to the wall clock."""
+    core: int = placement.ANY
+    """Core of the bus and the controllers."""
 
     def to_json(self) -> dict[str, Any]:
         """As plain values; `from_json` reads it back."""

@@ -23,6 +23,7 @@ from rig.bus import encode, messages, topics
 from rig.bus.port import Receiver, Session
 from rig.bus.setup import Setup
 from rig.errors import BusError, LogError
+from rig.placement import ANY
 from rig.record.reader import Decoder, Record, Scan, head
 from rig.record.reader import open as read
 from rig.record.run import Commands, Run
@@ -80,7 +81,7 @@ def replay(
     the run is tuned again at the same tick.
     """
     start = head(path)
-    described = replace(start.setup(), run=session.run)
+    described = replace(start.setup(), run=session.run, core=ANY)
     if not described.frame_ns:
         raise LogError(f"{path} has lost what describes its run: it can be read, and not replayed")
     lacking = start.metadata.get("log", {}).get("made") == "saved" or (into and _in_plant(described))

@@ -132,6 +132,7 @@ def test_lockstep_gives_the_bits_of_a_run_in_one_process(scene, numbers):
     assert np.array([list(a.values) for a in applied]).tobytes() == run.commands["nf"].values.tobytes()
     assert bench.summary["verdict"] == "VALID"
     assert bench.summary["exit_code"] == 0
+    assert 0.0 < bench.summary["round_trip"]["p50"] <= bench.summary["round_trip"]["max"]
 
 
 def test_a_paced_run_can_be_simulated_again_to_the_bit(scene, numbers):

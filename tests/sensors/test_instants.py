@@ -45,6 +45,14 @@ def test_samples_until_an_instant_are_counted(rate, t_ns):
     assert int(one.at(count)) > t_ns
 
 
+@given(rate=st.sampled_from([*ODD, 1000.0, 25.0, 1e5]), k=st.integers(0, 10**10), t_ns=st.integers(-(10**9), HOURS))
+def test_one_instant_is_found_as_many_are(rate, k, t_ns):
+    one = Instants.of(rate)
+    assert one.instant(k) == int(one.at(k))
+    assert one.count(t_ns) == int(one.until(np.array(t_ns)))
+    assert one.count(one.instant(k)) == k + 1
+
+
 def test_only_what_fits_into_a_frame_makes_steps():
     def step(*rates):
         return common_step(1_000_000, map(Instants.of, rates))

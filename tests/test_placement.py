@@ -1,0 +1,91 @@
+"""On which cores a live run works, and that nothing stays there afterwards."""
+
+import os
+import sys
+import threading
+import time
+
+import numpy as np
+import pytest
+
+import controllers
+from controllers import process
+from rig import bus, placement
+from rig.bus import encode, messages
+from rig.bus.setup import Setup
+from rig.bus.twin import Twin
+from rig.scenes import load
+from rig.study.design import numbers
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux says where a thread runs")
+MS = 1_000_000
+
+
+@pytest.fixture
+def allowed():
+    before = os.sched_getaffinity(0)
+    if len(before) < 2:
+        pytest.skip("one core")
+    yield before
+    os.sched_setaffinity(0, before)
+
+
+def test_two_cores_of_those_that_this_process_may_use(allowed):
+    own, of_bus = placement.choose()
+    assert own != of_bus
+    assert {own, of_bus} <= allowed
+
+
+def test_with_one_core_nothing_is_placed(monkeypatch, allowed):
+    monkeypatch.setattr(placement, "_ALLOWED", {0})
+    assert placement.choose() == (placement.ANY, placement.ANY)
+    with placement.placed(*placement.choose()):
+        assert os.sched_getaffinity(0) == allowed
+
+
+def test_the_least_busy_cores_are_chosen_where_there_are_more(monkeypatch):
+    looks = iter([{0: 10, 1: 10, 2: 10, 3: 10}, {0: 11, 1: 19, 2: 10, 3: 20}])
+    monkeypatch.setattr(placement, "_ALLOWED", {0, 1, 2, 3})
+    monkeypatch.setattr(placement, "_idle", lambda: next(looks))
+    assert placement.choose() == (3, 1)
+
+
+def test_the_thread_and_those_of_the_bus_are_placed_and_others_go_where_they_like(tmp_path, monkeypatch, allowed):
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    own, of_bus = placement.choose()
+    found = {}
+
+    def look():
+        placement.anywhere()
+        found["other"] = os.sched_getaffinity(0)
+
+    with bus.host("placed"):
+        with placement.placed(own, of_bus):
+            threads = placement._bus_threads()
+            assert len(threads) > 2
+            assert {frozenset(os.sched_getaffinity(thread)) for thread in threads} == {frozenset({of_bus})}
+            assert os.sched_getaffinity(0) == {own}
+            other = threading.Thread(target=look)
+            other.start()
+            other.join()
+        assert found["other"] == allowed
+        assert {frozenset(os.sched_getaffinity(thread)) for thread in [0, *threads]} == {frozenset(allowed)}
+
+
+@pytest.mark.parametrize(("pause", "stays"), [(0.0, True), (0.001, False)])
+def test_a_controller_that_computes_long_leaves_the_core_of_the_bus(allowed, pause, stays):
+    scene = load("belt_normal_force")
+    told = {"nf": controllers.described(scene.controllers["nf"], numbers(scene)["nf"])}
+    setup = Setup("placed", scene.to_json(), MS, MS, {}, {"vibrometer": ("m/s", MS)}, told)
+    worker = process.Worker(Twin().open("controller", "nf"), setup, controllers.restored(told["nf"]))
+    answer = worker.loop.answer
+    worker.loop = type("Slow", (), {
+        "hears": False, "held": 0, "due": lambda _, t_ns: True,
+        "answer": lambda _, *given: (time.sleep(pause), answer(*given))[1],
+    })()  # fmt: skip
+    core = min(allowed)
+    with placement.placed(core, core):
+        for tick in range(2 * process.LONG_ANSWERS):
+            step = encode.step(tick, tick * MS, [0.01], np.ones(1, np.int64))
+            worker.take(messages.decode("step", step))
+        assert os.sched_getaffinity(0) == ({core} if stays else allowed)
