@@ -29,7 +29,7 @@ _MADE: dict[Any, Any] = {}
 class Native:
     """The compiled `update` of a controller that is in `state`. Raises Untranslatable.
 
-    `address` is that of `answer(line, t_ns, heard, command, memory)`, a function of C: 0, or 1 where it declines.
+    `address` is that of `answer(line, t_ns, heard, command, memory)`, a function of C: 1, or 0 where it declines.
     `memory`: address of what it keeps, which are the controller's words and its state.
     """
 
@@ -68,9 +68,9 @@ class Native:
     def agrees(self, t_ns: int, values: Sequence[float], command: Values, state: State) -> bool:
         """Whether it comes from `values` to this command and state, to the last bit."""
         heard, answer = np.array(values, dtype=np.float64), np.zeros(len(command))
-        declines = self._call(0, t_ns, heard.ctypes.data, answer.ctypes.data, self.memory.ctypes.data)
+        answers = self._call(0, t_ns, heard.ctypes.data, answer.ctypes.data, self.memory.ctypes.data)
         given = np.array(command, dtype=np.float64)
-        return not declines and answer.tobytes() == given.tobytes() and repr(self.state()) == repr(state)
+        return bool(answers) and answer.tobytes() == given.tobytes() and repr(self.state()) == repr(state)
 
 
 class _Shape:
@@ -216,18 +216,18 @@ def _wrapped(controller: Any, translated: Translated, shape: _Shape, first: int,
         f"_c = carray(command, ({drives},))",
         f"for k in range({reads}):",
         "    if not isfinite(_h[k]):",
-        "        return 1",
+        "        return 0",
         "try:",
         f"    made = {update}(_r, _i, {shape.read(first, names)}, t_ns, ({measured}))",
         "except Exception:",
-        "    return 1",
+        "    return 0",
         "state, given = made",
     ]
     words_out = list(shape.leaves("state"))
     for text in [f"isnan({text})" for text, real in words_out if real] + [
         f"not isfinite(given[{k}])" for k in range(drives)
     ]:
-        lines += [f"if {text}:", "    return 1"]
+        lines += [f"if {text}:", "    return 0"]
     lines += [f"_c[{k}] = given[{k}]" for k in range(drives)]
     lines += [f"{'_r' if real else '_i'}[{at}] = {text}" for at, (text, real) in enumerate(words_out, first)]
-    return "\n    ".join(["def answer(line, t_ns, heard, command, memory):", *lines, "return 0", ""])
+    return "\n    ".join(["def answer(line, t_ns, heard, command, memory):", *lines, "return 1", ""])

@@ -158,26 +158,27 @@ class Inside:
             line.counts.oldest = max(line.counts.oldest, line.delay)
 
     def _answers(self) -> Generator[int, int, None]:
-        """What the compiled loop calls with the place of who is due: 0 if the command is there, 1 if one has to look.
+        """What the compiled loop calls with the place of who is due: 1 if the command is there, 0 if one has to look.
 
-        A generator, since a Ctrl-C strikes where Python begins again after compiled code: here that is inside `try`. A
-        function would lose it, as no compiled code lets an exception through.
+        A generator, since a Ctrl-C strikes where Python begins again after compiled code, or a loop begins again: here
+        both are inside of `try`. A function would lose it, as no compiled code lets an exception through.
         """
-        result = 1
+        result, i = 0, 0
         while True:
-            i = 0
             try:
-                i = yield result
-                result = 1
-                line, _, drives, one, _, _ = self._lent[i]
-                values, first = one.ask(self._clock[NOW]), drives.start  # type: ignore[union-attr]
-                if len(values) == len(line.drives):
-                    for value in values:
-                        self._command[first] = value
-                        first += 1
-                    one.given = None  # type: ignore[union-attr]
+                while True:
+                    i = 0
+                    i = yield result
                     result = 0
+                    line, _, drives, one, _, _ = self._lent[i]
+                    values, first = one.ask(self._clock[NOW]), drives.start  # type: ignore[union-attr]
+                    if len(values) == len(line.drives):
+                        for value in values:
+                            self._command[first] = value
+                            first += 1
+                        one.given = None  # type: ignore[union-attr]
+                        result = 1
             except GeneratorExit:
                 return
             except BaseException as fault:
-                self._lent[i].one.fault = fault  # type: ignore[union-attr]
+                self._lent[i].one.fault, result = fault, 0  # type: ignore[union-attr]

@@ -50,7 +50,7 @@ ROWS = 1 << 12
 class Controls(NamedTuple):
     """Controllers that work within the compiled loop, in the order in which they are asked.
 
-    answer(line, t_ns, heard, command, memory) -> 0, or 1 where somebody has to look first; three addresses.
+    answer(line, t_ns, heard, command, memory) -> 1, or 0 where somebody has to look first; three addresses.
     """
 
     lines: NDArray[Any]  # LINE [line]
@@ -119,7 +119,7 @@ def control(c: Any, latest: Any, x: Any) -> bool:
         if line.due == now:
             for k in range(line.hears, line.deaf):
                 c.heard[k] = latest[c.columns[k]]
-            if ask(line.answer, i, now * c.frame, line.heard_at, line.command_at, line.memory_at) == 0:
+            if ask(line.answer, i, now * c.frame, line.heard_at, line.command_at, line.memory_at) == 1:
                 line.given = now
                 line.due += line.period
                 line.updates += 1

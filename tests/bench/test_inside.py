@@ -2,10 +2,8 @@
 
 import dataclasses
 import math
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -205,24 +203,30 @@ def test_a_faulty_controller_ends_the_run_with_its_own_error(what, error):
 
 
 INTERRUPTED = """
-import rig, sys
-scene = rig.load("belt_normal_force")
+import random, signal
+import rig
+
+def strike(number, frame):
+    raise KeyboardInterrupt
+
+signal.signal(signal.SIGALRM, strike)
+scene, struck, draw = rig.load("belt_normal_force"), 0, random.Random(1)
 rig.simulate(scene, 0.5)
-print("begins", flush=True)
-try:
-    rig.simulate(scene, 400.0)  # too short to be compiled
-except KeyboardInterrupt:
-    print("interrupted", flush=True)
+for _ in range(60):
+    signal.setitimer(signal.ITIMER_REAL, draw.uniform(0.02, 0.08))
+    try:
+        rig.simulate(scene, 400.0)  # too short to be compiled, and seconds long
+    except KeyboardInterrupt:
+        struck += 1
+print(struck)
 """
 
 
-def test_a_ctrl_c_is_not_lost_in_the_compiled_loop():
-    for _ in range(3):
-        with subprocess.Popen([sys.executable, "-c", INTERRUPTED], stdout=subprocess.PIPE, text=True) as run:
-            try:
-                assert run.stdout.readline() == "begins\n"
-                time.sleep(0.4)
-                run.send_signal(signal.SIGINT)
-                assert run.communicate(timeout=20.0)[0] == "interrupted\n"
-            finally:
-                run.kill()
+def test_no_ctrl_c_is_lost_in_the_compiled_loop():
+    done = subprocess.run(
+        [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=250.0, check=True
+    )
+    elsewhere = done.stderr.count("Exception ignored in")  # a destructor, where Python lets none through
+    assert int(done.stdout) == 60 - elsewhere
+    assert elsewhere < 6
+    assert "ctypes callback" not in done.stderr
