@@ -205,17 +205,19 @@ def test_a_faulty_controller_ends_the_run_with_its_own_error(what, error):
 INTERRUPTED = """
 import random, signal
 import rig
+from rig.bench import working
 
 def strike(number, frame):
     raise KeyboardInterrupt
 
+working.WORTH = 10**12  # controllers stay in Python
 signal.signal(signal.SIGALRM, strike)
 scene, struck, draw = rig.load("belt_normal_force"), 0, random.Random(1)
 rig.simulate(scene, 0.5)
-for _ in range(60):
-    signal.setitimer(signal.ITIMER_REAL, draw.uniform(0.02, 0.08))
+for _ in range(40):
+    signal.setitimer(signal.ITIMER_REAL, draw.uniform(0.2, 0.5))  # in its frames: before, numba may swallow it
     try:
-        rig.simulate(scene, 400.0)  # too short to be compiled, and seconds long
+        rig.simulate(scene, 1000.0)
     except KeyboardInterrupt:
         struck += 1
 print(struck)
@@ -224,9 +226,7 @@ print(struck)
 
 def test_no_ctrl_c_is_lost_in_the_compiled_loop():
     done = subprocess.run(
-        [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=250.0, check=True
+        [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=300.0, check=True
     )
-    elsewhere = done.stderr.count("Exception ignored in")  # a destructor, where Python lets none through
-    assert int(done.stdout) == 60 - elsewhere
-    assert elsewhere < 6
+    assert done.stdout == "40\n"
     assert "ctypes callback" not in done.stderr
