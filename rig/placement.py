@@ -19,7 +19,7 @@ _THREADS = Path("/proc/self/task")
 _BUS = ("rx-", "tx-", "app-", "acc-", "net-")
 """Threads of Zenoh."""
 _LOOK_S = 0.1
-_ALLOWED = os.sched_getaffinity(0) if sys.platform == "linux" else set()
+_ALLOWED: set[int] = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
 ANY = -1
 """No core in particular."""
 
