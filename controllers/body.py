@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import builtins
+from collections import Counter
 from types import FunctionType, MethodType, ModuleType
 from typing import Any, Protocol
 
@@ -50,8 +51,11 @@ class Whole(Protocol):
 class Body(ast.NodeTransformer):
     """The text of one function: what it reads of its object by words, what it calls by names."""
 
-    def __init__(self, whole: Whole, function: FunctionType, own: str, owner: Path, local: set[str]) -> None:
-        self.whole, self.globals, self.own, self.owner, self.local = whole, function.__globals__, own, owner, local
+    def __init__(self, whole: Whole, function: FunctionType, own: str, owner: Path, stores: Counter[str]) -> None:
+        """`stores`: arguments and local names, and how often each gets a value."""
+        if "_r" in stores or "_i" in stores:
+            raise Untranslatable("a name that the text itself needs")
+        self.whole, self.globals, self.stores, self.local = whole, function.__globals__, stores, set(stores)
         self.objects: dict[str, Path] = {own: owner} if own else {}
         self.values = function.__code__.co_varnames[3] if own and not owner and function.__name__ == "update" else ""
         """The name of the measurements."""
@@ -229,6 +233,8 @@ class Body(ast.NodeTransformer):
         known = self.whole.look(path)
         if known is None or isinstance(known, str | tuple | bool | int | float | complex):
             return False
+        if self.stores[target.id] > 1:
+            raise Untranslatable(f"{target.id} has more than one value")
         self.objects[target.id] = path
         return True
 

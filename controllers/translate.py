@@ -13,6 +13,7 @@ from __future__ import annotations
 import ast
 import inspect
 import textwrap
+from collections import Counter
 from collections.abc import Callable, Sequence
 from types import FunctionType, MethodType
 from typing import Any, NamedTuple
@@ -117,7 +118,7 @@ class _Translation:
             raise Untranslatable(f"{function.__qualname__} takes more than plain arguments")
         arguments = [argument.arg for argument in taken.args]
         own = "" if owner is None else arguments.pop(0)
-        body = Body(self, function, own, owner or (), {*arguments, *_assigned(tree)})
+        body = Body(self, function, own, owner or (), Counter([*arguments, *_assigned(tree)]))
         lines = [line for statement in tree.body for line in body.statement(statement)]
         told = ast.Module([*lines, ast.Return(ast.Constant(None))] if not lines else lines, [])
         text = ast.unparse(ast.fix_missing_locations(told))
@@ -125,5 +126,5 @@ class _Translation:
         return name
 
 
-def _assigned(tree: ast.AST) -> set[str]:
-    return {node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)}
+def _assigned(tree: ast.AST) -> list[str]:
+    return [node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]

@@ -116,6 +116,9 @@ class Part:
         return clip(u, -self.high, self.high)
 
 
+Plain.other = Part()
+
+
 def clip(u, low, high):
     return low if u < low else high if u > high else u
 
@@ -166,7 +169,28 @@ def with_text(self, state, t_ns, values):
     return state, (float(f"{values[0]}"),)
 
 
+def with_either_part(self, state, t_ns, values):
+    if values[0] > 0.0:
+        part = self.part
+    else:
+        part = Plain.other
+    return state, (part.high,)
+
+
+def with_two_parts(self, state, t_ns, values):
+    part = self.part
+    if values[0] > 0.0:
+        part = self.other
+    return state, (part.high,)
+
+
+def with_a_name_of_the_text(self, state, t_ns, values):
+    _r = values[0]
+    return state, (_r,)
+
+
 REFUSED = [
+    with_either_part, with_two_parts, with_a_name_of_the_text,
     with_sum, with_power, with_hypot, with_numpy, with_memory, with_dictionary, with_growing_state, with_two_commands,
     with_text,
 ]  # fmt: skip
