@@ -6,6 +6,7 @@ PLANTS: dict[str, str] = {
     "belt": "rig.plants.belt",
     "brake": "rig.plants.brake",
     "disc_slider": "rig.plants.disc_slider",
+    "four_dof": "rig.plants.four_dof",
     "lever": "rig.plants.lever",
     "north": "rig.plants.north",
     "pendulum": "rig.plants.pendulum",

@@ -13,8 +13,8 @@ from rig.view.picture import Belt, Pendulum, disc
 if TYPE_CHECKING:
     import rerun as rr
 
-_GAP = 0.17
-_ACROSS = 0.25  # motion across the belt, of the magnification along it: preload alone presses far in
+GAP = 0.17
+ACROSS = 0.25  # motion across the belt, of the magnification along it: preload alone presses far in
 _LEAN = 0.35  # rad
 _PLACE = 0.83  # radius of the slider
 _STAND = np.array((_PLACE, -0.9, 0.3))
@@ -38,8 +38,8 @@ class Lifting(Moved):
     """A body on a contact spring, seen as a gap, that may leave the belt: two_dof, tread."""
 
     def _placed(self, s: Mapping[str, Reals]) -> dict[str, Any]:
-        x, height = self.scale.motion * s["displacement"], self.scale.motion * _ACROSS * s["height"]
-        return {"translation": np.stack((x, np.zeros_like(x), _GAP + height), axis=1)}
+        x, height = self.scale.motion * s["displacement"], self.scale.motion * ACROSS * s["height"]
+        return {"translation": np.stack((x, np.zeros_like(x), GAP + height), axis=1)}
 
 
 class Pin(Moved):
@@ -68,7 +68,7 @@ class Tilting(Moved):
         down, half = self.scale.motion * s["displacement"], 0.5 * self.scale.motion * s["tilt"]
         zero = np.zeros_like(down)
         return {
-            "translation": np.stack((zero, zero, _GAP - down), axis=1),
+            "translation": np.stack((zero, zero, GAP - down), axis=1),
             "quaternion": np.stack((zero, np.sin(half), zero, np.cos(half)), axis=1),
         }
 
@@ -96,7 +96,7 @@ class Slider(Pendulum):
         import rerun as rr
 
         zoom = self.scale.motion
-        angles, up = zoom * s["displacement"] / _PLACE, zoom * _ACROSS * s["height"] + _GAP
+        angles, up = zoom * s["displacement"] / _PLACE, zoom * ACROSS * s["height"] + GAP
         place = np.stack((_PLACE * np.cos(angles), _PLACE * np.sin(angles), up), axis=1)
         drawn = {one.path: one for one in super()._frames(t_ns, {**s, "angle": angles}, modes, ran)}
         turn = rr.Transform3D.columns(quaternion=about(2, angles), translation=along(2, up))

@@ -33,6 +33,7 @@ EXPERIMENTS = {
     "belt_remedy_stiffness",
     "belt_slow_card",
     "belt_velocity_feedback",
+    "four_dof",
     "north",
     "north_divergence",
     "pendulum",

@@ -38,7 +38,9 @@ def test_a_controller_in_the_plants_process_sends_nothing_and_its_commands_are_t
     assert "act/nb" not in here
 
 
-@pytest.mark.parametrize("name", ["pendulum", "two_dof", "disc_slider", "brake", "pin", "north", "tread", "seal_l"])
+@pytest.mark.parametrize(
+    "name", ["pendulum", "two_dof", "four_dof", "disc_slider", "brake", "pin", "north", "tread", "seal_l"]
+)
 def test_every_absent_effect_has_values_to_be_measured_with(name):
     scene = rig.load(name)
     lacking = absent(scene)

@@ -52,12 +52,14 @@ def test_motion_is_magnified_by_a_round_number_that_keeps_it_in_the_picture(name
     assert 0.05 < scale.motion * reach < 0.5
 
 
-@pytest.mark.parametrize(("name", "moves"), [("pin", (0, 2)), ("north", (2,)), ("tread", (0, 2)), ("two_dof", (0, 2))])
+@pytest.mark.parametrize(
+    ("name", "moves"), [("pin", (0, 2)), ("north", (2,)), ("tread", (0, 2)), ("two_dof", (0, 2)), ("four_dof", (0, 2))]
+)
 def test_bodies_that_move_across_the_surface_are_drawn_so(name, moves):
     """A short run: along which axes the body goes, and no farther than the picture reaches."""
     scene = rig.load(name)
     picture = picture_of(scene.assemble().system(), outputs(scene))
-    run = rig.simulate(scene, 0.05 if name != "two_dof" else 20.0)
+    run = rig.simulate(scene, 20.0 if name.endswith("_dof") else 0.05)
     t_ns = np.round(run.time * 1e9).astype(np.int64)
     shown = np.arange(0, t_ns.size, max(t_ns.size // 200, 1))
     columns = picture.frames(t_ns, run.signals, np.zeros(t_ns.size, int), shown)
@@ -92,6 +94,26 @@ def test_the_lever_is_drawn_as_it_moves():
     assert both.sum() > 20
     turned = 0.8 * (np.unwrap(disc)[1:] - np.unwrap(disc)[:-1])[both]  # of the disc at the pin: as far as the pin goes
     assert turned == pytest.approx((phi[1:] - phi[:-1])[both], rel=1e-3, abs=1e-4)
+
+
+def test_springs_of_the_three_bodies_end_at_them():
+    """Bodies 1 and 3 go with their own outputs, and each spring is as long as the bodies at its ends leave it."""
+    scene = rig.load("four_dof")
+    picture = picture_of(scene.assemble().system(), outputs(scene))
+    run = rig.simulate(scene, 20.0)
+    t_ns = np.round(run.time * 1e9).astype(np.int64)
+    shown = np.arange(0, t_ns.size, 100)
+    columns = picture.frames(t_ns, run.signals, np.zeros(t_ns.size, int), shown)
+    side, top, slider = (moving(columns, f"rig/{name}", "translation") for name in ("body_1", "body_3", "mass"))
+    zoom = picture.scale.motion
+    assert side[:, 0] == pytest.approx(zoom * run.signals["body_1_displacement"][shown], abs=1e-6)
+    assert 4.0 * top[:, 2] == pytest.approx(zoom * run.signals["body_3_height"][shown], abs=1e-6)
+    springs = moving(columns, "rig/spring", "strips").reshape(shown.size, 5, -1, 3)
+    ends = springs[:, :, -1] - springs[:, :, 0]
+    moved = (side[:, 0], (slider - side)[:, 0], -slider[:, 0], (top - slider)[:, 2], -top[:, 2])
+    for number, (stretch, axis) in enumerate(zip(moved, (0, 0, 0, 2, 2))):
+        assert np.ptp(ends[:, number, axis] - stretch) < 1e-5
+        assert np.ptp(stretch) > 0.1
 
 
 def test_the_brake_is_drawn_under_a_stroboscope():
@@ -141,7 +163,13 @@ def _packed(colour):
 
 @pytest.mark.parametrize(
     ("name", "drawn"),
-    [("lever", "Lever"), ("disc_slider", "Slider"), ("pendulum", "Pendulum"), ("brake_3400", "Brake")],
+    [
+        ("lever", "Lever"),
+        ("disc_slider", "Slider"),
+        ("pendulum", "Pendulum"),
+        ("brake_3400", "Brake"),
+        ("four_dof", "ThreeBodies"),
+    ],
 )
 def test_each_rig_has_its_own_picture(name, drawn):
     scene = rig.load(name)
@@ -178,7 +206,8 @@ def test_a_strain_is_laid_over_the_force_that_it_means_and_a_stranger_gets_a_plo
 
 @pytest.mark.parametrize("live", [True, False])
 @pytest.mark.parametrize(
-    "name", ["pendulum", "belt", "pin", "north", "tread", "tread_rough", "two_dof", "brake_shunt_sound", None]
+    "name",
+    ["pendulum", "belt", "pin", "north", "tread", "tread_rough", "two_dof", "four_dof", "brake_shunt_sound", None],
 )
 def test_every_rig_has_a_window(name, live):
     scene = rig.load(name).to_json() if name else "{}"

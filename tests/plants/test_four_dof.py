@@ -1,0 +1,258 @@
+"""Three bodies on a belt: mode coupling with four degrees of freedom, in eigenvalues and in time.
+
+"A new mechanism for friction-induced vibration and noise", section 3.1. Numbers: tests/reference/four_dof.json, by
+independent code, and the closed form h^2 = 5000 (1 - mu) with h = 200 - W - 10000 / (200 - W), W = omega^2.
+"""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import rig
+from rig.solve.linear import sliding_key, steady
+from rig.view import contact
+
+REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "four_dof.json").read_text())
+BELOW = [one for one in REFERENCE["eig"] if one["mu"] < 1.0]
+ABOVE = [one for one in REFERENCE["eig"] if one["mu"] > 1.0]
+PRESSED = {"load.force": 2.0}
+
+
+def printed(mu):
+    """The stiffness matrix of equation 1 with all k = kc = 100 N/m."""
+    return np.array(
+        [
+            [200.0, 0.0, -100.0, 0.0],
+            [0.0, 200.0, 0.0, -100.0],
+            [-100.0, 0.0, 150.0, -50.0 + 100.0 * mu],
+            [0.0, -100.0, -50.0, 250.0],
+        ]
+    )
+
+
+def sliding(**changes):
+    return rig.modes(rig.load("four_dof", {key.replace("__", "."): value for key, value in changes.items()})).sliding
+
+
+def rates(found):
+    """Eigenvalues [1/s] with a positive imaginary part, by frequency and growth."""
+    told = [complex(mode.growth, 2.0 * math.pi * mode.frequency) for mode in found.modes]
+    return sorted(told, key=lambda value: (round(value.imag, 4), value.real))
+
+
+def closed_form(mu):
+    """Frequencies [rad/s] below the coalescence."""
+    h = math.sqrt(5000.0 * (1.0 - mu))
+    return sorted(math.sqrt(200.0 - 0.5 * (s * h + q * math.hypot(h, 200.0))) for s in (1, -1) for q in (1, -1))
+
+
+@pytest.mark.parametrize("mu", [0.0, 0.5, 1.0, 1.7])
+def test_matrices_of_sliding_are_those_of_the_paper(mu):
+    system = rig.load("four_dof", {"friction.mu": mu}).assemble().system()
+    assert system.coordinates == ("u1", "v3", "u2", "v2")
+    assert system.mass == pytest.approx(np.eye(4), abs=1e-15)
+    A = steady(system, sliding_key(system)).A
+    assert -A[4:8, :4] == pytest.approx(printed(mu), abs=1e-12)
+    assert np.abs(A[4:8, 4:8]).max() < 1e-15
+    assert system.force[3, :].sum() == -2.0  # f: the preload on v2, and no force on u2
+    assert np.count_nonzero(system.force) == 1
+
+
+@pytest.mark.parametrize("one", REFERENCE["eig"], ids=lambda one: f"mu={one['mu']}")
+def test_eigenvalues_are_those_of_the_reference(one):
+    found = rates(sliding(friction__mu=one["mu"]))
+    expected = sorted(map(complex, one["re"], one["im"]), key=lambda value: (round(value.imag, 4), value.real))
+    double = 1e-6 if one["mu"] == 1.0 else 1e-11  # a rounding of K moves a double eigenvalue by its square root
+    assert found == pytest.approx(expected, abs=double)
+
+
+@pytest.mark.parametrize("one", BELOW, ids=lambda one: f"mu={one['mu']}")
+def test_below_the_coalescence_frequencies_are_those_of_the_closed_form(one):
+    assert [rate.imag for rate in rates(sliding(friction__mu=one["mu"]))] == pytest.approx(
+        closed_form(one["mu"]), rel=1e-12
+    )
+
+
+def test_both_pairs_coalesce_at_a_friction_coefficient_of_one():
+    [critical] = rig.sweep("four_dof", "friction.mu", np.linspace(0.0, 2.0, 41)).critical
+    assert critical.value == pytest.approx(REFERENCE["mu_crit"], abs=1e-9)
+    assert critical.kind == "flutter"
+    assert critical.becomes == "unstable"
+    low, same_low, high, same_high = (rate.imag for rate in rates(sliding(friction__mu=1.0)))
+    assert [low, high] == pytest.approx(REFERENCE["omega_crit"], rel=1e-7)
+    assert [same_low, same_high] == pytest.approx([low, high], rel=1e-7)
+
+
+@pytest.mark.parametrize("one", ABOVE, ids=lambda one: f"mu={one['mu']}")
+def test_above_it_each_pair_has_one_frequency_and_opposite_growth(one):
+    slow, fast = np.split(np.array(rates(sliding(friction__mu=one["mu"]))), 2)
+    for pair in (slow, fast):
+        assert pair[0].imag == pytest.approx(pair[1].imag, rel=1e-9)
+        assert pair[0].real == pytest.approx(-pair[1].real, rel=1e-9)
+        assert pair[1].real > 0.1
+
+
+@pytest.mark.parametrize(
+    ("angle", "speed", "flutters"), [(135, 0.3, True), (45, -0.3, True), (45, 0.3, False), (135, -0.3, False)]
+)
+def test_flutter_takes_opposite_signs_of_both_couplings(angle, speed, flutters):
+    """Spring 3 couples with 0.5 k3 sin 2a, friction with mu kc in the direction of sliding."""
+    changes = {"spring_3__angle": math.radians(angle), "drive__speed": speed}
+    if not flutters:
+        assert all(abs(sliding(friction__mu=mu, **changes).growth) < 1e-9 for mu in (0.5, 1.0, 1.5, 3.0))
+        return
+    found = brentq(lambda mu: sliding(friction__mu=mu, **changes).growth - 1e-6, 0.9, 1.1, xtol=1e-13)
+    assert found == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_contact_spring_that_does_not_press_back_would_flutter_at_half_of_it():
+    """What docs/four_dof.md says of the matrix: kc in row v2 holds the coalescence at 1, without it it is at 0.5."""
+
+    def growth(mu):
+        K = printed(mu)
+        K[3, 3] -= 100.0
+        return np.linalg.eigvals(np.block([[np.zeros((4, 4)), np.eye(4)], [-K, np.zeros((4, 4))]])).real.max()
+
+    assert brentq(lambda mu: growth(mu) - 1e-6, 0.4, 0.6, xtol=1e-13) == pytest.approx(0.5, abs=1e-9)
+
+
+def test_equilibrium_is_that_of_the_printed_equation():
+    x = np.linalg.solve(printed(1.1), [0.0, 0.0, 0.0, -2.0])
+    found = sliding(friction__mu=1.1).equilibrium
+    names = ("body_1_displacement", "body_3_height", "displacement", "height")
+    assert [found[name] for name in names] == pytest.approx(x, rel=1e-12)
+    assert found["normal_force"] == pytest.approx(-100.0 * x[3], rel=1e-12)
+    start = rig.load("four_dof").parameters.start
+    assert [start.body_1_displacement, start.body_3_height, start.displacement] == pytest.approx(x[:3], rel=1e-12)
+    assert start.height == pytest.approx(0.99 * x[3], rel=1e-12)
+
+
+@pytest.mark.parametrize("mu", [1.01, 1.1, 1.5])
+def test_growth_and_frequency_in_time_are_the_eigenvalues(move, mu):
+    """The share of each eigenvector in the state, by left eigenvectors, from a start 1e-6 off the equilibrium."""
+    x = np.linalg.solve(printed(mu), [0.0, 0.0, 0.0, -2.0]) * (1.0, 1.0, 1.0, 1.0 - 1e-6)
+    names = ("body_1_displacement", "body_3_height", "displacement", "height")
+    run = move("four_dof", {"friction.mu": mu} | {f"start.{name}": v for name, v in zip(names, x)}, duration=5.0)
+    assert not len(run.motion.events())
+    system = run.motion.system
+    at = steady(system, sliding_key(system))
+    values, left = np.linalg.eig(at.A[np.ix_(at.moving, at.moving)].T)
+    growing = [i for i in range(len(values)) if values[i].real > 0.0 and values[i].imag > 0.0]
+    assert len(growing) == 2
+    for i in growing:
+        share = (run.motion.states - at.x)[:, at.moving] @ left[:, i]
+        found = np.log(np.abs(share[-1] / share[0])) / (run.time[-1] - run.time[0])
+        turned = np.ptp(np.unwrap(np.angle(share))) / (run.time[-1] - run.time[0])
+        assert found == pytest.approx(values[i].real, rel=1e-7)
+        assert turned == pytest.approx(values[i].imag, rel=1e-7)
+
+
+def test_growth_that_the_vibrometer_shows_is_that_of_rig_modes():
+    """Peaks of the measured velocity over 4 s, once the faster pair of the two that grow has taken over."""
+    scene = rig.load("four_dof", {"friction.mu": 1.5, "start.height": -0.008 * (1.0 - 1e-5),
+                                  "start.displacement": 0.008, "start.body_1_displacement": 0.004,
+                                  "start.body_3_height": -0.004, "sensors.vibrometer.ideal": True})  # fmt: skip
+    run = rig.simulate(scene, 8.5)
+    assert not [event for event in run.told if event["kind"] == "contact"]
+    t_ns, v = run.measurements["vibrometer"]
+    late = t_ns > 4.5e9
+    t, v = t_ns[late] * 1e-9, np.abs(v[late])
+    tops = np.flatnonzero((v[1:-1] > v[:-2]) & (v[1:-1] > v[2:])) + 1
+    found = np.polyfit(t[tops], np.log(v[tops]), 1)[0]
+    assert found == pytest.approx(rig.modes(scene).sliding.growth, rel=0.02)
+
+
+def rate(mode, t, y, mu, V):
+    """Equations of motion written once more; y: u1, v3, u2, v2 and their velocities."""
+    stiffness = printed({"slip": mu, "back": -mu, "stick": 0.0, "open": 0.0}[mode])
+    if mode == "open":
+        stiffness[3, 3] -= 100.0
+    force = -stiffness @ y[:4] - (0.0, 0.0, 0.0, 2.0)
+    if mode == "stick":
+        force[2] = 0.0
+    return np.concatenate((y[4:], force))
+
+
+@pytest.mark.parametrize(
+    ("changes", "first"), [({}, ("load opens", 9.258)), ({"drive.speed": 0.02}, ("contact slip ends", 5.944))]
+)
+def test_first_event_is_that_of_scipy(move, chain, changes, first):
+    """Lift-off at the belt's speed of the scene, stick on a slow belt; up to there by DOP853."""
+    what, about = first
+    run = move("four_dof", changes, duration=about + 0.5, cap=1000)
+    V, start = changes.get("drive.speed", 0.3), run.motion.system.start
+
+    def guards(mode):
+        yield lambda t, y: -100.0 * y[3]
+        yield lambda t, y: V - y[6]
+
+    def follow(mode, which, t, y):
+        return ("open" if which == 0 else "stick"), y
+
+    [expected, *_] = chain(lambda mode, t, y: rate(mode, t, y, 1.1, V), guards, follow, "slip", start[:8], about + 0.05)
+    assert run.motion.events()[0].what == what
+    assert expected == pytest.approx(about, abs=1e-3)
+    assert run.times(what)[0] == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("changes", [{}, {"drive.speed": 0.02}, {"friction.mu": 1.5, "load.force": 20.0}], ids=str)
+def test_contact_and_energy_obey_their_laws(changes):
+    """Friction within its cone and against the slip, nothing pulls, stick is stick, and the energy balance closes."""
+    scene = rig.load("four_dof", changes)
+    run = rig.simulate(scene, 60.0)
+    mu = scene.parameters.friction.mu
+    modes = contact.Modes(scene.assemble().system()).indices(run.mode)
+    T, N, w = (run.signals[name] for name in ("friction_force", "normal_force", "slip_speed"))
+    force = N.max()
+    assert N.min() >= -1e-12 * force
+    assert np.all(np.abs(T) <= mu * N + 1e-9 * force)
+    assert np.all(T * w >= -1e-12)
+    named = {name: modes == i for i, name in enumerate(contact.NAMES)}
+    assert {name for name, there in named.items() if there.any()} >= {"slip+", "stick", "open"}
+    assert np.abs(w[named["stick"]]).max() < 1e-12
+    assert np.abs(N[named["open"]]).max() == np.abs(T[named["open"]]).max() == 0.0
+    assert T[named["slip+"]] == pytest.approx(mu * N[named["slip+"]], abs=1e-9 * force)
+    assert abs(run.energy["error"]) < 1e-9
+
+
+def test_growth_that_lift_off_limits_is_told_and_does_not_refuse_a_run():
+    found = rig.modes("four_dof").findings
+    assert {one.level for one in found} == {"info"}
+    assert sorted(one.number for one in found) == pytest.approx([0.3230301031927026, 0.5564174589206108], rel=1e-9)
+    assert all("limited where load opens" in one.what for one in found)
+    assert rig.modes(rig.load("four_dof", {"friction.mu": 0.9})).findings == ()
+
+
+def test_a_contact_that_pulls_does_not_limit_the_growth():
+    """Without lift-off friction also reverses with the normal force, and the run ends at the limit of its scene."""
+    run = rig.simulate(rig.load("four_dof", {"separation": "none"}), 60.0)
+    assert not [event for event in run.told if "opens" in event["text"]]
+    assert [event["text"] for event in run.told if event["kind"] == "limit"]
+    assert run.signals["normal_force"].min() < 0.0
+
+
+def test_dampers_stand_beside_their_springs():
+    """Damping in proportion to stiffness: D = 0.002 s of the structure's stiffness matrix."""
+    changes = {f"spring_{i}.damping": 0.2 for i in range(1, 6)}
+    system = rig.load("four_dof", changes).assemble().system()
+    assert system.damping == pytest.approx(0.002 * system.stiffness, rel=1e-12, abs=1e-15)
+
+
+@pytest.mark.parametrize("spring", [1, 2, 4, 5])
+def test_one_damper_halves_the_critical_friction(spring):
+    """At mu = 0.5 friction cancels the coupling of spring 3 in row u2, whatever the damper."""
+    for damping in (0.02, 0.2):
+        scene = rig.load("four_dof", {f"spring_{spring}.damping": damping})
+        [critical] = rig.sweep(scene, "friction.mu", np.linspace(0.0, 0.9, 31)).critical
+        assert critical.value == pytest.approx(0.5, abs=1e-9)
+
+
+def test_dampers_beside_all_springs_raise_it():
+    scene = rig.load("four_dof", {f"spring_{i}.damping": 0.2 for i in range(1, 6)})
+    assert rig.sweep(scene, "friction.mu", np.linspace(0.0, 1.05, 22)).critical[0].value == pytest.approx(
+        1.0016, abs=1e-4
+    )
