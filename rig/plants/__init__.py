@@ -12,6 +12,7 @@ PLANTS: dict[str, str] = {
     "pendulum": "rig.plants.pendulum",
     "pin": "rig.plants.pin",
     "points": "rig.plants.points",
+    "tip": "rig.plants.tip",
     "tread": "rig.plants.tread",
     "two_dof": "rig.plants.two_dof",
 }

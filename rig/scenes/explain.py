@@ -111,6 +111,8 @@ ABOUT = {
     "separation": "a contact spring that lifts off and comes back; without it the spring pulls as well",
     "geometry": "the contact moves round with the slider; without it, it stays where it was",
     "slope": "the normal force pushes along the inclined surface",
+    "inclination": "the beam stands inclined: bending takes load off the contact; else `relief` says by how much",
+    "waviness": "the surface is wavy: the normal force swings with the slip distance",
     "piezo": "a stack in the load path that turns extension into charge; open without a shunt",
     "shunt": "an electrical network on the stack's electrodes",
     "switch": "connected or open, and which coil of a bank",

@@ -1,0 +1,157 @@
+"""The tip of a clamped beam on a disc, in one mode: steady sliding and stick-slip at the same speed.
+
+    m x'' + (c + r k) x' + k x = T,   w = V - x',   T = mu N sgn(w) in slip
+    N = N0 - beta (k x + r k x')
+
+A clamp that is pushed down by a fixed way presses the tip on with N0. What bends the tip along the disc by a force F
+takes beta F off the normal force: in steady sliding N = N0 / (1 + beta mu), and the tip in slip is stiffer,
+w_s = sqrt((1 + beta mu) k / m). r is the damping of the material as a time; it acts in the elastic force, c does not.
+
+A beam whose axis stands at `angle` to the disc's normal, with compliances 1 across and eps along the axis, gives
+
+    beta = c_nt / c_nn,   k = k_b c_nn / (c_tt c_nn - c_nt^2)
+    c_tt = cos^2 + eps sin^2,   c_nn = sin^2 + eps cos^2,   c_nt = (1 - eps) sin cos
+
+A disc that turns the other way digs the tip in: friction adds to the normal force, and from beta mu = 1 on nothing
+limits it. Such a rig takes no negative speed.
+Source: Tonazzi, Passafiume, Papangelo, Hoffmann, Massi, Nonlinear Dynamics 102 (2020) 1361 (finite elements and
+experiment). The paper has no lumped equations: the model is derived, its numbers are calibrated (docs/tip.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any, Self
+
+from annotated_types import Gt, Le
+from pydantic import model_validator
+
+from rig.effects import drive, load, waviness
+from rig.effects.drive import BeltDrive
+from rig.effects.friction import Friction
+from rig.effects.load import Load
+from rig.effects.waviness import Waviness
+from rig.plants.belt import RAMPED, contact_outputs
+from rig.quantities import (
+    AcuteAngle,
+    Kilogram,
+    Metre,
+    MetrePerSecond,
+    NewtonPerMetre,
+    NewtonSecondPerMetre,
+    Ratio,
+    Second,
+    Section,
+    quantity,
+)
+from rig.solve.assembly import Assembly
+
+Share: Any = quantity("1", Gt(0.0), Le(1.0))
+
+
+class Tip(Section):
+    """The beam as its tip feels it along the disc: mass, stiffness, damping of the material and beside it.
+
+    `retardation` r: damping of the material, its damping constant over its stiffness. `damping` c: a damper that does
+    not act on the normal force. `relief` beta: normal force that is taken off for each newton that bends the tip.
+    """
+
+    mass: Kilogram
+    stiffness: NewtonPerMetre
+    retardation: Second = 0.0
+    damping: NewtonSecondPerMetre = 0.0
+    relief: Ratio = 0.0
+
+
+class Inclination(Section):
+    """Angle between the beam's axis and the disc's normal; compliance along the axis, contact included, over bending.
+
+    With it the stiffness of the tip is that of bending alone, and the relief follows.
+    """
+
+    angle: AcuteAngle
+    compliance: Share
+
+    def relief(self) -> float:
+        """Normal force that is taken off for each newton along the disc, beta."""
+        _, across, mixed = self._compliances()
+        return mixed / across
+
+    def stiffening(self) -> float:
+        """Stiffness along the disc, the tip held at its height, over that of bending."""
+        along, across, mixed = self._compliances()
+        return across / (along * across - mixed**2)
+
+    def _compliances(self) -> tuple[float, float, float]:
+        """Along the disc, normal to it, and between both; 1 for bending."""
+        cosine, sine, eps = math.cos(self.angle), math.sin(self.angle), self.compliance
+        return cosine**2 + eps * sine**2, sine**2 + eps * cosine**2, (1.0 - eps) * sine * cosine
+
+
+class Start(Section):
+    """Where the tip is at the start, from the unbent beam."""
+
+    displacement: Metre = 0.0
+    velocity: MetrePerSecond = 0.0
+
+
+class Parameters(Section):
+    """The tables of a tip scene. `load`: the normal force of the unbent beam; `drive`: speed of the disc at the tip."""
+
+    tip: Tip
+    inclination: Inclination | None = None
+    drive: BeltDrive
+    load: Load
+    friction: Friction
+    waviness: Waviness | None = None
+    start: Start = Start()
+
+    @model_validator(mode="after")
+    def _one_relief(self) -> Self:
+        if self.inclination is not None and self.tip.relief:
+            raise ValueError("tip.relief and inclination are both given; the relief follows from the inclination")
+        return self
+
+    @model_validator(mode="after")
+    def _digs_in(self) -> Self:
+        most = jam(self)
+        if most >= 1.0 and self.drive.speed < 0.0:
+            raise ValueError(
+                f"drive.speed {self.drive.speed:g} m/s jams: the disc digs the tip in, and friction raises the normal "
+                f"force faster than the beam yields (beta mu = {most:.3g}, must be below 1); run the disc forward, or "
+                "lower the friction coefficient or the relief"
+            )
+        return self
+
+    @property
+    def held(self) -> Tip:
+        """The tip as the disc holds it at its height: with the inclination in stiffness, damping and relief."""
+        if self.inclination is None:
+            return self.tip
+        k = self.inclination.stiffening()
+        return self.tip.model_copy(update={"stiffness": k * self.tip.stiffness, "relief": self.inclination.relief()})
+
+
+def jam(p: Parameters) -> float:
+    """Beta mu at rest: from 1 on the tip jams on a disc that turns backwards."""
+    return float(p.held.relief * p.friction.friction().static)
+
+
+def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
+    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    tip = p.held
+    elastic = {"x": tip.stiffness, "x'": tip.retardation * tip.stiffness}
+    a = Assembly(title="tip")
+    a.coordinate("x", tip.mass, tip.damping + elastic["x'"], elastic["x"])
+    a.start |= {"x": p.start.displacement, "x'": p.start.velocity}
+    a.patch("contact", {"x": 1.0}, drive.add(a, p.drive, "m/s", moved), p.friction.friction())
+    pressed = load.add(a, p.load, moved) | {name: -tip.relief * value for name, value in elastic.items()}
+    a.normal("load", "contact", pressed)
+    if jam(p) >= 1.0:
+        a.inputs["drive.speed"] = replace(a.inputs["drive.speed"], low=0.0)
+    a.outputs |= contact_outputs({"x": 1.0}, a)
+    if p.waviness is not None:
+        waviness.add(a, p.waviness, "contact", "load", {"x": 1.0})
+    return a
