@@ -13,6 +13,7 @@ PLANTS: dict[str, str] = {
     "pin": "rig.plants.pin",
     "points": "rig.plants.points",
     "tip": "rig.plants.tip",
+    "tip_beam": "rig.plants.tip_beam",
     "tread": "rig.plants.tread",
     "two_dof": "rig.plants.two_dof",
 }

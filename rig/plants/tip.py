@@ -46,7 +46,7 @@ from rig.quantities import (
     Section,
     quantity,
 )
-from rig.solve.assembly import Assembly
+from rig.solve.assembly import Assembly, Output
 
 Share: Any = quantity("1", Gt(0.0), Le(1.0))
 
@@ -116,13 +116,7 @@ class Parameters(Section):
 
     @model_validator(mode="after")
     def _digs_in(self) -> Self:
-        most = jam(self)
-        if most >= 1.0 and self.drive.speed < 0.0:
-            raise ValueError(
-                f"drive.speed {self.drive.speed:g} m/s jams: the disc digs the tip in, and friction raises the normal "
-                f"force faster than the beam yields (beta mu = {most:.3g}, must be below 1); run the disc forward, or "
-                "lower the friction coefficient or the relief"
-            )
+        refuse_jam(self.drive.speed, jam(self))
         return self
 
     @property
@@ -132,6 +126,16 @@ class Parameters(Section):
             return self.tip
         k = self.inclination.stiffening()
         return self.tip.model_copy(update={"stiffness": k * self.tip.stiffness, "relief": self.inclination.relief()})
+
+
+def refuse_jam(speed: float, most: float) -> None:
+    """Raise ValueError for a disc that turns backwards [m/s] where the tip jams: beta mu is `most`."""
+    if most >= 1.0 and speed < 0.0:
+        raise ValueError(
+            f"drive.speed {speed:g} m/s jams: the disc digs the tip in, and friction raises the normal force faster "
+            f"than the beam yields (beta mu = {most:.3g}, must be below 1); run the disc forward, or lower the "
+            "friction coefficient or the relief"
+        )
 
 
 def jam(p: Parameters) -> float:
@@ -151,7 +155,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.normal("load", "contact", pressed)
     if jam(p) >= 1.0:
         a.inputs["drive.speed"] = replace(a.inputs["drive.speed"], low=0.0)
-    a.outputs |= contact_outputs({"x": 1.0}, a)
+    a.outputs |= contact_outputs({"x": 1.0}, a) | {"clamp_force": Output(elastic, "N")}
     if p.waviness is not None:
         waviness.add(a, p.waviness, "contact", "load", {"x": 1.0})
     return a

@@ -1,0 +1,152 @@
+"""The tip of a clamped beam on a disc, in several modes: a beam of finite elements that stands inclined.
+
+    q_i'' + 2 zeta w_i q_i' + w_i^2 q_i = t_i T + n_i (N - N0)           mass one each (rig.plants.bending)
+    t_i = cos(a) across_i - sin(a) along_i,   n_i = sin(a) across_i + cos(a) along_i          at the tip
+    x = sum t_i q_i,   y = sum n_i q_i,   w = V - x'
+    N = N0 - kc y
+
+N0 presses the tip on while nothing slides; the clamp stays at its height. The spring of the contact couples what is
+along the disc with what is normal to it: relief of the normal force and the stiffness of the tip follow (compare
+rig.plants.tip). Each stick and each release excites the higher modes as well.
+Source: Tonazzi, Passafiume, Papangelo, Hoffmann, Massi, Nonlinear Dynamics 102 (2020) 1361; the paper has no dimensions
+of the beam, they are derived (docs/tip.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Annotated, Self
+
+from annotated_types import Ge, Le
+from pydantic import model_validator
+
+from rig.effects import drive, load, waviness
+from rig.effects.drive import BeltDrive
+from rig.effects.friction import Friction
+from rig.effects.load import Load
+from rig.effects.waviness import Waviness
+from rig.plants import bending
+from rig.plants.belt import RAMPED, contact_outputs
+from rig.plants.tip import refuse_jam
+from rig.quantities import (
+    AcuteAngle,
+    KilogramPerCubicMetre,
+    NewtonPerMetre,
+    Pascal,
+    PoissonRatio,
+    PositiveMetre,
+    Ratio,
+    Section,
+)
+from rig.solve.assembly import Assembly, Output, Row
+
+Count = Annotated[int, Ge(1), Le(16)]
+
+
+class Beam(Section):
+    """The beam, wide against its thickness (plane strain), and how many of its modes are taken."""
+
+    length: PositiveMetre
+    thickness: PositiveMetre
+    depth: PositiveMetre
+    modulus: Pascal
+    poisson: PoissonRatio
+    density: KilogramPerCubicMetre
+    modes: Count
+    damping_ratio: Ratio = 0.0
+
+    def reduced(self) -> bending.Modes:
+        """Its modes, the attachment modes among them."""
+        area, modulus = self.thickness * self.depth, self.modulus / (1.0 - self.poisson**2)
+        return bending.clamped(
+            modulus * area * self.thickness**2 / 12.0, modulus * area, self.density * area, self.length, self.modes
+        )
+
+
+class Contact(Section):
+    """Angle between the beam's axis and the disc's normal; stiffness of the contact normal to the disc."""
+
+    angle: AcuteAngle
+    stiffness: NewtonPerMetre
+
+
+class Parameters(Section):
+    """The tables of a tip_beam scene. `load`: the normal force while nothing slides; `drive`: the disc at the tip."""
+
+    beam: Beam
+    contact: Contact
+    drive: BeltDrive
+    load: Load
+    friction: Friction
+    waviness: Waviness | None = None
+
+    @model_validator(mode="after")
+    def _digs_in(self) -> Self:
+        refuse_jam(self.drive.speed, jam(self))
+        return self
+
+
+@dataclass(frozen=True)
+class Shapes:
+    """Each mode [i] at the tip: `along` the disc and `normal` to it [kg^-0.5]; `omega` [rad/s]; `clamp` [N/(kg^0.5 m)].
+
+    `clamp`: what it pushes the clamp with along the disc.
+    """
+
+    omega: list[float]
+    along: list[float]
+    normal: list[float]
+    clamp: list[float]
+
+    def relief(self, contact: float) -> float:
+        """Normal force that is taken off for each newton along the disc, with a contact of this stiffness [N/m]."""
+        mixed = sum(t * n / w**2 for t, n, w in zip(self.along, self.normal, self.omega))
+        return mixed / (sum((n / w) ** 2 for n, w in zip(self.normal, self.omega)) + 1.0 / contact)
+
+
+def shapes(p: Parameters) -> Shapes:
+    """The modes of the beam, turned to the disc."""
+    found = p.beam.reduced()
+    cosine, sine = math.cos(p.contact.angle), math.sin(p.contact.angle)
+    (across, along), (shear, pull) = found.tip.T, found.clamp.T
+    return Shapes(
+        found.omega.tolist(),
+        (cosine * across - sine * along).tolist(),
+        (sine * across + cosine * along).tolist(),
+        (cosine * shear - sine * pull).tolist(),
+    )
+
+
+def jam(p: Parameters) -> float:
+    """Beta mu at rest: from 1 on the tip jams on a disc that turns backwards."""
+    return float(shapes(p).relief(p.contact.stiffness) * p.friction.friction().static)
+
+
+def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
+    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    found = shapes(p)
+    a = Assembly(title="tip_beam")
+    names = [f"q{i}" for i in range(1, len(found.omega) + 1)]
+    for name, omega in zip(names, found.omega):
+        a.coordinate(name, 1.0, 2.0 * p.beam.damping_ratio * omega, omega**2)
+    along: Row = dict(zip(names, found.along))
+    normal: Row = dict(zip(names, found.normal))
+    a.patch("contact", along, drive.add(a, p.drive, "m/s", moved), p.friction.friction())
+    pressed = load.add(a, p.load, moved)
+    for name, share in normal.items():
+        a.push(name, {state: -share * value for state, value in pressed.items()})
+    a.normal("load", "contact", pressed | {name: -p.contact.stiffness * n for name, n in normal.items()}, normal)
+    if found.relief(p.contact.stiffness) * p.friction.friction().static >= 1.0:
+        a.inputs["drive.speed"] = replace(a.inputs["drive.speed"], low=0.0)
+    a.outputs |= contact_outputs(along, a)
+    if p.waviness is not None:
+        waviness.add(a, p.waviness, "contact", "load", along)
+    damped = {f"{name}'": 2.0 * p.beam.damping_ratio / w * k for name, w, k in zip(names, found.omega, found.clamp)}
+    a.outputs |= {
+        "height": Output(normal, "m"),
+        "clamp_force": Output(dict(zip(names, found.clamp)) | damped, "N"),
+    }
+    a.free = {f"beam, mode {i}": w / (2.0 * math.pi) for i, w in enumerate(found.omega[: p.beam.modes], 1)}
+    return a
