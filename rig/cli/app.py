@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from rig.cli import cost, host, live, logs, processes, runs, scenes, study, torture
+from rig.cli import analyses, cost, host, live, logs, processes, runs, scenes, study, torture
 from rig.errors import RigError
 
 app = typer.Typer(
@@ -25,6 +25,7 @@ for panel, room in {
     "What accuracy costs": cost,
     "What stays stable": torture,
     "Recordings": logs,
+    "What a recording shows": analyses,
     "A run that is going on": live,
     "Processes one by one": processes,
     "This machine": host,

@@ -11,6 +11,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rig.record.run import Run
 from rig.scenes.scene import Scene
@@ -39,27 +40,38 @@ def stages(run: Run) -> Stages | None:
     It must have been recorded with its contact modes.
     """
     speed = next((name for name in SPEEDS if name in run.signals), "")
-    if not speed or len(run.mode) != len(run.time):
+    sticks = stuck(run) if speed else None
+    if sticks is None:
         return None
     # A cut recording may hold less of one output than of another, or of the contact modes.
     known = np.isfinite(run.signals[speed]) & (run.mode >= 0)
-    v, modes = run.signals[speed][known], run.mode[known]
+    v, sticks = run.signals[speed][known], sticks[known]
     if not v.size:
         return None
     top = np.flatnonzero(v >= v.max() * (1.0 - 1e-9))
     if max(v[0], v[-1]) > _HALF * v.max():
         return None
-    system = Scene.from_json(run.scene_text()).assemble().system()
-    sticks = {int(key): _sticks(system, int(key)) for key in np.unique(modes)}
-    stuck = np.array([sticks[int(key)] for key in modes])
     moving = v > 0.0
-    up = np.flatnonzero((stuck & moving)[: top[0]])
-    down = np.flatnonzero((stuck & moving)[top[-1] :])
+    up = np.flatnonzero((sticks & moving)[: top[0]])
+    down = np.flatnonzero((sticks & moving)[top[-1] :])
     return Stages(
         float(v[up[-1]]) if len(up) else math.nan,
         float(v[top[-1] + down[0]]) if len(down) else math.nan,
         run.units[speed],
     )
+
+
+def stuck(run: Run) -> NDArray[np.bool_] | None:
+    """Whether a loaded contact sticks, at each of `run.time`; None for a run recorded without contact modes.
+
+    False where a damaged recording has lost the mode.
+    """
+    if len(run.mode) != len(run.time):
+        return None
+    keys, where = np.unique(run.mode, return_inverse=True)
+    system = Scene.from_json(run.scene_text()).assemble().system()
+    told = np.array([key >= 0 and _sticks(system, int(key)) for key in keys], np.bool_)
+    return np.asarray(told[where.ravel()])
 
 
 def _sticks(system: System, key: int) -> bool:

@@ -11,7 +11,6 @@ Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 
 from rig.errors import UsageError
 from rig.record.run import Run
+from rig.study.recorded.series import places, scene_name
 
 Reals = NDArray[np.float64]
 
@@ -146,13 +146,13 @@ def hear(run: Run, channel: str = "") -> Sound:
     channel = channel or _microphone(run)
     unit = _unit(run, channel)
     t_ns, raw = run.measurements[channel]
-    places = _places(t_ns)
-    rate = 1e9 * int(places[-1]) / int(t_ns[-1] - t_ns[0]) if t_ns.size > 1 else 0.0
+    at = places(t_ns)
+    rate = 1e9 * int(at[-1]) / int(t_ns[-1] - t_ns[0]) if t_ns.size > 1 else 0.0
     length = round(WINDOW * rate)
     if rate < 4.0 * LOWEST:
         raise UsageError(f"{channel} samples at {rate:g} Hz: to hear a squeal it takes {4.0 * LOWEST:g} Hz or more")
-    v = np.zeros(int(places[-1]) + 1)
-    v[places] = np.nan_to_num(raw)
+    v = np.zeros(int(at[-1]) + 1)
+    v[at] = np.nan_to_num(raw)
     if v.size < length:
         raise UsageError(f"{channel} recorded {v.size / rate:.3g} s; it takes {WINDOW:g} s or more")
     begins = np.arange(0, v.size - length + 1, round(HOP * rate))
@@ -162,7 +162,7 @@ def hear(run: Run, channel: str = "") -> Sound:
     threshold = LOUD if unit == "Pa" else float(tone.max()) - BELOW
     times = t_ns[0] * 1e-9 + (begins + 0.5 * length) / rate
     return Sound(
-        scene=_name(run),
+        scene=scene_name(run),
         channel=channel,
         unit=unit,
         rate=rate,
@@ -178,15 +178,6 @@ def hear(run: Run, channel: str = "") -> Sound:
         threshold=threshold,
         squeals=tuple(_squeals(times, tone, frequency, threshold)),
     )
-
-
-def _places(t_ns: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Numbers of samples by their times [ns], the first 0: some may be missing, and times are rounded."""
-    gaps = np.diff(t_ns)
-    if not gaps.size:
-        return gaps
-    period = gaps[gaps < 1.5 * gaps.min()].mean()
-    return np.concatenate([[0], np.cumsum(np.rint(gaps / period))]).astype(np.int64)
 
 
 def _microphone(run: Run) -> str:
@@ -210,11 +201,6 @@ def _unit(run: Run, channel: str) -> str:
     if unit not in REFERENCE:
         raise UsageError(f"{channel} reads {unit or 'a number'}: no sound and no vibration ({', '.join(REFERENCE)})")
     return unit
-
-
-def _name(run: Run) -> str:
-    found = json.loads(run.scene_text())
-    return str(found.get("name") or found.get("title") or found.get("plant", ""))
 
 
 def _decibel(size: Any, unit: str) -> Any:

@@ -1,0 +1,102 @@
+"""Commands that analyse what a recording holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import typer
+
+from rig.cli import tell
+from rig.cli.logs import Log, opened
+from rig.cli.options import Force, Json, seconds
+from rig.cli.outputs import new
+from rig.errors import LogError, UsageError
+
+Signal = Annotated[
+    str,
+    typer.Option(metavar="NAME", help="Sensor or plant output to analyse; a sensor that reads a vibration by default."),
+]
+Over = Annotated[
+    str, typer.Option("--over", metavar="NAME", help="Sensor or plant output that rises and falls; the drive's speed.")
+]
+Window = Annotated[
+    str | None,
+    typer.Option("--window", metavar="TIME", help="Length of the centred window; about five periods by default."),
+]
+First = Annotated[str | None, typer.Option("--from", metavar="TIME", help="Leave out what was before.")]
+Last = Annotated[str | None, typer.Option("--to", metavar="TIME", help="Leave out what came after.")]
+Picture = Annotated[
+    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw it (PNG, SVG, PDF).")
+]
+Table = Annotated[Path | None, typer.Option("--csv", metavar="FILE", callback=new, help="Write all numbers as CSV.")]
+T = TypeVar("T")
+
+
+class _Faults:
+    """Collects what is wrong with the options of a command, so that all of it is told at once."""
+
+    def __init__(self) -> None:
+        self.found: list[str] = []
+
+    def __call__(self, read: Callable[[], T], otherwise: T) -> T:
+        try:
+            return read()
+        except UsageError as error:
+            self.found.append(str(error))
+            return otherwise
+
+    def tell(self) -> None:
+        if self.found:
+            raise UsageError("\n".join(self.found))
+
+
+def hysteresis(
+    log: Log,
+    signal: Signal = "",
+    over: Over = "",
+    window: Window = None,
+    first: First = None,
+    last: Last = None,
+    figure: Picture = None,
+    csv: Table = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """RMS of a vibration over the speed of the drive, as the speed rises and as it falls; at which speeds it stuck."""
+    from rig.study.recorded import hysteresis as find
+    from rig.study.recorded.figure import draw_hysteresis as draw
+
+    faults = _Faults()
+    length = faults(lambda: seconds(window, "--window"), None)
+    begin, end = span(faults, first, last)
+    run = opened(log)
+    if not run.time.size:
+        raise LogError(f"{log}: the recording ends before its first sample")
+    found = faults(lambda: find(run, signal, over, length, begin, end), None)
+    faults.tell()
+    assert found is not None
+    if as_json:
+        tell.report(found.to_json() | {"figure": figure, "csv": csv})
+    else:
+        tell.line(found.text())
+    if csv is not None:
+        csv.write_text(found.csv())
+    if figure is not None:
+        draw(found, figure)
+
+
+def span(faults: _Faults, first: str | None, last: str | None) -> tuple[float, float]:
+    """The stretch of time that --from and --to name [s]."""
+    begin = faults(lambda: seconds(first, "--from", low=0.0), None) or 0.0
+    end = faults(lambda: seconds(last, "--to"), None)
+    if end is not None and begin >= end:
+        faults.found.append(f"--from {begin:g} s to {end:g} s: nothing is left; --to must be later")
+        return 0.0, float("inf")
+    return begin, float("inf") if end is None else end
+
+
+COMMANDS = {
+    "hysteresis": (hysteresis, "rig hysteresis recordings/runs/belt_hysteresis-20260101-120000.mcap --window '1 s'"),
+}

@@ -1,0 +1,73 @@
+"""Where a speed rises and where it falls: the branches of a run-up and run-down, without what is held between them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from rig.record.run import Reals
+
+_TURN = 0.05
+"""Of the whole range: a reversal that is smaller does not end a branch."""
+_HELD = 0.01
+"""Of the range of a branch: within this of its ends the speed counts as held."""
+_ROUNDING = 1e-9
+"""Of the largest speed: a smaller change is none."""
+
+
+class Branch(NamedTuple):
+    """From `begin` to `end` [s] the speed goes from `first` to `last`, in its unit."""
+
+    begin: float
+    end: float
+    first: float
+    last: float
+
+    @property
+    def rises(self) -> bool:
+        """Whether it is a run-up."""
+        return self.last > self.first
+
+    @property
+    def rate(self) -> float:
+        """How fast the speed changes [unit/s]; positive."""
+        return (1.0 - 2.0 * _HELD) * abs(self.last - self.first) / (self.end - self.begin)
+
+
+def branches(t: Reals, v: Reals) -> list[Branch]:
+    """The branches of speed `v` at times `t` [s], in the order of time; none where it does not change."""
+    known = np.isfinite(v)
+    t, v = t[known], v[known]
+    if v.size < 2 or np.ptp(v) <= _ROUNDING * np.abs(v).max():
+        return []
+    turns = _turns(v, _TURN * float(np.ptp(v)))
+    found = []
+    for a, b in pairwise(turns):
+        part, near = v[a : b + 1], _HELD * abs(v[b] - v[a])
+        leaves = int(np.flatnonzero(np.abs(part - part[0]) <= near)[-1])
+        comes = leaves + int(np.flatnonzero(np.abs(part[leaves:] - part[-1]) <= near)[0])
+        if comes > leaves:
+            found.append(Branch(float(t[a + leaves]), float(t[a + comes]), float(v[a]), float(v[b])))
+    return found
+
+
+def _turns(v: Reals, least: float) -> list[int]:
+    """Places of the turning points of `v`, between which it changes by more than `least`; first and last included."""
+    turns: list[int] = []
+    top = bottom = way = 0
+    for i, here in enumerate(v.tolist()):
+        top = i if here > v[top] else top
+        bottom = i if here < v[bottom] else bottom
+        if way >= 0 and v[top] - here > least:
+            turns.append(top)
+            way, bottom = -1, i
+        elif way <= 0 and here - v[bottom] > least:
+            turns.append(bottom)
+            way, top = 1, i
+        if way > 0:
+            bottom = i
+        elif way < 0:
+            top = i
+    return [*turns, top if way > 0 else bottom]
