@@ -1,6 +1,8 @@
 """The torture test: its cases are sound, its verdicts are what they say, the default method is green."""
 
 import json
+import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -12,6 +14,7 @@ from rig.study.torture.cells import _kernels
 from rig.study.torture.trial import Found
 from rig.study.torture.verdict import judge
 from rig.study.torture.watched import watched
+from rig.study.torture.wrong import WRONG
 
 NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
 SOME = ["grazing", "belt_at_rest", "belt_loop_unlimited", "pin_jams"]  # of few kernels
@@ -57,6 +60,36 @@ def test_comparison_fails_for_the_reason_it_should(some):
     assert (sign.verdict.colour, sign.verdict.reason) == ("red", "creep")
     rk4 = next(cell for cell in some if cell.case == "grazing" and cell.method == "rk4")
     assert (rk4.verdict.colour, rk4.verdict.reason) == ("red", "missed event")
+
+
+@pytest.mark.parametrize(
+    ("case", "way", "reason"), [("contact_felt_late", "held", "energy"), ("friction_on_a_slope", "clipped", "creep")]
+)
+def test_wrong_contact_forces_are_caught_at_every_step(case, way, reason):
+    cells = [cell for cell in torture.matrix([case], quick=True) if cell.method == way or cell.default]
+    assert [(c.verdict.colour, c.verdict.reason) for c in cells if c.default] == [("green", "")] * 2
+    assert [(c.verdict.colour, c.verdict.reason) for c in cells if c.method == way] == [("red", reason)] * 2
+
+
+def test_friction_on_a_slope_is_beyond_its_step_without_a_sign_of_it():
+    """Steps of 4 us: all is finite, and the tip is thrown across the slope. Of 50 ns: it creeps."""
+    case, most = load("friction_on_a_slope"), {}
+    for step in (4_000, 50):
+        scene = watched(case, "auto", 4_000)
+        found = WRONG["clipped"](case, replace(scene, step=step), 4_000_000, 60.0)
+        assert not found.not_finite
+        most[step] = float(found.slips[0].max())  # 4 ms: the tip sticks all the time
+    assert most[50] < 1.1e-3
+    assert most[4_000] > 0.015
+
+
+def test_a_contact_felt_late_gains_energy_in_proportion_to_the_step():
+    case, rise = load("contact_felt_late"), []
+    for step in (200_000, 100_000, 50_000):
+        found = WRONG["held"](case, replace(watched(case, "auto", 100_000), step=step), 300_000_000, 60.0)
+        rise.append(math.log(found.largest["height"] / 0.01))
+    assert rise[0] / rise[1] == pytest.approx(2.0, rel=0.15)
+    assert rise[1] / rise[2] == pytest.approx(2.0, rel=0.15)
 
 
 def test_verdicts():

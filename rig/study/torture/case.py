@@ -68,6 +68,7 @@ class Case(Section):
     """One case. `scene`: a shipped one, "*" for each, or `rig`: one of rig.study.torture.rigs; `set` changes it.
 
     `steps`: sample steps to try. `frame`: loop period, at whose begin modes are settled; a step where it is not given.
+    `wrong`: ways of rig.study.torture.wrong that this case shows to fail.
     `limited`: the run ends where the motion leaves a limit of its scene, as every run does.
     `box`: ranges in which a random search looks for values that break it. `quick`: part of the quick matrix, then over
     `quick_duration` if that is given. `seconds`: time box of a cell, of processor time.
@@ -84,6 +85,7 @@ class Case(Section):
     steps: tuple[Nanoseconds, ...] = (1_000_000, 100_000)
     frame: Nanoseconds | None = None
     limited: bool = False
+    wrong: tuple[Literal["held", "clipped"], ...] = ()
     quick: bool = True
     seconds: Share = 2.0
     acts: tuple[Act, ...] = ()

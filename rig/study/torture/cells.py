@@ -15,10 +15,12 @@ from rig.study.torture.case import Case
 from rig.study.torture.trial import Found, OutOfTime, Trial
 from rig.study.torture.verdict import Verdict, amber, judge, red, stopped
 from rig.study.torture.watched import Watched, watched
+from rig.study.torture.wrong import WRONG
 from rig.study.warmup import Shape, prepare, shape
 
-METHODS = ("exact", "dopri5", "rk4", "kick", "smooth", "sign")
-"""Of the solver, and those that are here for comparison."""
+METHODS = ("exact", "dopri5", "rk4", "kick", "smooth", "sign", *WRONG)
+"""Of the solver, and those that are here for comparison: no scene can ask for these."""
+COMPARED: dict[str, Callable[[Case, Watched, int, float], Found]] = {"sign": sign.run, **WRONG}
 FINER = 4  # times: the step of the reference
 TIGHT = 1e-10  # tolerance of the reference
 NEAR = 0.01  # of a growth rate: as well as sources state them
@@ -101,7 +103,9 @@ def _planned(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Itera
                 continue  # dopri5 leaves what is linear to exact; exact refuses the rest
             if method == "sign" and step != case.steps[0]:
                 continue
-            scene = watched(case, "auto" if method in ("sign", default) else method, step)
+            if method in WRONG and method not in case.wrong:
+                continue
+            scene = watched(case, "auto" if method in (*COMPARED, default) else method, step)
             if quick and not _quickly(method, scene):
                 continue
             yield method, scene
@@ -125,7 +129,7 @@ def cells(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator
         return
     reference, fault = _reference(case, until, seconds)
     for method, scene in _planned(case, quick, methods):
-        default = scene.clock.method == "auto" and method != "sign"
+        default = scene.clock.method == "auto" and method not in COMPARED
         yield _cell(case, method, scene, default, until, seconds, fault or reference)
 
 
@@ -180,7 +184,9 @@ def _cell(
             found_is = reference
         else:
             found = (
-                sign.run(case, scene, until, seconds) if method == "sign" else Trial(case, scene, until, seconds).run()
+                COMPARED[method](case, scene, until, seconds)
+                if method in COMPARED
+                else Trial(case, scene, until, seconds).run()
             )
             found_is = judge(case, found, _told(reference, method), until * 1e-9, scene.step_ns * 1e-9)
             spent = found.seconds
