@@ -17,6 +17,7 @@ from pydantic import BaseModel
 from rig.bench.audit import Witness, audit
 from rig.bench.findings import findings
 from rig.bench.measurements import Measurements
+from rig.bench.numbers import Numbers
 from rig.bench.truth import ROWS, Truth
 from rig.bench.variant import Variant, Wanted, with_values
 from rig.errors import SceneError
@@ -25,6 +26,7 @@ from rig.scenes.faults import shortened
 from rig.scenes.scene import Scene, controller_drives, controller_reads
 from rig.solve.assembly import Input
 from rig.solve.control import Controls, controls
+from rig.solve.frames import Around
 from rig.solve.method import chosen, seen
 from rig.solve.motion import Frames, Motion
 from sensors.bank import Bank
@@ -63,6 +65,7 @@ class Stand:
             raise SceneError(scene.name, [*faults, 'clock.unstable = "run" runs it all the same, up to clock.limit'])
         self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed)
         self.controls = _room(scene)
+        self.chance = Numbers(system, scene.seed)
         self.motion = Motion(
             system,
             self.step_ns,
@@ -75,7 +78,7 @@ class Stand:
             limit=clock.limit,
             longest=ROWS if truthful else piece * self.steps,
             bounds={self.outputs.index(name): limit for name, limit in scene.limits.items()},
-            frames=Frames(self.steps, self.bank.rack, Loan(self.controls)),
+            frames=Frames(self.steps, Loan(Around(self.bank.rack.content, self.controls, self.chance.record))),
             smoothing=clock.smoothing,
         )
         self._index = {name: i for i, name in enumerate(system.names)}
@@ -122,9 +125,11 @@ class Stand:
         It ends after a frame with an event, or when a limit is passed or the bank is short; what the bank has kept of
         the samples is that of these frames.
         """
-        if self._look and self.bank.short:
-            self.keep_samples()
-            self.bank.fill()
+        if self._look:
+            if self.bank.short:
+                self.keep_samples()
+                self.bank.fill()
+            self.chance.fill()
         self._look = True
         try:
             if self.truth is not None:
@@ -238,6 +243,7 @@ class Stand:
             self._witness.hears(key, value)
         self.inputs.update(variant.assembly.inputs)
         self._index = {name: i for i, name in enumerate(self.motion.system.names)}
+        self.chance.find(self.motion.system)
 
     def go_on(self, wanted: Wanted) -> None:
         """Go on with the rig as it is `wanted` from this tick on."""

@@ -13,6 +13,7 @@ moving_contact  what a contact changes that moves over a flexible disc: geometry
 piezo, stack  a linear piezo stack in the load path
 shunt, shunt_limits  the electrical network on it: resonant, with negative capacitance, switched
 amplifier  a commanded voltage on it
+noise      a random force along the sliding direction
 
 Each file declares its parameters (a `Section`, with units) and adds its rows to a `rig.solve.assembly.Assembly`.
 """

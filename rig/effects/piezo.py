@@ -18,6 +18,7 @@ from pydantic import model_validator
 
 from rig.effects import amplifier, shunt
 from rig.effects.amplifier import Amplifier
+from rig.effects.noise import Noisy
 from rig.effects.shunt import Shunt
 from rig.effects.stack import Stack
 from rig.quantities import Farad, MetrePerVolt, NewtonPerVolt, Section, SomeNewtonPerMetre
@@ -49,7 +50,7 @@ class Piezo(Section):
         return float(self.coupling if self.coupling is not None else (self.d33 or 0.0) * self.stiffness)
 
 
-class WithStack(Section):
+class WithStack(Noisy):
     """The tables of a rig that may have a stack in its load path; at most one of `shunt` and `amplifier`."""
 
     piezo: Piezo | None = None

@@ -25,6 +25,7 @@ from rig.effects.dither import MassDither
 from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.moving_contact import Geometry, Slope
+from rig.effects.noise import Noisy
 from rig.effects.separation import Separation
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
@@ -82,7 +83,7 @@ class Start(Section):
     height_velocity: MetrePerSecond = 0.0
 
 
-class Parameters(Section):
+class Parameters(Noisy):
     """The tables of a disc_slider scene. `load`: the preload F0."""
 
     disc: Disc

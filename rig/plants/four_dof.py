@@ -27,6 +27,7 @@ from rig.effects import drive, load
 from rig.effects.drive import BeltDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
+from rig.effects.noise import Noisy
 from rig.effects.separation import Separation
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.two_dof import Body, Contact, Strut
@@ -55,7 +56,7 @@ class Start(Section):
     body_3_height: Metre = 0.0
 
 
-class Parameters(Section):
+class Parameters(Noisy):
     """The tables of a four_dof scene. `load`: the preload F0 on body 2.
 
     Body 1 moves along the belt, body 3 across it, body 2 both ways. Spring 1 is between frame and body 1, 2 between

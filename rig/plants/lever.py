@@ -36,6 +36,7 @@ from rig.effects import drive, load, sector
 from rig.effects.drive import DiscDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
+from rig.effects.noise import Noisy
 from rig.effects.sector import Sector
 from rig.plants import series
 from rig.plants.belt import RAMPED, contact_outputs
@@ -129,7 +130,7 @@ class Start(Section):
     lever_velocity: RadianPerSecond = 0.0
 
 
-class Parameters(Section):
+class Parameters(Noisy):
     """The tables of a lever scene. Left out: `lever` with two springs; `disc` with all that turns, presses, rubs."""
 
     cylinder: Cylinder

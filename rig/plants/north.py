@@ -25,6 +25,7 @@ from rig.effects import drive, load
 from rig.effects.drive import BeltDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
+from rig.effects.noise import Noisy
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Angle,
@@ -71,7 +72,7 @@ class Start(Section):
     tilt_velocity: RadianPerSecond = 0.0
 
 
-class Parameters(Section):
+class Parameters(Noisy):
     """The tables of a scene of North's model. `load`: the preload F; `drive`: speed of the surface."""
 
     body: Body

@@ -21,6 +21,7 @@ from rig.effects import drive, load
 from rig.effects.drive import BeltDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
+from rig.effects.noise import Noisy
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import AcuteAngle, Kilogram, Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
 from rig.solve.assembly import Assembly, Output
@@ -50,7 +51,7 @@ class Start(Section):
     velocity: MetrePerSecond = 0.0
 
 
-class Parameters(Section):
+class Parameters(Noisy):
     """The tables of a pin scene. `drive`: speed of the surface at the pin; `load`: what presses both together."""
 
     pin: Pin

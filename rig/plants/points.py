@@ -26,6 +26,7 @@ from pydantic import Field, model_validator
 from rig.effects import load
 from rig.effects.friction import Constant
 from rig.effects.load import Load
+from rig.effects.noise import Noisy
 from rig.plants.belt import RAMPED
 from rig.quantities import (
     Hertz,
@@ -82,7 +83,7 @@ class Start(Section):
     velocities: tuple[float, ...] = Field(default=(), max_length=len(HALF_WAVES))
 
 
-class Parameters(Section):
+class Parameters(Noisy):
     """The tables of a points scene. `load`: the preload, in equal shares at all points."""
 
     plate: Plate

@@ -32,6 +32,7 @@ from rig.effects import drive, load, waviness
 from rig.effects.drive import BeltDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
+from rig.effects.noise import Noisy
 from rig.effects.waviness import Waviness
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
@@ -97,7 +98,7 @@ class Start(Section):
     velocity: MetrePerSecond = 0.0
 
 
-class Parameters(Section):
+class Parameters(Noisy):
     """The tables of a tip scene. `load`: the normal force of the unbent beam; `drive`: speed of the disc at the tip."""
 
     tip: Tip

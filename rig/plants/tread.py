@@ -19,6 +19,7 @@ from rig.effects import drive, load
 from rig.effects.drive import BeltDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
+from rig.effects.noise import Noisy
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Kilogram,
@@ -58,7 +59,7 @@ class Start(Section):
     height_velocity: MetrePerSecond = 0.0
 
 
-class Parameters(Section):
+class Parameters(Noisy):
     """The tables of a tread scene. `load`: the preload P; `drive`: the speed of the plate."""
 
     tip: Tip

@@ -119,6 +119,7 @@ ABOUT = {
     "leak": "resistors that bleed stack or capacitor; what they change is the offset of the charges",
     "amplifier": "a commanded voltage on the stack's electrodes",
     "tuned_mass": "a tilted absorber; its inertia enters the normal force",
+    "noise": "a random force along the sliding direction, a new one in every frame",
 }
 
 

@@ -16,7 +16,7 @@ from rig.plants import PLANTS
 from rig.quantities import Section, finite
 from rig.scenes import checks, faults, source
 from rig.scenes.protocol import UNKNOWN, Known, Load, Mark, Ramp, Step, flat
-from rig.scenes.scene import STEP, STEPS, Clock, Origin, Scene, known, plant_module
+from rig.scenes.scene import STEP, STEPS, Clock, Origin, Scene, assembled, known, plant_module
 from rig.scenes.shelf import path as path_of
 from sensors import KINDS as SENSORS
 from sensors.instants import common_step
@@ -65,7 +65,8 @@ class _Reading:
         plant, parameters = self._plant()
         sensors = self._named("sensors", SENSORS)
         controllers = self._named("controllers", {kind: section for kind, (section, _) in CONTROLLERS.items()})
-        assembly = plant_module(plant).assemble(parameters) if parameters is not None else None
+        frame_ns = int(clock.frame) if clock is not None else 1_000_000
+        assembly = assembled(plant, parameters, frame_ns) if parameters is not None else None
         told = UNKNOWN
         if parameters is not None and None not in [*sensors.values(), *controllers.values()]:
             told = known(assembly, parameters, sensors, controllers)
@@ -86,7 +87,7 @@ class _Reading:
             self._report(checks.hands_off(protocol, controllers))
             ramped = {step.target: "ramped" for step in flat(protocol) if isinstance(step, Load | Ramp)}
             if parameters is not None and assembly is not None:
-                inputs = plant_module(plant).assemble(parameters, ramped).inputs if ramped else assembly.inputs
+                inputs = assembled(plant, parameters, frame_ns, ramped).inputs if ramped else assembly.inputs
                 self._report(checks.commanded(protocol, inputs))
         title, about = self._text("title", name), self._text("about", "").strip()
         if self.faults or clock is None or parameters is None:

@@ -15,6 +15,7 @@ from pydantic import BaseModel, TypeAdapter, model_validator
 
 from controllers import KINDS as CONTROLLERS
 from controllers.base import hears
+from rig.effects import noise
 from rig.plants import PLANTS
 from rig.quantities import PositiveMetrePerSecond, Section, duration, quantity
 from rig.scenes.faults import unit_of
@@ -127,7 +128,7 @@ class Scene:
         steps = tuple(flat(self.protocol))
         held |= {s.target for s in steps if isinstance(s, Load | Ramp | Set)}
         ramped = {s.target for s in steps if isinstance(s, Load | Ramp) and s.over}
-        inputs = plant_module(self.plant).assemble(self.parameters).inputs
+        inputs = assembled(self.plant, self.parameters, self.frame_ns).inputs
         return {name: "ramped" if name in ramped else "held" for name in sorted(held) if name in inputs}
 
     @property
@@ -148,7 +149,7 @@ class Scene:
 
         `parameters`: others than the scene's own, as after a change while the rig runs.
         """
-        return plant_module(self.plant).assemble(parameters or self.parameters, self.moved)
+        return assembled(self.plant, parameters or self.parameters, self.frame_ns, self.moved)
 
     def values(self) -> dict[str, tuple[Any, str]]:
         """Every value of the scene: dotted key -> (value in SI, unit), defaults included, tables left out absent."""
@@ -211,6 +212,18 @@ class Scene:
 def plant_module(plant: str) -> Any:
     """The module of a plant: `Parameters` and `assemble`."""
     return importlib.import_module(PLANTS[plant])
+
+
+def assembled(plant: str, parameters: Any, frame_ns: int, moved: Mapping[str, str] | None = None) -> Any:
+    """The plant with these parameters (`rig.solve.assembly.Assembly`) and what acts on every plant alike.
+
+    `moved`: see `Scene.moved`; None: what the plant assumes.
+    """
+    assemble = plant_module(plant).assemble
+    made = assemble(parameters) if moved is None else assemble(parameters, moved)
+    if parameters.noise is not None:
+        noise.add(made, parameters.noise, frame_ns * 1e-9)
+    return made
 
 
 def _instrument(raw: dict[str, Any], written: int) -> Any:

@@ -62,13 +62,11 @@ SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
 class Frames(NamedTuple):
     """How a motion is carried together with instruments and controllers, by frames of `steps` ticks.
 
-    `rack`: a rig.solve.sampling.Rack; `controls`: rig.solve.control.Controls. It may end early, after a frame at which
-    somebody must look.
+    `around`: a rig.solve.frames.Around. It may end early, after a frame at which somebody must look.
     """
 
     steps: int
-    rack: Loan
-    controls: Loan
+    around: Loan
 
 
 class Ready(NamedTuple):

@@ -37,7 +37,7 @@ def plan(
 ) -> Plan:
     """The plan of a system as the method sees it; what has not been compiled yet is.
 
-    `lent`: instruments and controllers, if any.
+    `lent`: what is around the plant, if anything.
     """
     wide, fixed, bends = system.n > UNROLLED, method in ("rk4", "kick"), not system.linear
     made = Plan(

@@ -12,11 +12,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rig.bench.pieces import length
+from rig.effects.noise import SIGNAL as CHANCE
 from rig.errors import RigError
 from rig.scenes.scene import Scene, controller_reads
 from rig.scenes.variants import absent, added
 from rig.solve.method import chosen
-from rig.study.cost.effects import ROUNDS, Paired, bare, compared, effects
+from rig.study.cost.effects import NO_CHANCE, ROUNDS, Paired, bare, compared, effects
 from rig.study.cost.problem import held
 from rig.study.cost.settings import eligible
 
@@ -55,6 +56,10 @@ def parts(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], objec
     base, values = bare(scene), held(scene, scene.assemble())
     for name, keys in lacking.items():
         why = f"the scene has no {', '.join(keys)}"
+        if name == CHANCE:
+            found.append(Part(name, False, why, Paired(name, fault=NO_CHANCE, on=False)))
+            say()
+            continue
         try:
             also = [] if name not in ELECTRIC else lacking.get("piezo", [])
             more, like = added(scene, [*also, *keys], of_others=True)

@@ -12,7 +12,9 @@ from rig.loan import Loan
 from rig.scenes.scene import Scene
 from rig.solve import ledger
 from rig.solve.assembly import Assembly
+from rig.solve.chance import none
 from rig.solve.control import controls
+from rig.solve.frames import Around
 from rig.solve.motion import Event, Frames, Motion
 from rig.solve.system import CLOSED, STICK
 from rig.study.dense import Dense
@@ -161,7 +163,7 @@ def in_frames(scene: Scene, steps: int) -> Frames:
     """Frames of `steps` ticks in which nothing is sampled."""
     bank = Bank({}, (), scene.frame_ns, scene.seed)
     bank.start(np.zeros(0))
-    return Frames(steps, bank.rack, Loan(controls()))
+    return Frames(steps, Loan(Around(bank.rack.content, controls(), none())))
 
 
 class _Ledger:

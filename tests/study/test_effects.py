@@ -22,6 +22,7 @@ from rig.study.warmup import VARIANTS, shape_of
 NONE = {
     "dither": {"amplitude": 0.0},
     "inhomogeneity": {"depth": 1e-15},
+    "noise": {"force": 0.0},
     "piezo": {"coupling": 1e-12},
     "shunt": {"kind": "open"},
     "tuned_mass": {"mass": 1e-15, "stiffness": 1e-15, "damping": 0.0, "damping_ratio": None},

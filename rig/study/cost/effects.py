@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from rig.bench import pace
+from rig.effects.noise import SIGNAL as CHANCE
 from rig.errors import NumericsError, RigError
 from rig.scenes.scene import Scene
 from rig.scenes.variants import SWITCHED, dropped, opened, without
@@ -37,6 +38,9 @@ UNKNOWN = Spread(math.nan, math.nan, math.nan)
 _BATCHES = 6  # of rounds, at most
 _FINE = 0.02  # of a step: a noise floor that is fine enough
 _BUSY = 0.5  # of a step: a noise floor above which nothing can be told
+
+
+NO_CHANCE = "is random: compared runs are without it; runs of other seeds tell what it changes"
 
 
 @dataclass(frozen=True)
@@ -143,6 +147,9 @@ def effects(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], obj
     others: dict[str, Scene] = {}
     found: dict[str, Paired] = {}
     for name, keys in names.items():
+        if name == CHANCE:
+            found[name] = Paired(name, fault=NO_CHANCE)
+            continue
         try:
             others[name] = without(base, keys)
         except RigError as error:

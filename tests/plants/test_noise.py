@@ -1,0 +1,135 @@
+"""Process noise: its size against closed forms, what a stuck contact does with it, and that every run has the same."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.signal import welch
+
+import rig
+from rig.bench.stand import Stand
+from rig.errors import SceneError
+
+FORCE = 0.5  # N/Hz^0.5
+FREE = {"load.force": "0 N", "noise.force": FORCE, "body.damping": 50.0, "start.velocity": 0.0}
+
+
+@pytest.fixture(scope="module")
+def free():
+    """The mass on its spring, no friction, shaken for 400 s: 2000 times its memory of 0.2 s."""
+    return rig.simulate(rig.load("belt", FREE), 400.0)
+
+
+def test_the_mass_moves_as_white_noise_moves_it(free):
+    # m x'' + d x' + c x = F, <F F> = D delta, D = FORCE^2 / 2 two-sided: <v^2> = D / (2 m d), <x^2> = D / (2 c d)
+    D, m, c, d = FORCE**2 / 2.0, 5.0, 2500.0, 50.0
+    assert free.signals["velocity"].std() == pytest.approx(math.sqrt(D / (2.0 * m * d)), rel=0.03)
+    assert free.signals["displacement"].std() == pytest.approx(math.sqrt(D / (2.0 * c * d)), rel=0.03)
+
+
+def test_the_density_of_the_force_is_what_the_scene_says(free):
+    f, density = welch(free.signals["noise_force"], fs=1000.0, nperseg=1000)
+    low = (f > 1.0) & (f < 450.0)
+    assert math.sqrt(density[low].mean()) == pytest.approx(FORCE, rel=0.01)
+    assert free.units["noise_force"] == "N"
+
+
+@pytest.mark.parametrize("frame", ["1 ms", "0.25 ms"])
+def test_the_frame_changes_what_is_drawn_and_not_how_strong_it_is(frame):
+    run = rig.simulate(rig.load("belt", {**FREE, "clock.frame": frame}), 60.0)
+    assert run.signals["velocity"].std() == pytest.approx(math.sqrt(FORCE**2 / 2.0 / 500.0), rel=0.1)
+
+
+def test_the_ledger_has_the_work_of_the_noise(free):
+    energy = free.energy
+    assert energy["forces"] == pytest.approx(energy["damper"], rel=0.05)
+    assert abs(energy["error"]) < 1e-9
+
+
+def test_a_contact_that_sticks_bears_it():
+    still = {"drive.speed": "0 m/s", "start.velocity": 0.0, "noise.force": 0.02}
+    run = rig.simulate(rig.load("belt", still), 5.0)
+    assert run.signals["noise_force"].std() > 0.4
+    assert not run.signals["velocity"].any()
+    assert np.array_equal(run.signals["friction_force"][1:], -run.signals["noise_force"][1:])
+    assert not [event for event in run.events if event["kind"] == "contact"]
+
+
+def test_it_lets_go_a_contact_that_it_overcomes():
+    still = {"drive.speed": "0 m/s", "start.velocity": 0.0, "noise.force": 0.3}  # 6.7 N rms; 10 N are held
+    run = rig.simulate(rig.load("belt", still), 5.0)
+    stuck = run.signals["velocity"] == 0.0
+    assert 0.01 < 1.0 - stuck.mean() < 0.99
+    assert np.all(np.abs(run.signals["friction_force"][stuck]) <= 10.0 * (1.0 + 1e-12))
+
+
+def test_it_depends_on_the_seed_and_on_nothing_else():
+    def drawn(**changes):
+        return rig.simulate(rig.load("belt", {"noise.force": 0.1, **changes}), 6.0).signals["noise_force"]
+
+    first = drawn()
+    assert np.array_equal(first, drawn())
+    assert np.array_equal(first, drawn(**{"sensors.laser": None, "drive.speed": 0.1, "clock.method": "rk4"}))
+    assert not np.array_equal(first[1:], drawn(seed=2)[1:])
+    assert np.array_equal(2.0 * first, drawn(**{"noise.force": 0.2}))
+
+
+@pytest.mark.parametrize(
+    ("scene", "changes"),
+    [("belt", {}), ("pendulum", {}), ("brake", {"noise.force": 1e-3}), ("points", {}), ("tread", {}), ("two_dof", {})],
+)
+def test_frame_by_frame_or_many_at_once_are_the_same_bits(scene, changes):
+    made = rig.load(scene, {"noise.force": 1e-2, **changes})
+    one, many = Stand(made), Stand(made, truthful=True)
+    count = 6000 if scene == "belt" else 300
+    for _ in range(count):
+        one.frame()
+    while many.tick < count:
+        many.frames(count - many.tick)
+    assert np.array_equal(one.motion.x, many.motion.x)
+    assert one.motion.x[one.motion.system.names.index("noise")] != 0.0
+
+
+def test_another_strength_from_some_instant_on_goes_on_with_the_same_numbers():
+    stand, other = (Stand(rig.load("belt", {"noise.force": 0.1})) for _ in range(2))
+    for tick in range(100):
+        if tick == 50:
+            stand.set_parameter("noise.force", 0.2)
+        stand.frame()
+        other.frame()
+        assert stand.output("noise_force") == (2.0 if tick >= 50 else 1.0) * other.output("noise_force")
+
+
+def test_a_sensor_may_read_it():
+    cell = {"kind": "normal_force", "reads": "noise_force", "ideal": True}
+    given = {f"sensors.cell.{key}": value for key, value in cell.items()}
+    run = rig.simulate(rig.load("belt", {"noise.force": 0.1, **given}), 1.0)
+    assert run.measurements["cell"][1].std() == pytest.approx(0.1 * math.sqrt(500.0), rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ("-1 N/Hz^0.5", 'noise.force = "-1 N/Hz^0.5": must be at least 0 N/Hz^0.5'),
+        ("1 N", "N/Hz^0.5"),
+        ("nan", "noise.force"),
+    ],
+)
+def test_a_wrong_strength_is_refused(given, told):
+    with pytest.raises(SceneError) as caught:
+        rig.load("belt", {"noise.force": given})
+    assert told in str(caught.value)
+
+
+def test_a_recording_with_noise_holds_to_the_bit(rig, tmp_path):
+    log = tmp_path / "run.mcap"
+    made = rig("simulate", "belt_normal_force", "-p", "noise.force=0.05", "--duration", "6", "--out", log)
+    assert made[0] == 0, made
+    code, out, err = rig("verify", log)
+    assert code == 0, out + err
+
+
+def test_it_is_explained(rig):
+    code, out, _ = rig("explain", "belt", "-p", "noise.force=0.05 N/Hz^0.5")
+    assert code == 0
+    assert "a random force along the sliding direction" in out
