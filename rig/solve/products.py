@@ -13,6 +13,7 @@ that nothing depends on itself:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -53,15 +54,16 @@ class Products(NamedTuple):
     patches: NDArray[np.int64]  # [1] number of friction forces before the products among the inputs
     upto: NDArray[np.int64]  # [3] number of products up to each level
     first: NDArray[np.int64]  # [product + 1] first factor of each
-    kind: NDArray[np.int64]  # [factor]
-    which: NDArray[np.int64]  # [factor] state, angle, normal, patch or press
+    place: NDArray[np.int64]  # [factor] where in `values` it is
     angles: Array  # [angle, n]
+    presses: Array  # [press, n]
+    values: Array  # all that may be a factor, one after the other:
+    state: Array  # [n]
     sine: Array  # [angle]
     versine: Array  # [angle]
-    presses: Array  # [press, n]
-    pressed: Array  # [press]
     normal: Array  # [normal]
     friction: Array  # [patch]
+    pressed: Array  # [press]
 
 
 def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> Products:
@@ -81,19 +83,18 @@ def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> P
                 index[-1] = known[0] if known else len(rows) - 1
         first.append(len(kind))
     levels = [product.level for product in products]
+    ends = np.cumsum([0, n, len(angles), len(angles), normals, patches, len(presses)])  # in the order of the kinds
+    values = np.zeros(ends[-1])
+    parts = [values[begin:end] for begin, end in pairwise(ends)]
     return Products(
         patches=np.array([patches]),
         upto=np.array([sum(level <= top for level in levels) for top in range(3)]),
         first=np.array(first),
-        kind=np.array(kind, dtype=np.int64),
-        which=np.array(index, dtype=np.int64),
+        place=ends[np.array(kind, dtype=np.int64)] + np.array(index, dtype=np.int64),
         angles=np.array(angles).reshape(-1, n),
-        sine=np.zeros(len(angles)),
-        versine=np.zeros(len(angles)),
         presses=np.array(presses).reshape(-1, n),
-        pressed=np.zeros(len(presses)),
-        normal=np.zeros(normals),
-        friction=np.zeros(patches),
+        values=values,
+        **dict(zip(("state", "sine", "versine", "normal", "friction", "pressed"), parts)),
     )
 
 
@@ -106,25 +107,13 @@ def _row(row, x):
 
 
 @inner
-def _fill(t, begin, end, x, T):
+def _fill(t, begin, end, T):
     """T of the products `begin` to `end`."""
     p = t.products
     for j in range(begin, end):
         value = 1.0
         for f in range(p.first[j], p.first[j + 1]):
-            kind, i = p.kind[f], p.which[f]
-            if kind == STATE:
-                value *= x[i]
-            elif kind == SINE:
-                value *= p.sine[i]
-            elif kind == VERSINE:
-                value *= p.versine[i]
-            elif kind == PRESS:
-                value *= p.pressed[i]
-            elif kind == NORMAL:
-                value *= p.normal[i]
-            else:
-                value *= p.friction[i]
+            value *= p.values[p.place[f]]
         T[p.patches[0] + j] = value
 
 
@@ -136,17 +125,19 @@ def early(t, slot, x, T):
         return
     for i in range(T.shape[0]):
         T[i] = 0.0
+    for i in range(x.shape[0]):
+        p.state[i] = x[i]
     for a in range(p.angles.shape[0]):
         angle = _row(p.angles[a], x)
         half = np.sin(0.5 * angle)
         p.sine[a], p.versine[a] = np.sin(angle), -2.0 * half * half
     for a in range(p.presses.shape[0]):
         p.pressed[a] = max(_row(p.presses[a], x), 0.0)
-    _fill(t, 0, p.upto[0], x, T)
+    _fill(t, 0, p.upto[0], T)
     if p.upto[2] > p.upto[0]:
         for k in range(p.normal.shape[0]):
             p.normal[k] = _row(t.press[slot, k], x) + _row(t.press_t[slot, k], T)
-        _fill(t, p.upto[0], p.upto[1], x, T)
+        _fill(t, p.upto[0], p.upto[1], T)
 
 
 @inner
@@ -156,7 +147,7 @@ def late(t, slot, x, T):
     if p.upto[2] > p.upto[1]:
         for q in range(p.friction.shape[0]):
             p.friction[q] = _row(t.friction[slot, q], x) + _row(t.friction_t[slot, q], T)
-        _fill(t, p.upto[1], p.upto[2], x, T)
+        _fill(t, p.upto[1], p.upto[2], T)
 
 
 def tangent(

@@ -39,6 +39,7 @@ class Work(NamedTuple):
     ask_x: Array
     bear: Array
     bear_x: Array
+    both: Array  # [n + inputs]: `at` and T, the first and the last of them
     at: Array
     rates: Array
     T: Array
@@ -60,6 +61,7 @@ class Work(NamedTuple):
 def workspace(system: System, read: int, guards: int) -> Work:
     """Scratch for a system, of which `read` quantities are read and a mode set has at most `guards` guards."""
     n, P = system.n, len(system.patches)
+    both = np.zeros(n + system.inputs)
     nodes, weights = np.polynomial.legendre.leggauss(3)
     return Work(
         k=np.zeros((7, n)),
@@ -73,9 +75,10 @@ def workspace(system: System, read: int, guards: int) -> Work:
         ask_x=np.zeros(n),
         bear=np.zeros(n),
         bear_x=np.zeros(n),
-        at=np.zeros(n),
+        both=both,
+        at=both[:n],
         rates=np.zeros(n),
-        T=np.zeros(system.inputs),
+        T=both[n:],
         scratch=np.zeros((P, P)),
         swung=np.zeros((len(system.generators), 2)),
         derivatives=np.zeros((DEGREE + 1, n)),

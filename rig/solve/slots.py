@@ -86,7 +86,8 @@ class Slots:
         rows, rows_t = signal_rows(system, modes, self.rows)
         broad: dict[str, Array] = {}
         if self._wide:
-            broad = wide.tables(terms, E, modes.landing, guards, bounds, rows, self.read)
+            field = np.hstack([modes.A, modes.b])
+            broad = wide.tables(terms, E, modes.landing, guards, bounds, field, rows, self.read)
         slot_of = t.slot_of.copy()
         slot_of[key] = len(self.sets)
         new: dict[str, Any] = {

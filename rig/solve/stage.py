@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from rig.kernel import fused, inlined, inner
 from rig.solve.exponential import factors
-from rig.solve.forces import lend, rate
+from rig.solve.forces import inputs, lend, rate
+from rig.solve.lanes import multiply
 from rig.solve.laws import STRIBECK, coefficient
 from rig.solve.leaf import call, local, multiplies, states
 from rig.solve.records import KEY
@@ -73,8 +74,14 @@ def rubbing(shape, f, t, w, state, log, seg, plan):
 @inner
 def whole(shape, t, w, state, log, seg, plan, ticks):
     """Part: the derivative w.rates at w.at, whatever the rig. A rig of one patch does not ask for it."""
-    f = lend(t, t.slot_of[state.ic[KEY]], w.T, w.scratch)
-    rate(shape, f, True, w.at, w.rates)
+    slot = t.slot_of[state.ic[KEY]]
+    if plan.wide:
+        inputs(t, slot, w.at, w.T, w.scratch)
+        multiply(t.wide.field[slot], w.both, 0, t.wide.field.shape[1], t.wide.product)
+        for i in range(w.rates.shape[0]):
+            w.rates[i] = t.wide.product[i]
+    else:
+        rate(shape, lend(t, slot, w.T, w.scratch), True, w.at, w.rates)
     return 0
 
 

@@ -176,7 +176,7 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         edges=edges,
         change=change,
         products=products.pack(s.products, n, P, K),
-        wide=wide.empty(n, g, read, S) if n > UNROLLED else wide.empty(0, 0, 0, 0),
+        wide=wide.empty(n, I, g, read, S) if n > UNROLLED else wide.empty(0, 0, 0, 0, 0),
         flow=kick.empty(s, g) if kicks else kick.empty(None, 0),
         step=np.array([step]),
     )

@@ -49,6 +49,7 @@ class Wide(NamedTuple):
     margin: Array  # guard columns
     state: Array  # ORDER n columns, over a cell
     guard: Array  # a block of ORDER + 1 columns for each guard, over a cell
+    field: Array  # n columns over [x, T]: the derivative, of rigs that are not linear
     whole: Array  # [slot, n, n and what fills the block] sum of x x^T over the ticks that were booked as a whole
     part: Array  # the same, integral of x x^T over the parts of ticks that were
     nodes: Array  # in [0, 1], and their weights: of Gauss and Legendre, for the powers along a part of a cell
@@ -72,7 +73,7 @@ def depth(A: Array, step: float) -> int:
     return level
 
 
-def empty(n: int, guards: int, signals: int, outputs: int) -> Wide:
+def empty(n: int, inputs: int, guards: int, signals: int, outputs: int) -> Wide:
     """Tables without a slot."""
     count = {
         "tick": n + guards * (QUICK + 1),
@@ -86,6 +87,7 @@ def empty(n: int, guards: int, signals: int, outputs: int) -> Wide:
     filled = -(-n // BLOCK) * BLOCK
     return Wide(
         **{name: zeros((0, many, n, BLOCK)) for name, many in needed.items()},
+        field=zeros((0, filled // BLOCK, n + inputs, BLOCK)),
         whole=zeros((0, n, filled)),
         part=zeros((0, n, filled)),
         nodes=0.5 * (NODES + 1.0),
@@ -122,11 +124,18 @@ def _powers(table, out):
 
 
 def tables(
-    terms: Array, E: Array, landing: Array, guards: Array, bounds: Array, outputs: Array, read: int
+    terms: Array,
+    E: Array,
+    landing: Array,
+    guards: Array,
+    bounds: Array,
+    field: Array,
+    outputs: Array,
+    read: int,
 ) -> dict[str, Array]:
     """The tables of one slot. `terms`: `series` over a cell; E [level, n, n] as in Slots; bounds [guard, n]: of chords.
 
-    outputs [output, n], of which the first `read` are signals for the sensors.
+    field [n, n + inputs]: the derivative; outputs [output, n], of which the first `read` are signals for the sensors.
     """
     n, levels = len(landing), len(E)
     polynomial = landing @ _combine(economy(ORDER, TERMS)[1:], terms) @ landing  # [ORDER, n, n]
@@ -151,6 +160,7 @@ def tables(
         "margin": blocks(margin),
         "state": blocks(polynomial.reshape(-1, n)),
         "guard": blocks(over_guards.reshape(-1, n)),
+        "field": blocks(field),
         "whole": np.zeros((n, -(-n // BLOCK) * BLOCK)),
         "part": np.zeros((n, -(-n // BLOCK) * BLOCK)),
     }
