@@ -26,6 +26,7 @@ from rig.effects import drive, load, waviness
 from rig.effects.drive import BeltDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
+from rig.effects.noise import Noisy
 from rig.effects.waviness import Waviness
 from rig.plants import bending
 from rig.plants.belt import RAMPED, contact_outputs
@@ -72,7 +73,7 @@ class Contact(Section):
     stiffness: NewtonPerMetre
 
 
-class Parameters(Section):
+class Parameters(Noisy):
     """The tables of a tip_beam scene. `load`: the normal force while nothing slides; `drive`: the disc at the tip."""
 
     beam: Beam
