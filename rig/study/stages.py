@@ -1,13 +1,15 @@
 """The three-stage protocol, accelerate, hold, decelerate: up to which speed a rig sticks, and from which again.
 
 Without noise a rig that slides sits on its equilibrium and leaves it late: `down` is below the speed at which sliding
-loses its stability, the more so the faster the ramp. That speed is an eigenvalue's: `rig modes`.
+loses its stability, the more so the faster the ramp. That speed is an eigenvalue's: `rig modes`. Sticks shorter than a
+sample step count: they are among the events of the run.
 Source: Liu and Ouyang, Mechanical Systems and Signal Processing (2022), the tests with three stages.
 """
 
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -45,20 +47,38 @@ def stages(run: Run) -> Stages | None:
         return None
     # A cut recording may hold less of one output than of another, or of the contact modes.
     known = np.isfinite(run.signals[speed]) & (run.mode >= 0)
-    v, sticks = run.signals[speed][known], sticks[known]
+    v, sticks, time = run.signals[speed][known], sticks[known], run.time[known]
     if not v.size:
         return None
     top = np.flatnonzero(v >= v.max() * (1.0 - 1e-9))
     if max(v[0], v[-1]) > _HALF * v.max():
         return None
     moving = v > 0.0
-    up = np.flatnonzero((sticks & moving)[: top[0]])
-    down = np.flatnonzero((sticks & moving)[top[-1] :])
+    begins, ends = short(run)
+    up, down = time[: top[0]][(sticks & moving)[: top[0]]], time[top[-1] :][(sticks & moving)[top[-1] :]]
+    up = np.concatenate([up, ends[ends < time[top[0]]]])
+    down = np.concatenate([down, begins[begins > time[top[-1]]]])
     return Stages(
-        float(v[up[-1]]) if len(up) else math.nan,
-        float(v[top[-1] + down[0]]) if len(down) else math.nan,
+        float(np.interp(up.max(), time, v)) if len(up) else math.nan,
+        float(np.interp(down.min(), time, v)) if len(down) else math.nan,
         run.units[speed],
     )
+
+
+def short(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """When sticks began, and when they ended [s], of those that lie between two events of the contacts."""
+    system = Scene.from_json(run.scene_text()).assemble().system()
+    met = [event for event in run.events if event.get("kind") == "contact" and "before" in event.get("data", {})]
+    known: dict[str, bool] = {}
+    began, ended = [], []
+    for last, event in pairwise(met):
+        before = str(event["data"]["before"])
+        if before not in known:
+            known[before] = _sticks_as_told(system, before)
+        if known[before]:
+            began.append(last["t_ns"] * 1e-9)
+            ended.append(event["t_ns"] * 1e-9)
+    return np.array(began), np.array(ended)
 
 
 def stuck(run: Run) -> NDArray[np.bool_] | None:
@@ -78,3 +98,11 @@ def _sticks(system: System, key: int) -> bool:
     patches, normals, *_ = system.modes(key)
     loaded = {k.patch for k, mode in zip(system.normals, normals) if mode == CLOSED}
     return any(mode == STICK and p in loaded for p, mode in enumerate(patches))
+
+
+def _sticks_as_told(system: System, words: str) -> bool:
+    """The same of a mode set in words, as events tell it (System.describe); False where these leave contacts out."""
+    told = words.split(", ")
+    loaded = {k.patch for k in system.normals if f"{k.name} open" not in told}
+    whole = not any(word.endswith(" contacts open") for word in told)
+    return whole and any(f"{patch.name} stick" in told and p in loaded for p, patch in enumerate(system.patches))
