@@ -15,7 +15,6 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.errors import UsageError
 from rig.record.run import Reals, Run
@@ -23,7 +22,7 @@ from rig.study.columns import columns
 from rig.study.recorded.branches import Branch, branches
 from rig.study.recorded.series import Series, drive, scene_name, series, vibration
 from rig.study.recorded.windows import FEWEST, PARTS, moving_mean, moving_rms, strongest
-from rig.study.stages import stuck
+from rig.study.stages import short, stuck
 
 _PERIODS = 5.0
 """Of the strongest vibration, in a window that nobody named."""
@@ -60,8 +59,8 @@ class Curve(NamedTuple):
 class Hysteresis:
     """What `hysteresis` finds: `window` [s]; `frequency` [Hz] of the strongest vibration; curves in the order of time.
 
-    `modes`: how far apart contact modes were recorded [s], so that shorter stick may be missed; 0 without. `gaps`: what
-    is missing, in words; `lost`: how many windows were left out because less than half of their samples are there.
+    `modes`: whether contact modes were recorded; without them nothing is known of stick. `gaps`: what is missing, in
+    words; `lost`: how many windows were left out because less than half of their samples are there.
     """
 
     scene: str
@@ -72,7 +71,7 @@ class Hysteresis:
     window: float
     frequency: float
     curves: tuple[Curve, ...]
-    modes: float
+    modes: bool
     gaps: tuple[str, ...]
     lost: int
 
@@ -132,8 +131,6 @@ class Hysteresis:
             lines.append(f"  {way}, {branch.first:.5g} to {branch.last:.5g} {over}{told}")
         if not self.modes:
             lines.append("  contact modes were not recorded: nothing is known of stick")
-        else:
-            lines.append(f"  contact modes were recorded every {self.modes:.3g} s: shorter stick may be missed")
         if self.up > self.down:
             lines.append(
                 f"  between {self.down:.5g} and {self.up:.5g} {over} it sticks and slips only while the speed rises"
@@ -153,7 +150,7 @@ class Hysteresis:
             "window": self.window,
             "frequency": self.frequency,
             "smear": self.smear,
-            "contact_modes_every": self.modes or None,
+            "contact_modes": self.modes,
             "up": self.up,
             "down": self.down,
             "gaps": list(self.gaps),
@@ -225,17 +222,19 @@ def _found(run: Run, signal: Series, speed: Series, turned: list[Branch], length
     known = np.isfinite(speed.v)
     fine_t, fine_v = speed.t[known], speed.v[known]
     mean = moving_mean(fine_t, fine_v, t, window)
-    sticks = stuck(run)
+    sticks, (began, ended) = stuck(run), short(run)
     curves, lost = [], 0
     for branch in turned:
         here = (t >= branch.begin) & (t <= branch.end)
         lost += int(np.count_nonzero(~np.isfinite(rms[here])))
-        stick = math.nan if sticks is None else _stick(run.time, sticks, branch, fine_t, fine_v)
+        stick = math.nan
+        if sticks is not None:
+            stick = _stick(np.concatenate([run.time[sticks], ended if branch.rises else began]), branch, fine_t, fine_v)
         curves.append(Curve(branch, t[here], mean[here], rms[here], stick))
     told = tuple(one.told() for one in (signal, speed) if one.told())
     return Hysteresis(
         scene_name(run), signal.name, signal.unit, speed.name, speed.unit, window, hertz, tuple(curves),
-        0.0 if sticks is None else float(np.median(np.diff(run.time))), told, lost,
+        sticks is not None, told, lost,
     )  # fmt: skip
 
 
@@ -244,12 +243,13 @@ def _branches(speed: Series) -> list[Branch]:
     return branches(speed.t[::every], speed.v[::every])
 
 
-def _stick(time: Reals, sticks: NDArray[np.bool_], branch: Branch, t: Reals, v: Reals) -> float:
+def _stick(time: Reals, branch: Branch, t: Reals, v: Reals) -> float:
+    """The last speed of a run-up, or the first one of a run-down, at the instants `time` of stick."""
     speed = np.interp(time, t, v)
-    here = np.flatnonzero(sticks & (time >= branch.begin) & (time <= branch.end) & (np.abs(speed) > 0.0))
+    here = np.flatnonzero((time >= branch.begin) & (time <= branch.end) & (np.abs(speed) > 0.0))
     if not here.size:
         return math.nan
-    return float(speed[here[-1 if branch.rises else 0]])
+    return float(speed[here[np.argmax(time[here]) if branch.rises else np.argmin(time[here])]])
 
 
 def _most(values: list[float], choose: Any) -> float:
