@@ -71,12 +71,12 @@ def load(t_ns: Integers, heads: Reals, lengths: Reals) -> Columns:
     )  # fmt: skip
 
 
-def spring(t_ns: Integers, strips: Reals) -> Columns:
+def spring(t_ns: Integers, strips: Reals, radius: float = 0.009) -> Columns:
     """The spring, by its points [frame, point, xyz]."""
     import rerun as rr
 
     count = len(strips)
-    columns = rr.LineStrips3D.columns(strips=list(strips), colors=[SPRING] * count, radii=[0.009] * count)
+    columns = rr.LineStrips3D.columns(strips=list(strips), colors=[SPRING] * count, radii=[radius] * count)
     return Columns("rig/spring", t_ns, columns)
 
 

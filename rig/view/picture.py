@@ -2,7 +2,7 @@
 
     pendulum   an arm on the axis of a rotating disc, its shoe on the disc, a spring to a post
     belt       a mass on a running belt, a spring to a wall; rigs like these two are drawn by `lumped`
-    lever      in `rig.view.lever`; three bodies on a belt in `rig.view.three_bodies`
+    lever      in `rig.view.lever`; three bodies on a belt in `rig.view.three_bodies`; tip in `rig.view.beam`
 
 Motions are magnified, arm and disc (mass and belt) alike, so that in stick they move as one. The shoe has the colour of
 the contact mode; arrows show friction and normal force. Geometry is sent once; a frame is a few transforms.
@@ -81,7 +81,10 @@ def picture_of(
     """
     if not {"displacement", "surface_speed", "friction_force", "normal_force"} <= set(outputs):
         return None
-    from rig.view import brake, lever, lumped, three_bodies  # pictures that build on those here
+    from rig.view import beam, brake, lever, lumped, three_bodies  # pictures that build on those here
+
+    if "clamp_force" in outputs:
+        return beam.Tip(beam.scale(system))
 
     if system is not None and {f"{body}.x" for body in brake.BODIES} <= set(system.names):
         return brake.Brake(system, probe or {"inner_pad.x": 1.0})

@@ -1,6 +1,7 @@
 """The moving picture: in stick all move as one, and scales are round."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -70,6 +71,24 @@ def test_bodies_that_move_across_the_surface_are_drawn_so(name, moves):
         turn = moving(columns, "rig/mass", "quaternion")
         assert 0.01 < np.abs(turn[:, 1]).max() < 0.5
         assert np.linalg.norm(turn, axis=1) == pytest.approx(1.0, rel=1e-6)
+
+
+def test_the_beam_ends_in_its_tip_which_moves_with_the_disc_in_stick():
+    scene = rig.load("tip_beam", {"drive.speed": 0.006})
+    picture = picture_of(scene.assemble().system(), outputs(scene))
+    run = rig.simulate(replace(scene, protocol=()), 0.02)
+    t_ns = np.round(run.time * 1e9).astype(np.int64)
+    shown = np.arange(0, t_ns.size, 5)
+    columns = picture.frames(t_ns, run.signals, np.zeros(t_ns.size, int), shown)
+    tip, beam = moving(columns, "rig/mass", "translation"), moving(columns, "rig/spring", "strips")
+    assert 0.05 < np.ptp(tip[:, 0]) < 1.0
+    assert beam[:, -3] == pytest.approx(tip[:, 0], abs=1e-5)
+    assert np.ptp(beam[:, :3], axis=0) == pytest.approx(0.0, abs=1e-9)  # the clamp
+    ran = picture.scale.motion * 0.006 * run.time[shown]
+    stuck = np.abs(run.signals["slip_speed"][shown]) < 1e-12
+    both = stuck[1:] & stuck[:-1]
+    assert both.sum() > 20
+    assert np.diff(tip[:, 0])[both] == pytest.approx(np.diff(ran)[both], rel=1e-3, abs=1e-6)
 
 
 def test_the_lever_is_drawn_as_it_moves():
@@ -207,7 +226,20 @@ def test_a_strain_is_laid_over_the_force_that_it_means_and_a_stranger_gets_a_plo
 @pytest.mark.parametrize("live", [True, False])
 @pytest.mark.parametrize(
     "name",
-    ["pendulum", "belt", "pin", "north", "tread", "tread_rough", "two_dof", "four_dof", "brake_shunt_sound", None],
+    [
+        "pendulum",
+        "belt",
+        "pin",
+        "north",
+        "tread",
+        "tread_rough",
+        "two_dof",
+        "four_dof",
+        "tip",
+        "tip_beam",
+        "brake_shunt_sound",
+        None,
+    ],
 )
 def test_every_rig_has_a_window(name, live):
     scene = rig.load(name).to_json() if name else "{}"

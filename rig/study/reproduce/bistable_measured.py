@@ -60,9 +60,10 @@ def measured(figure: Figure) -> Iterator[Comparison]:
     found = stages(made)
     assert found is not None
     yield Comparison("last stick on the way up", "mm/s", MM * found.up, 13.0, "paper", absolute=0.25)
+    yield Comparison("first stick on the way down", "mm/s", MM * found.down, 5.68, "reference", absolute=0.3)
     import rig
 
-    swept = rig.sweep(load("tip_epoxy"), "drive.speed", np.linspace(0.004, 0.012, 9))
+    swept = rig.sweep(load("tip_epoxy", noise=None), "drive.speed", np.linspace(0.004, 0.012, 9))
     critical = [one.value for one in swept.critical]
     yield Comparison("sliding is unstable below", "mm/s", MM * critical[0], 7.5, "paper", absolute=0.02)
     [up] = [curve for curve in hysteresis(made, "acceleration", "surface_speed", WINDOW).curves if curve.branch.rises]
@@ -186,8 +187,8 @@ def _least(speed: float) -> float:
 ENTRIES = (
     Entry("bistable-9", "bistable", "Table 2 and Figures 2, 9 and 12", "run-up and run-down of the coated beam",
           ("tip_epoxy",), measured, "The paper's lower speed of 7.5 mm/s is ours where sliding loses its stability. "
-          "Run down without noise, the tip sits on its equilibrium and leaves it at 4.1 mm/s: that differs. The "
-          "amplitude falls before 13 mm/s in the paper, here it rises to the end.",
+          "On the ramp down the tip leaves it later, at 5.6 mm/s with the noise of the scene and at 4.1 without: that "
+          "differs. The amplitude falls before 13 mm/s in the paper, here it rises to the end.",
           (9.6, 6.6)),
     Entry("bistable-9b", "bistable", "Figure 9", "spectrogram of a beam in several modes", ("tip_beam",), beam,
           "Dimensions of the beam are ours; the paper has none. Vertical lines where the tip sticks and lets go, lines "

@@ -1,0 +1,68 @@
+"""The tip of a clamped beam as a moving picture: the beam hangs from its clamp, its tip rubs on the disc."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.solve.system import System
+from rig.view.lumped import Moved
+from rig.view.parts import STEEL, Columns, Integers, Reals, along, load, spring
+from rig.view.picture import Scale, round_down, scale_of
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+_REACH = 0.5
+"""Largest way of the tip in the picture."""
+_CLAMP, _TIP = np.array((-0.12, 0.0, 0.9)), np.array((0.0, 0.0, 0.1))
+
+
+def scale(system: System | None) -> Scale:
+    """From the rig: where static friction pulls the tip, under the load that is then left."""
+    if system is None:
+        return scale_of(system)
+    patch, normal, count = system.patches[0], system.normals[0], len(system.coordinates)
+    force = patch.law.static * float(normal.row @ system.start)
+    push = normal.direction + patch.law.static * patch.direction
+    bent = np.linalg.solve(system.stiffness - np.outer(push, normal.row[:count]), patch.direction * force)
+    reach = abs(float(patch.direction @ bent))
+    return Scale(round_down(_REACH / reach) if reach else 1.0, force or 1.0)
+
+
+class Tip(Moved):
+    """Seen from the side; the disc runs to the right. The beam is bent as a force at its tip bends it.
+
+    Higher modes are not drawn.
+    """
+
+    eye = (0.1, -2.9, 1.3)
+    target = (-0.05, 0.0, 0.42)
+
+    def static(self, rec: rr.RecordingStream) -> None:
+        """See `Picture.static`."""
+        import rerun as rr
+
+        super().static(rec)
+        body = rr.Boxes3D(half_sizes=[(0.07, 0.16, 0.05)], centers=[(0, 0, 0.06)], fill_mode="solid")
+        rec.log("rig/mass/body", body, static=True)
+        block = rr.Boxes3D(half_sizes=[(0.2, 0.3, 0.09)], centers=[(-0.12, 0.0, 0.99)], colors=[STEEL],
+                           fill_mode="solid")  # fmt: skip
+        rec.log("rig/wall", block, static=True)
+
+    def _placed(self, s: Mapping[str, Reals]) -> dict[str, Any]:
+        return {"translation": along(0, self.scale.motion * s["displacement"])}
+
+    def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
+        drawn = {one.path: one for one in super()._frames(t_ns, s, modes, ran)}
+        x = self.scale.motion * s["displacement"]
+        share = np.linspace(0.0, 1.0, 16)[:, None]
+        bent = 0.5 * share[:, 0] ** 2 * (3.0 - share[:, 0])  # of a clamped beam under a force at its end
+        strips = np.tile(_CLAMP + share * (_TIP - _CLAMP), (len(x), 1, 1))
+        strips[:, :, 0] += x[:, None] * bent
+        drawn["rig/spring"] = spring(t_ns, strips, 0.03)
+        heads = np.stack((x + 0.2, np.zeros_like(x), np.full_like(x, 0.02)), axis=1)
+        drawn["rig/load"] = load(t_ns, heads, s["normal_force"] / self.scale.force * 0.25)
+        return list(drawn.values())
