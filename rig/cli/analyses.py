@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from csv import writer as writes
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
@@ -13,6 +14,9 @@ from rig.cli.logs import Log, opened
 from rig.cli.options import Force, Json, seconds
 from rig.cli.outputs import new
 from rig.errors import LogError, UsageError
+
+if TYPE_CHECKING:
+    from rig.record.run import Run
 
 Signal = Annotated[
     str,
@@ -24,6 +28,18 @@ Over = Annotated[
 Window = Annotated[
     str | None,
     typer.Option("--window", metavar="TIME", help="Length of the centred window; about five periods by default."),
+]
+Windows = Annotated[
+    str | None,
+    typer.Option(
+        "--window", metavar="TIME", help="Length of the windows; an eighth, for the spectrogram an eightieth."
+    ),
+]
+Turn = Annotated[
+    str,
+    typer.Option(
+        "--orders", metavar="NAME", help='Orders over the turn or way of this speed or angle; "drive": the drive\'s.'
+    ),
 ]
 First = Annotated[str | None, typer.Option("--from", metavar="TIME", help="Leave out what was before.")]
 Last = Annotated[str | None, typer.Option("--to", metavar="TIME", help="Leave out what came after.")]
@@ -71,9 +87,7 @@ def hysteresis(
     faults = _Faults()
     length = faults(lambda: seconds(window, "--window"), None)
     begin, end = span(faults, first, last)
-    run = opened(log)
-    if not run.time.size:
-        raise LogError(f"{log}: the recording ends before its first sample")
+    run = the_run(log)
     found = faults(lambda: find(run, signal, over, length, begin, end), None)
     faults.tell()
     assert found is not None
@@ -87,6 +101,55 @@ def hysteresis(
         draw(found, figure)
 
 
+def spectrum(
+    log: Log,
+    signal: Signal = "",
+    window: Windows = None,
+    over: Turn = "",
+    first: First = None,
+    last: Last = None,
+    figure: Picture = None,
+    csv: Table = None,
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Power spectral density and spectrogram of a signal; its orders over the turn of a disc or the way of a belt."""
+    from rig.study.recorded import orders
+    from rig.study.recorded import spectrum as find
+    from rig.study.recorded.figure import draw_spectrum as draw
+
+    faults = _Faults()
+    length = faults(lambda: seconds(window, "--window"), None)
+    begin, end = span(faults, first, last)
+    run = the_run(log)
+    found = faults(lambda: find(run, signal, length, begin, end), None)
+    turned = None
+    if over:  # a signal that is not there has been told
+        turned = faults(lambda: orders(run, signal if found else "", over, begin, end), None)
+    faults.tell()
+    assert found is not None
+    if as_json:
+        tell.report(found.to_json() | {"orders": turned.to_json() if turned else None, "figure": figure, "csv": csv})
+    else:
+        tell.line(found.text() + (f"\n\n{turned.text()}" if turned else ""))
+    if csv is not None:
+        with csv.open("w", newline="") as file:
+            writer = writes(file, lineterminator="\n")
+            writer.writerow(["axis", "at", "unit", "density", "unit of density"])
+            for axis, at, unit, density, of in (*found.csv(), *(turned.csv() if turned else ())):
+                writer.writerow([axis, f"{at:.9g}", unit, f"{density:.9g}", of])
+    if figure is not None:
+        draw(found, turned, figure)
+
+
+def the_run(log: Path) -> Run:
+    """A recording that has something to analyse."""
+    run = opened(log)
+    if not run.time.size:
+        raise LogError(f"{log}: the recording ends before its first sample")
+    return run
+
+
 def span(faults: _Faults, first: str | None, last: str | None) -> tuple[float, float]:
     """The stretch of time that --from and --to name [s]."""
     begin = faults(lambda: seconds(first, "--from", low=0.0), None) or 0.0
@@ -98,5 +161,6 @@ def span(faults: _Faults, first: str | None, last: str | None) -> tuple[float, f
 
 
 COMMANDS = {
+    "spectrum": (spectrum, "rig spectrum recordings/golden/pendulum.mcap --orders drive --figure spectrum.png"),
     "hysteresis": (hysteresis, "rig hysteresis recordings/runs/belt_hysteresis-20260101-120000.mcap --window '1 s'"),
 }

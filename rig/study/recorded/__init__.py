@@ -4,11 +4,16 @@ series       one signal of a recording, on an even grid, missing samples as NaN
 branches     where a drive speed rises and where it falls
 windows      moving RMS and mean
 hysteresis   moving RMS of a vibration over the drive speed, up and down
+spectrum     power spectral density and spectrogram
+orders       the same over the turn of a disc or the way of a belt
+figure       pictures of these
 """
 
 from __future__ import annotations
 
 from rig.study.recorded.hysteresis import Hysteresis, hysteresis
+from rig.study.recorded.orders import Orders, orders
 from rig.study.recorded.series import Series, series
+from rig.study.recorded.spectrum import Spectrum, spectrum
 
-__all__ = ["Hysteresis", "Series", "hysteresis", "series"]
+__all__ = ["Hysteresis", "Orders", "Series", "Spectrum", "hysteresis", "orders", "series", "spectrum"]

@@ -40,7 +40,9 @@ def branches(t: Reals, v: Reals) -> list[Branch]:
     """The branches of speed `v` at times `t` [s], in the order of time; none where it does not change."""
     known = np.isfinite(v)
     t, v = t[known], v[known]
-    if v.size < 2 or np.ptp(v) <= _ROUNDING * np.abs(v).max():
+    least = _ROUNDING * np.abs(v).max(initial=0.0)
+    v = np.where(np.abs(v) <= least, 0.0, v)  # what a ramp down to zero leaves of it
+    if v.size < 2 or np.ptp(v) <= least:
         return []
     turns = _turns(v, _TURN * float(np.ptp(v)))
     found = []

@@ -8,14 +8,26 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from rig.study.recorded.hysteresis import Hysteresis
+from rig.study.recorded.orders import Orders
+from rig.study.recorded.series import squared
+from rig.study.recorded.spectrum import Density, Line, Map, Spectrum
 from rig.view.figure import STYLE, thinned
 from rig.view.put import put
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _UP, _DOWN, _LINE = "#1d4f91", "#d1802f", "#5a5a5a"
+_RANGE = 70.0
+"""dB below the strongest that a map shows."""
+_NAMED, _APART = 3, 0.35
+"""Lines that are named in a picture, and how far from each other [decades]."""
+_ALL = 1e-4
+"""Share of the mean square that may lie above what a map shows."""
 
 
 @contextmanager
@@ -62,3 +74,53 @@ def draw_hysteresis(found: Hysteresis, path: Path) -> None:
         rms.tick_params(labelbottom=False)
         speed.set(ylabel=f"{found.over}\n[{found.over_unit}]", xlabel="time [s]")
         figure.align_ylabels([rms, speed])
+
+
+def draw_spectrum(found: Spectrum, order: Orders | None, path: Path) -> None:
+    """Draw density and spectrogram, and those over orders, into the file `path`."""
+    size = (12.0, 7.6) if order is None else (15.0, 8.0)
+    with sheet(path, f"{found.scene}: spectrum of {found.name}", size) as figure:
+        (density, *beside), (spectrogram, *below) = figure.subplots(2, 1 if order is None else 2, squeeze=False)
+        _density(density, found.density, found.lines, f"{squared(found.unit)}/Hz", "Hz")
+        density.set(
+            title=f"mean of {found.density.windows} Hann windows of {found.window:.4g} s", xlabel="frequency [Hz]"
+        )
+        _map(spectrogram, found.map, found.density, f"dB re 1 {squared(found.unit)}/Hz")
+        spectrogram.set(title=f"windows of {found.map_window:.4g} s", xlabel="time [s]", ylabel="frequency [Hz]")
+        if order is not None:
+            per = order.per
+            _density(beside[0], order.density, order.lines, f"{squared(found.unit)}*{per}", f"1/{per}")
+            beside[0].set(
+                title=f"mean of {order.density.windows} Hann windows of {order.window:.4g} {per}, over {order.over}",
+                xlabel=f"order [1/{per}]",
+            )
+            _map(below[0], order.map, order.density, f"dB re 1 {squared(found.unit)}*{per}")
+            below[0].set(title=f"windows of {order.map_window:.4g} {per}", xlabel="time [s]", ylabel=f"order [1/{per}]")
+
+
+def _density(axes: Axes, density: Density, lines: tuple[Line, ...], unit: str, axis: str) -> None:
+    axes.loglog(density.f[1:], density.s[1:], color=_UP)
+    low, high = axes.get_ylim()
+    top = float(density.s[1:].max(initial=0.0))
+    axes.set_ylim(max(low, 1e-12 * top) if top else low, 8.0 * high)
+    axes.set_ylabel(f"power spectral density\n[{unit}]")
+    named: list[float] = []
+    for line in lines:
+        if len(named) == _NAMED or any(abs(math.log10(line.at / other)) < _APART for other in named):
+            continue
+        named.append(line.at)
+        axes.annotate(f"{line.at:.4g} {axis}", (line.at, line.density), (0, 5), textcoords="offset points",
+                      ha="center", fontsize=9, color=_LINE)  # fmt: skip
+
+
+def _map(axes: Axes, found: Map, density: Density, unit: str) -> None:
+    above = np.cumsum(density.s[::-1])[::-1] / max(float(density.s.sum()), 1e-300)
+    top = density.f[min(int(np.count_nonzero(above > _ALL)), density.f.size - 1)]
+    shown = found.f <= max(1.3 * top, found.f[min(20, found.f.size - 1)])
+    s = 10.0 * np.log10(np.maximum(found.s[shown], 1e-30))
+    best = float(np.nanmax(s, initial=-300.0))
+    mesh = axes.pcolormesh(found.t, found.f[shown], s, vmin=best - _RANGE, vmax=best, cmap="magma", shading="nearest")
+    mesh.set_rasterized(True)
+    axes.grid(visible=False)
+    bar = axes.figure.colorbar(mesh, ax=axes, label=unit, pad=0.01)
+    bar.outline.set_visible(False)  # type: ignore[operator]

@@ -21,14 +21,14 @@ from rig.record.run import Reals, Run
 from rig.study.columns import columns
 from rig.study.recorded.branches import Branch, branches
 from rig.study.recorded.series import Series, drive, scene_name, series, vibration
-from rig.study.recorded.windows import FEWEST, PARTS, moving_mean, moving_rms, strongest
+from rig.study.recorded.windows import FEWEST, PARTS, moving_mean, moving_rms, slowest
 from rig.study.stages import short, stuck
 
 _PERIODS = 5.0
-"""Of the strongest vibration, in a window that nobody named."""
+"""Of the slowest strong vibration, in a window that nobody named."""
 _LONGEST = 0.25
 """Of the shortest branch: a longer window blurs all of it."""
-_USUAL = 0.02
+_USUAL = 0.05
 """Of the shortest branch: the longest window that is taken where nobody named one."""
 _BINS = 20
 _POINTS = 20_000  # of the speed, to find its branches
@@ -57,10 +57,11 @@ class Curve(NamedTuple):
 
 @dataclass(frozen=True)
 class Hysteresis:
-    """What `hysteresis` finds: `window` [s]; `frequency` [Hz] of the strongest vibration; curves in the order of time.
+    """What `hysteresis` finds: `window` [s]; `frequency` [Hz] of the slowest strong vibration; curves in order of time.
 
-    `modes`: whether contact modes were recorded; without them nothing is known of stick. `gaps`: what is missing, in
-    words; `lost`: how many windows were left out because less than half of their samples are there.
+    `modes`: how far apart contact modes were recorded [s]; 0 without. `events`: whether the events of the contacts were
+    recorded, which tell shorter sticks too. `gaps`: what is missing, in words; `lost`: how many windows were left out
+    because less than half of their samples are there.
     """
 
     scene: str
@@ -71,7 +72,8 @@ class Hysteresis:
     window: float
     frequency: float
     curves: tuple[Curve, ...]
-    modes: bool
+    modes: float
+    events: bool
     gaps: tuple[str, ...]
     lost: int
 
@@ -124,13 +126,16 @@ class Hysteresis:
         for curve in self.curves:
             branch = curve.branch
             told = ""
-            if self.modes:
+            if self.modes or self.events:
                 at = f"at {curve.stick:.5g} {over}" if math.isfinite(curve.stick) else "none"
                 told = f", {stick[branch.rises]} {at}"
             way = f"run-{'up' if branch.rises else 'down'} {branch.begin:.5g} to {branch.end:.5g} s"
             lines.append(f"  {way}, {branch.first:.5g} to {branch.last:.5g} {over}{told}")
-        if not self.modes:
+        if not self.modes and not self.events:
             lines.append("  contact modes were not recorded: nothing is known of stick")
+        else:
+            missed = "" if self.events else ": shorter sticks may be missed"
+            lines.append(f"  contact modes were recorded every {self.modes:.3g} s{missed}")
         if self.up > self.down:
             lines.append(
                 f"  between {self.down:.5g} and {self.up:.5g} {over} it sticks and slips only while the speed rises"
@@ -150,7 +155,8 @@ class Hysteresis:
             "window": self.window,
             "frequency": self.frequency,
             "smear": self.smear,
-            "contact_modes": self.modes,
+            "contact_modes_every": self.modes or None,
+            "contact_events": self.events,
             "up": self.up,
             "down": self.down,
             "gaps": list(self.gaps),
@@ -184,8 +190,8 @@ def hysteresis(
     """RMS of signal `name` over the speed `over`, rising and falling, from `first` to `last` [s].
 
     By default a sensor that reads a vibration, the speed of the drive, and a `window` [s] of five periods of the
-    strongest vibration, at most 2 % of the shortest branch. Raises UsageError with everything that cannot be: names,
-    a speed that does not change, a window that is too short or too long.
+    slowest strong vibration, at most 5 % of the shortest branch. Raises UsageError with everything that cannot be:
+    names, a speed that does not change, a window that is too short or too long.
     """
     faults: list[str] = []
     found: dict[str, Series] = {}
@@ -204,7 +210,7 @@ def hysteresis(
     if faults:
         raise UsageError("\n".join(faults))
     signal, shortest = found["signal"], min(branch.end - branch.begin for branch in turned)
-    hertz = strongest(signal)
+    hertz = slowest(signal)
     length = window
     if length is None:
         length = min(max(_PERIODS / hertz if hertz else 0.0, PARTS / signal.rate), _USUAL * shortest)
@@ -222,19 +228,20 @@ def _found(run: Run, signal: Series, speed: Series, turned: list[Branch], length
     known = np.isfinite(speed.v)
     fine_t, fine_v = speed.t[known], speed.v[known]
     mean = moving_mean(fine_t, fine_v, t, window)
-    sticks, (began, ended) = stuck(run), short(run)
+    sticks = stuck(run) if run.scene else None
+    met = bool(run.scene) and any(event["kind"] == "contact" for event in run.told)
+    begins, ends = short(run) if met else (np.empty(0), np.empty(0))
     curves, lost = [], 0
     for branch in turned:
         here = (t >= branch.begin) & (t <= branch.end)
         lost += int(np.count_nonzero(~np.isfinite(rms[here])))
-        stick = math.nan
-        if sticks is not None:
-            stick = _stick(np.concatenate([run.time[sticks], ended if branch.rises else began]), branch, fine_t, fine_v)
+        times = np.concatenate([run.time[sticks] if sticks is not None else [], ends if branch.rises else begins])
+        stick = _stick(times, branch, fine_t, fine_v)
         curves.append(Curve(branch, t[here], mean[here], rms[here], stick))
     told = tuple(one.told() for one in (signal, speed) if one.told())
     return Hysteresis(
         scene_name(run), signal.name, signal.unit, speed.name, speed.unit, window, hertz, tuple(curves),
-        sticks is not None, told, lost,
+        0.0 if sticks is None else float(np.median(np.diff(run.time))), met, told, lost,
     )  # fmt: skip
 
 
@@ -243,13 +250,11 @@ def _branches(speed: Series) -> list[Branch]:
     return branches(speed.t[::every], speed.v[::every])
 
 
-def _stick(time: Reals, branch: Branch, t: Reals, v: Reals) -> float:
-    """The last speed of a run-up, or the first one of a run-down, at the instants `time` of stick."""
-    speed = np.interp(time, t, v)
-    here = np.flatnonzero((time >= branch.begin) & (time <= branch.end) & (np.abs(speed) > 0.0))
-    if not here.size:
-        return math.nan
-    return float(speed[here[np.argmax(time[here]) if branch.rises else np.argmin(time[here])]])
+def _stick(times: Reals, branch: Branch, t: Reals, v: Reals) -> float:
+    """The speed v at t of the last of `times` in a run-up and of the first one in a run-down; NaN without."""
+    here = times[(times >= branch.begin) & (times <= branch.end)]
+    here = here[np.interp(here, t, v) != 0.0]  # before the drive moves everything sticks
+    return float(np.interp(here.max() if branch.rises else here.min(), t, v)) if here.size else math.nan
 
 
 def _most(values: list[float], choose: Any) -> float:

@@ -130,6 +130,11 @@ def _listed(run: Run) -> str:
     return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in known(run).items()) or "none"
 
 
+def squared(unit: str) -> str:
+    """The unit of the square of a quantity."""
+    return f"({unit})^2" if set(unit) & set("/*^") else f"{unit}^2"
+
+
 def scene_name(run: Run) -> str:
     """Name or title of the scene; "recording" where damage took the scene away."""
     try:

@@ -1,4 +1,4 @@
-"""Moving windows over the samples of a recording, centred, with gaps; and the frequency of its strongest vibration."""
+"""Moving windows over the samples of a recording, centred, with gaps; and how long the periods in them are."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ PARTS, _MOST_PARTS = 16, 40
 FEWEST = 4
 """Samples in a window."""
 _KNOWN = 0.5  # of the samples of a window that must be there
+_DRIFT = 3  # lines of a spectrum
+_STRONG = 0.1  # of the mean square
 
 
 def moving_rms(signal: Series, length: float) -> tuple[Reals, Reals, float]:
@@ -45,19 +47,21 @@ def moving_mean(t: Reals, v: Reals, at: Reals, length: float) -> Reals:
     return np.asarray((np.interp(end, t, whole) - np.interp(begin, t, whole)) / taken)
 
 
-def strongest(signal: Series) -> float:
-    """The frequency [Hz] with the largest share of the vibration; 0 for a signal that does not vibrate.
+def slowest(signal: Series) -> float:
+    """The lowest frequency [Hz] of what vibrates strongly, 0 for nothing: a tenth of the mean square lies below it.
 
-    Half of its resolution wrong at most; gaps are bridged by the mean.
+    The drift of the whole recording does not count. Gaps are bridged by the mean.
     """
     from scipy.signal import periodogram
 
     ok = np.isfinite(signal.v)
     v = np.where(ok, signal.v - np.nanmean(signal.v), 0.0)
     frequencies, power = periodogram(v, signal.rate, window="hann", detrend="linear")
-    if power.size < 4 or not power[3:].any():
+    power[:_DRIFT] = 0.0
+    if not power.any():
         return 0.0
-    return float(frequencies[3 + int(np.argmax(power[3:]))])  # the first lines are the drift of the whole recording
+    below = np.cumsum(power)
+    return float(frequencies[np.searchsorted(below, _STRONG * below[-1])])
 
 
 def _divided(count: int) -> tuple[int, int]:
