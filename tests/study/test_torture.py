@@ -62,6 +62,13 @@ def test_comparison_fails_for_the_reason_it_should(some):
     assert (rk4.verdict.colour, rk4.verdict.reason) == ("red", "missed event")
 
 
+def test_noise_is_left_out_because_each_step_would_have_its_own(tmp_path):
+    path = tmp_path / "noisy.toml"
+    path.write_text('title = "x"\nabout = "y"\nscene = "tip_epoxy"\nduration = "50 ms"\nsteps = ["0.1 ms"]\n')
+    assert watched(read(path), "auto", 100_000).assemble().signals.keys() == {"one"}
+    assert all(cell.good for cell in torture.matrix([str(path)], quick=True))
+
+
 @pytest.mark.parametrize(
     ("case", "way", "reason"), [("contact_felt_late", "held", "energy"), ("friction_on_a_slope", "clipped", "creep")]
 )
