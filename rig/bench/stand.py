@@ -274,13 +274,9 @@ class Stand:
         return found
 
     def knock(self, impulse: float) -> None:
-        """Strike the body along the sliding direction of the first contact with `impulse` [N s].
-
-        A rig without contacts is struck in its first coordinate.
-        """
+        """Strike the body with `impulse` [N s], along the sliding direction unless its plant says where."""
         system = self.motion.system
-        along = system.patches[0].direction if system.patches else np.eye(len(system.coordinates))[0]
-        jump = np.linalg.solve(system.mass, along) * impulse
+        jump = np.linalg.solve(system.mass, system.strike) * impulse
         first = len(system.coordinates)
         for i, step in enumerate(jump):
             self.motion.write(first + i, float(self.motion.x[first + i] + step))

@@ -1,4 +1,4 @@
-"""Process noise: a random force on the body along the sliding direction. Absent: nothing disturbs the rig.
+"""Process noise: a random force on the body, along the sliding direction. Absent: nothing disturbs the rig.
 
     F = force sqrt(f / 2) n_k   from frame k to the next, n_k standard normal and independent, f = 1 / frame
 
@@ -38,11 +38,10 @@ class Noisy(Section):
 def add(a: Assembly, noise: Noise, frame: float) -> None:
     """Add the force, held for `frame` [s], and the output `noise_force`.
 
-    It acts where a knock would strike: at the first contact, or on the first coordinate.
+    It acts where a knock would strike.
     """
-    along = a.patches[0][1] if a.patches else {a.coordinates[0]: 1.0}
     size = noise.force * math.sqrt(0.5 / frame)
     a.signal(SIGNAL, {}, 0.0, "noise")
-    for coordinate, factor in along.items():
+    for coordinate, factor in a.strike.items():
         a.push(coordinate, {SIGNAL: factor * size})
     a.outputs["noise_force"] = Output({SIGNAL: size}, "N")

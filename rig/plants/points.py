@@ -115,6 +115,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         push = {q: value + p.friction.mu * p.contact.lever * turn[q] for q, value in shape.items()}
         a.normal(name, "contact", share | {q: -p.contact.stiffness * value for q, value in shape.items()}, push)
     seen, _ = _shapes(p.plate, *places[0])
+    a.struck = seen  # across the plate: nothing of it moves along
     a.outputs |= {
         "displacement": Output(seen, "m"),
         "velocity": Output({f"{q}'": value for q, value in seen.items()}, "m/s"),

@@ -95,7 +95,8 @@ class Assembly:
     `losses`, g (row x)^2 each, whose rows may name rates of network states ("voltage'"). `keep`: what stays as it is,
     in place of a network state, where a parameter changes. `judges` look at the rig before a run (rig.solve.verdict).
     `free`: natural frequencies [Hz] of a part of the rig by itself, told beside those of the rig. `limits`:
-    coefficients of friction at which something of it is used up.
+    coefficients of friction at which something of it is used up. `struck`: where a knock strikes, over coordinates, if
+    that is not along the sliding direction of the first patch.
     """
 
     title: str = ""
@@ -124,6 +125,7 @@ class Assembly:
     owners: dict[str, str] = field(default_factory=dict)
     free: dict[str, float] = field(default_factory=dict)
     limits: dict[str, float] = field(default_factory=dict)
+    struck: Row = field(default_factory=dict)
 
     def coordinate(self, name: str, mass: float, damping: float = 0.0, stiffness: float = 0.0) -> None:
         """A degree of freedom with its own mass, damper and spring to ground."""
@@ -208,6 +210,11 @@ class Assembly:
     def inertia(self, normal: str) -> Row:
         """The accelerations in a normal force, over coordinates, to add to."""
         return next(entry[4] for entry in self.normals if entry[0] == normal)
+
+    @property
+    def strike(self) -> Row:
+        """What a force of one newton, where a knock strikes, does on each coordinate."""
+        return self.struck or (self.patches[0][1] if self.patches else {self.coordinates[0]: 1.0})
 
     @property
     def names(self) -> list[str]:

@@ -137,6 +137,7 @@ def matrices(a: Assembly) -> System:
         switches=tuple(switch(*entry) for entry in a.switches),
         products=products,
         judges=tuple(a.judges),
+        strike=over_coordinates(a.strike),
         kept={name: row(f"what {name} keeps", r) for name, r in a.keep.items()},
         start=np.array([a.start.get(name, 0.0) for name in names]),
     )

@@ -167,7 +167,7 @@ class System:
     force [coordinate, state], force_t [coordinate, product]. coupling [coordinate, state]: forces of the network, which
     exchange energy with what it stores, x.store x / 2, and with its resistors. kept: of some states by name the row of
     what stays as it is, in place of the state, where a parameter changes: the charge in place of the voltage. judges:
-    of effects, see rig.solve.verdict.
+    of effects, see rig.solve.verdict. strike [coordinate]: what a newton does where a knock strikes.
     """
 
     names: tuple[str, ...]
@@ -189,6 +189,7 @@ class System:
     switches: tuple[Switch, ...]
     products: tuple[Product, ...]
     judges: tuple[Judge, ...]
+    strike: Array
     kept: dict[str, Array]
     start: Array
     slip_rows: Array = field(init=False)

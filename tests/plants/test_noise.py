@@ -7,6 +7,7 @@ import pytest
 from scipy.signal import welch
 
 import rig
+from rig import scenes
 from rig.bench.stand import Stand
 from rig.errors import SceneError
 
@@ -133,3 +134,19 @@ def test_it_is_explained(rig):
     code, out, _ = rig("explain", "belt", "-p", "noise.force=0.05 N/Hz^0.5")
     assert code == 0
     assert "a random force along the sliding direction" in out
+
+
+@pytest.mark.parametrize("scene", scenes.names())
+def test_a_knock_and_noise_reach_every_rig(scene):
+    system = rig.load(scene, {"noise.force": 1.0}).assemble().system()
+    assert system.strike.any()
+    noisy = system.force[:, system.names.index("noise")]
+    assert np.allclose(noisy / np.abs(noisy).max(), system.strike / np.abs(system.strike).max())
+
+
+def test_a_plate_on_points_is_struck_across():
+    struck, calm = Stand(rig.load("points")), Stand(rig.load("points"))
+    struck.knock(1e-3)
+    rows = rig.load("points").assemble().outputs["displacement"].row
+    speed = struck.output("velocity") - calm.output("velocity")
+    assert speed == pytest.approx(1e-3 * sum(value**2 for value in rows.values()))  # modes of mass one
