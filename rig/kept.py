@@ -17,12 +17,15 @@ import time
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import cache
 from pathlib import Path
 from typing import IO, Any
 
 import platformdirs
+from llvmlite.binding import add_symbol
 from numba.core import event
 from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
+from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]
 
 from rig import locks
 
@@ -95,14 +98,38 @@ class _Place(UserProvidedCacheLocator):  # type: ignore[misc]
 class _Places(CompileResultCacheImpl):  # type: ignore[misc]
     _locator_classes: list[type[object]] = [_Place]  # noqa: RUF012 (as numba declares it)
 
+    def reduce(self, data: Any) -> tuple[Any, ...]:
+        """What is kept of a kernel: not the environments without constants of functions that are linked into it.
 
-class _Found(FunctionCache):  # type: ignore[misc]
-    """The kernels of a folder that cannot be written: those that are there are loaded."""
+        To load one is to import the module of its function, much of what numba compiles with.
+        """
+        *kept, environments = data._reduce()  # noqa: SLF001
+        return (*kept, tuple(one for one in environments if one.consts))
+
+
+class _Kept(FunctionCache):  # type: ignore[misc]
+    """The kernels of a folder; what is there is loaded without all that numba compiles with (0.2 s)."""
 
     _impl_class = _Places
 
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """A kernel for these types, None where it is not kept."""
+        _link_runtime()
+        return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+
+
+class _Found(_Kept):
+    """The same for a folder that cannot be written."""
+
     def save_overload(self, sig: Any, data: Any) -> None:
         """Nothing is kept."""
+
+
+@cache
+def _link_runtime() -> None:
+    """Name the functions of numba's runtime that compiled code calls to whoever links it."""
+    for name, address in _nrt_python.c_helpers.items():
+        add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
 
 
 @contextmanager
@@ -144,13 +171,12 @@ class Folder:
 
     def keep(self, dispatcher: Any, beside_sources: bool) -> None:
         """Have what `dispatcher` compiles kept; with `beside_sources` for its own file in its present state only."""
-        if not self.keeps:
-            dispatcher._cache = _Found(dispatcher.py_func)  # type: ignore[no-untyped-call]  # noqa: SLF001
-        cache = dispatcher._cache  # noqa: SLF001 (numba has no public way)
+        function = dispatcher.py_func
+        cache: Any = (_Kept if self.keeps else _Found)(function)  # type: ignore[no-untyped-call]
+        dispatcher._cache = cache  # noqa: SLF001 (numba has no public way)
         if beside_sources:
             cache._cache_file.__class__ = CheckedFile  # noqa: SLF001
             return
-        function = dispatcher.py_func
         base = f"{function.__qualname__}.py{sys.version_info[0]}{sys.version_info[1]}"
         cache._cache_path = str(self.path / function.__module__)  # noqa: SLF001
         cache._impl.locator.ensure_cache_path = self._prune  # noqa: SLF001 (called before something is kept)

@@ -18,17 +18,10 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numba
-from llvmlite.binding import Linkage
+from llvmlite.binding import Linkage, parse_bitcode
 from numba.core import codegen, event, registry, types
 
 from rig import kept, sources
-
-if os.environ.get("RIG_OWN_PROCESS") and "scipy.linalg" not in sys.modules:
-    # In a process of our own: numba would import scipy.linalg (0.2 s) only to learn whether there is BLAS, which no
-    # kernel of ours calls. Elsewhere other people's kernels may want it.
-    sys.modules["scipy.linalg"] = None  # type: ignore[assignment]
-    importlib.import_module("numba.np.arraymath")
-    del sys.modules["scipy.linalg"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -46,17 +39,66 @@ FOLDER = kept.Folder(source_key())
 """Where what is compiled from these sources is kept."""
 numba.config.CACHE_DIR = str(FOLDER.path)  # type: ignore[attr-defined]
 _TELLER = kept.Teller(FOLDER)
+
+
+class _Compiler(event.Listener):  # type: ignore[misc]
+    """Imports what numba compiles with (0.2 s), but not scipy.linalg (0.2 s more) for it to find out about BLAS.
+
+    No kernel of ours calls that. Only in a process of our own: elsewhere other people's kernels may want it.
+    """
+
+    def on_start(self, _: event.Event) -> None:
+        """A kernel is to be compiled."""
+        if "numba.np.arraymath" not in sys.modules and "scipy.linalg" not in sys.modules:
+            sys.modules["scipy.linalg"] = None  # type: ignore[assignment]
+            importlib.import_module("numba.np.arraymath")
+            del sys.modules["scipy.linalg"]
+
+    def on_end(self, _: event.Event) -> None:
+        """It is compiled."""
+
+
 if os.environ.get("RIG_OWN_PROCESS"):
-    event.register("numba:compile", _TELLER)  # type: ignore[no-untyped-call]
+    for _listener in (_Compiler(), _TELLER):
+        event.register("numba:compile", _listener)  # type: ignore[no-untyped-call]
 
 
-class _Apart(codegen.JITCodeLibrary):  # type: ignore[misc]
+class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
     """Compiled code that calls its own copies of our functions that were linked into it.
 
     numba leaves them open: of several copies, each optimised within another kernel, the one that was loaded first
     serves all. They differ in what is fused, so that the last bits of a run depended on what else had been loaded, and
     on whether its kernels were compiled in its own process.
+
+    The bitcode of a kernel that was kept is parsed when another kernel links it in. A run only calls it.
     """
+
+    _bitcode: bytes | None = None
+
+    @classmethod
+    def _unserialize(cls, codegen: Any, state: Any) -> Any:
+        name, kind, data = state
+        if kind != "object":
+            return super()._unserialize(codegen, state)  # type: ignore[no-untyped-call]
+        made = codegen.create_library(name)
+        code, made._bitcode = data  # noqa: SLF001
+        made.enable_object_caching()
+        made._set_compiled_object(code)  # noqa: SLF001
+        made._finalize_final_module()  # noqa: SLF001
+        return made
+
+    def _get_module_for_linking(self) -> Any:
+        if self._bitcode is not None:
+            self._shared_module, self._bitcode = parse_bitcode(self._bitcode), None
+            defined: Any = self._codegen._engine._load_defined_symbols  # noqa: SLF001
+            defined(self._shared_module)
+        return super()._get_module_for_linking()  # type: ignore[no-untyped-call]
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """Where a function of it begins; 0 if it has none of this name."""
+        if self._bitcode is not None:
+            return self._codegen._engine.get_function_address(name)  # type: ignore[no-any-return]  # noqa: SLF001
+        return super().get_pointer_to_function(name)  # type: ignore[no-untyped-call, no-any-return]
 
     def _finalize_final_module(self) -> None:
         module = self._final_module
@@ -74,10 +116,10 @@ class _Apart(codegen.JITCodeLibrary):  # type: ignore[misc]
 
 
 _OPEN, _SHARED = Linkage.external, Linkage.linkonce_odr
-registry.cpu_target.target_context.codegen()._library_class = _Apart  # noqa: SLF001  # type: ignore[attr-defined]
+registry.cpu_target.target_context.codegen()._library_class = _Library  # noqa: SLF001  # type: ignore[attr-defined]
 
 _njit: Any = numba.njit  # noqa: TID251
-_OPTIONS: dict[str, Any] = {"cache": FOLDER.keeps, "nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+_OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
 
 
 def _compiled(function: F, **options: Any) -> F:

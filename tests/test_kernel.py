@@ -105,6 +105,51 @@ def test_kernels_in_a_place_that_cannot_be_written_are_loaded(tmp_path, monkeypa
     assert sorted(kept.rglob("*")) == before
 
 
+PART = """
+import numpy as np
+from rig.kernel import kernel
+
+@kernel
+def powers(x, n):
+    found = np.ones(n)
+    for k in range(1, n):
+        found[k] = found[k - 1] * x
+    return found
+"""
+CALLED = """
+import sys
+import part
+print(part.powers({}, 4).sum(), "numba.np.arraymath" in sys.modules)
+"""
+LINKED = """
+from rig.kernel import kernel
+
+@kernel
+def whole(x):
+    return part.powers(x, 4).sum()
+
+print(whole(2.0))
+"""
+
+
+def test_a_kept_kernel_is_called_without_what_numba_compiles_with(tmp_path, monkeypatch):
+    (tmp_path / "part.py").write_text(PART)
+    monkeypatch.setitem(globals(), "CODE", CALLED)
+    kept = str(tmp_path / "kept")
+    assert run(tmp_path, "2.0", RIG_KERNELS=kept).stdout == "15.0 True\n"
+    assert run(tmp_path, "3.0", RIG_KERNELS=kept).stdout == "40.0 False\n"
+
+
+def test_a_kept_kernel_is_linked_into_another(tmp_path, monkeypatch):
+    (tmp_path / "part.py").write_text(PART)
+    kept = str(tmp_path / "kept")
+    monkeypatch.setitem(globals(), "CODE", CALLED)
+    assert run(tmp_path, "2.0", RIG_KERNELS=kept).stderr == TOLD
+    monkeypatch.setitem(globals(), "CODE", CALLED + LINKED)
+    found = run(tmp_path, "2.0", RIG_KERNELS=kept)
+    assert found.stdout == "15.0 False\n15.0\n", found.stderr
+
+
 def test_kernels_that_many_compile_at_once_are_all_kept(tmp_path):
     def keep(number):
         CheckedFile(str(tmp_path), "one", "stamp").save(("key", number), number)
