@@ -68,7 +68,7 @@ class Unit(str):
 class Section(BaseModel):
     """One table of a scene: frozen, and a key it does not know is a fault."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 
 
 class Range:

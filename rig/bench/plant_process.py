@@ -43,6 +43,7 @@ from rig.bench.rehearse import visited
 from rig.bench.stand import Stand
 from rig.bench.timing import Timing
 from rig.bench.upcoming import Upcoming
+from rig.bus import address
 from rig.bus.port import Session
 from rig.bus.setup import Setup
 from rig.errors import Interrupted, NumericsError, RigError
@@ -311,7 +312,7 @@ def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) 
     """
     scene = Scene.from_json(job.scene)
     keeps_up(scene, job.pace)
-    bus.address.directory()  # where a system has no live runs, they are refused before the rehearsal
+    address.directory()  # where a system has no live runs, they are refused before the rehearsal
     sets = visited(scene, job) if job.pace is not None else warm(scene)  # Ctrl-C may break this off, but nothing later
     asked: list[str] = []
     with told_to_stop(asked.append):

@@ -20,6 +20,7 @@ from rig import bus
 from rig.bench.job import Job
 from rig.bench.outcome import Outcome
 from rig.bench.status import Live
+from rig.bus import address
 from rig.bus.port import Receiver, Session
 from rig.child import Child, end
 from rig.errors import BusError, Interrupted, LogError, RigError, UsageError
@@ -64,7 +65,7 @@ def run(
     `say` gets lines; without it they go to standard error, under the
     live line.
     """
-    bus.address.directory()  # where a system has no live runs, they are refused before anything starts
+    address.directory()  # where a system has no live runs, they are refused before anything starts
     expect = [("controller", controller) for controller in scene.controllers if controller not in scene.in_plant]
     expect += [RECORDER] if record else []
     expect += [VIEWER] if view or web else []

@@ -31,9 +31,10 @@ A receiver tells `received` and `lost`; `counts[topic].tail(sent)` adds what was
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import TYPE_CHECKING
 
-from rig.bus import address
-from rig.bus.port import Session
+if TYPE_CHECKING:
+    from rig.bus.port import Session
 
 
 def host(
@@ -43,7 +44,8 @@ def host(
 
     Nobody but a process that joins as one of `controllers` can speak under its name.
     """
-    from rig.bus.link import open_hub  # Zenoh is loaded by those who talk between processes
+    from rig.bus import address  # protobuf and Zenoh are loaded by those who talk between processes
+    from rig.bus.link import open_hub
 
     return open_hub(address.claim(run, scene, endpoint), controllers)
 
@@ -53,6 +55,7 @@ def join(run: str | None = None, *, role: str, name: str, wait: float = 0.0) -> 
 
     `session.name` is another than `name` where a recorder or viewer of that name is there already.
     """
+    from rig.bus import address
     from rig.bus.link import open_leaf
 
     return open_leaf(address.find(run, wait), role, name)

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import os
+import re
 import tomllib
 from pathlib import Path
 from typing import Any
 
 from rig.errors import SceneError
-from rig.quantities import brief
-from rig.scenes.faults import near
 
 HERE = Path(__file__).parent
+_PLANT = re.compile(r'^plant\s*=\s*"([^"]*)"', re.MULTILINE)
+_TABLE = re.compile(r"^(?=\[[a-z])", re.MULTILINE)
 
 
 def names() -> tuple[str, ...]:
@@ -30,6 +31,9 @@ def path(name_or_path: str | Path) -> Path:
         raise SceneError(repr(text), ["names no scene; rig list shows the shipped ones"])
     if given.suffix == ".toml" or "/" in text:
         return given
+    from rig.quantities import brief
+    from rig.scenes.faults import near
+
     beside = given.with_suffix(".toml")
     hint = f"the file is called {beside}" if os.path.isfile(beside) else near(text, names(), "rig list")
     raise SceneError(brief(text)[1:-1], [f"no scene has this name; {hint}"])
@@ -37,8 +41,20 @@ def path(name_or_path: str | Path) -> Path:
 
 def card(name: str) -> dict[str, Any]:
     """Title, plant and first line of the description of a shipped scene, and its largest pace where it has one."""
-    raw = tomllib.loads(path(name).read_text(encoding="utf-8"))
+    head, *tables = _TABLE.split(_text(name))
+    raw = tomllib.loads(head + "".join(table for table in tables if table.startswith("[clock]")))
     about = str(raw.get("about", "")).strip().split("\n")[0]
     limit = raw.get("clock", {}).get("pace_limit")
     told = {"name": name, "plant": str(raw.get("plant", "")), "title": str(raw.get("title", "")), "about": about}
     return {**told, "pace_limit": None if limit is None else float(limit[0] if isinstance(limit, list) else limit)}
+
+
+def plant(name: str) -> str:
+    """The plant of a shipped scene, without parsing the rest of the file."""
+    found = _PLANT.search(_text(name))
+    assert found is not None
+    return found[1]
+
+
+def _text(name: str) -> str:
+    return (HERE / f"{name}.toml").read_text(encoding="utf-8")

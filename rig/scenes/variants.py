@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import cache
+from itertools import chain
 from typing import Any
 
 from pydantic import ValidationError
@@ -15,7 +16,7 @@ from rig.scenes.explain import BOUNDS, optional
 from rig.scenes.loader import load
 from rig.scenes.protocol import Set, flat
 from rig.scenes.scene import Scene, controller_drives
-from rig.scenes.shelf import card, names
+from rig.scenes.shelf import names, plant
 
 Keys = list[str]
 SWITCHES = ("connected", "enable")
@@ -83,7 +84,8 @@ def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[s
     """Values for `keys`, and the scene they are from."""
     yield {key: {} for key in keys}, ""
     plants = [scene.plant, *(_plants() if of_others else ())]
-    for other in (other for plant in dict.fromkeys(plants) for other in _of_plant(plant)):
+    for name in chain.from_iterable(map(_of_plant, dict.fromkeys(plants))):
+        other = _loaded(name)
         raw = other.parameters.model_dump()
         values = {key: _at_work(value) for key in keys if (value := _at(raw, key)) is not None}
         if values:
@@ -94,14 +96,16 @@ def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[s
         yield {key: -top if key.endswith("_min") else top for key, top in twice.items()}, ""
 
 
-@cache
-def _of_plant(plant: str) -> tuple[Scene, ...]:
-    return tuple(load(name) for name in names() if card(name)["plant"] == plant)
+_loaded = cache(load)
+_plant = cache(plant)
 
 
-@cache
-def _plants() -> tuple[str, ...]:
-    return tuple(dict.fromkeys(card(name)["plant"] for name in names()))
+def _of_plant(plant: str) -> list[str]:
+    return [name for name in names() if _plant(name) == plant]
+
+
+def _plants() -> dict[str, None]:
+    return dict.fromkeys(_plant(name) for name in names())
 
 
 def _changed(scene: Scene, values: dict[str, Any]) -> Scene:

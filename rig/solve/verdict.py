@@ -191,7 +191,8 @@ def _drivers(system: System) -> Iterator[Finding]:
     A = assembled(
         system, system.key([STICK] * len(system.patches), [OPEN] * len(system.normals), [0] * len(system.limiters))
     ).A
-    rest = np.setdiff1d(np.arange(system.one, system.n), moving_states(system, A))
+    driven = set(moving_states(system, A).tolist())
+    rest = np.array([state for state in range(system.one, system.n) if state not in driven], dtype=np.intp)
     values, vectors = np.linalg.eig(A[np.ix_(rest, rest)])
     scale = float(np.abs(values).max())
     for value, shape in zip(values, vectors.T):

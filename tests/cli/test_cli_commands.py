@@ -50,6 +50,26 @@ def test_help_starts_without_anything_heavy():
     assert not heavy & set(out.stdout.split())
 
 
+@pytest.mark.parametrize(
+    ("command", "heavy"),
+    [
+        ("['list']", {"numpy", "numba", "pint"}),
+        ("['simulate', 'pendulum', '--duration', '0.1']", {"google.protobuf", "zenoh", "pint", "numba.np.arraymath"}),
+    ],
+    ids=["list", "simulate"],
+)
+def test_a_command_imports_what_it_needs(command, heavy):
+    """Kernels that are kept are called without all that numba compiles with."""
+    code = (
+        f"from rig.cli.app import app\ntry:\n    app({command})\nfinally:\n    import sys; print(*sorted(sys.modules))"
+    )
+    for _ in range(2):  # the first one may have to compile
+        out = subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True, env=_environment()
+        )
+    assert not heavy & set(out.stdout.splitlines()[-1].split())
+
+
 @pytest.mark.bench
 def test_help_is_there_at_once():
     import time

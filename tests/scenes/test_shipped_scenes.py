@@ -11,7 +11,7 @@ from rig import scenes, simulate
 from rig.bench.findings import findings
 from rig.quantities import ORIGINS
 from rig.scenes.scene import Scene
-from rig.scenes.shelf import card
+from rig.scenes.shelf import card, plant
 
 NUMBER = re.compile(r"[+-]?[\d.]")
 EXPERIMENTS = {
@@ -86,6 +86,14 @@ def test_a_scene_says_what_one_sees(name):
     assert told["title"]
     assert told["about"]
     assert name.startswith((told["plant"], "seal"))  # the seal is a friction law, on the belt
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_what_a_list_reads_of_a_scene_is_what_its_file_says(name):
+    raw, told = tomllib.loads(scenes.path(name).read_text()), card(name)
+    assert (told["title"], told["plant"], plant(name)) == (raw["title"], raw["plant"], raw["plant"])
+    assert raw["about"].strip().startswith(told["about"])
+    assert (told["pace_limit"] is None) == ("pace_limit" not in raw.get("clock", {}))
 
 
 @pytest.mark.parametrize("name", scenes.names())
