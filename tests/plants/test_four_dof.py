@@ -256,3 +256,12 @@ def test_dampers_beside_all_springs_raise_it():
     assert rig.sweep(scene, "friction.mu", np.linspace(0.0, 1.05, 22)).critical[0].value == pytest.approx(
         1.0016, abs=1e-4
     )
+
+
+def test_with_dampers_it_has_a_limit_cycle_that_slides_lifts_off_and_sticks():
+    """The one that docs/four_dof.md tells."""
+    changes = {f"spring_{i}.damping": 0.5 for i in range(1, 6)} | {"friction.mu": 1.5}
+    found = rig.limit_cycle(rig.load("four_dof", changes))
+    assert found.period == pytest.approx(0.6643446824, rel=1e-6)
+    assert found.extremes["normal_force"][0] == pytest.approx(0.0, abs=1e-12)
+    assert found.stick_time["contact"] == pytest.approx(0.06336626902, rel=1e-6)

@@ -10,7 +10,7 @@ import rig as lab
 from rig.errors import UsageError
 from rig.record.run import Run, Samples
 from rig.record.save import save
-from rig.study.recorded import hysteresis, series
+from rig.study.recorded import hysteresis, series, spectrum
 from rig.study.recorded.branches import branches
 from rig.study.recorded.figure import draw_hysteresis
 from rig.study.recorded.windows import moving_rms, slowest
@@ -118,8 +118,22 @@ def test_up_and_down_are_told_apart():
 def test_the_usual_window_holds_some_periods_and_little_of_the_ramp():
     found = hysteresis(loop())
     assert found.window * found.frequency == pytest.approx(5.0, rel=0.1)
-    slow = hysteresis(run_of(np.sin(2.0 * math.pi * 1.0 * T)))
+    slow = hysteresis(run_of(np.sin(2.0 * math.pi * 3.0 * T)))
     assert slow.window == pytest.approx(0.05 * 8.0, rel=0.1)
+    slower = hysteresis(run_of(np.sin(2.0 * math.pi * 1.0 * T)))
+    assert slower.window * slower.frequency == pytest.approx(1.0, rel=0.02)
+    assert "shorter than a period" in hysteresis(run_of(np.sin(2.0 * math.pi * 1.0 * T)), window=0.5).text()
+    assert "shorter than a period" not in slow.text()
+
+
+def test_outputs_of_a_live_run_are_told_to_be_thinned_out():
+    """Every fifth step of the plant, not filtered; a speed of the drive and a sensor need no such word."""
+    run = loop(time=T[::5], signals={"surface_speed": SPEED[::5], "velocity": np.sin(2.0 * math.pi * 20.0 * T[::5])})
+    told = hysteresis(run, "velocity").text()
+    assert "velocity is an output of the plant, recorded at 200 Hz and not filtered: vibration above 100 Hz" in told
+    assert "not filtered" not in hysteresis(run).text()
+    assert "not filtered" in spectrum(run, "velocity").text()
+    assert "bridged" not in spectrum(run, "velocity").text()
 
 
 def test_critical_speeds_are_those_of_the_contact_mode():

@@ -11,7 +11,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,6 +30,7 @@ _LONGEST = 0.25
 """Of the shortest branch: a longer window blurs all of it."""
 _USUAL = 0.05
 """Of the shortest branch: the longest window that is taken where nobody named one."""
+_WHOLE = 0.95  # periods that are told to be one
 _BINS = 20
 _POINTS = 20_000  # of the speed, to find its branches
 
@@ -120,6 +121,8 @@ class Hysteresis:
             + f"; {self.over} changes by up to {self.smear:.3g} {over} in it",
             *(f"  {gap}" for gap in self.gaps),
         ]
+        if 0.0 < self.window * self.frequency < _WHOLE:
+            lines.append("  the window is shorter than a period: the RMS swings with the vibration itself")
         if self.lost:
             lines.append(f"  {self.lost} windows are left out: less than half of their samples are there")
         stick = {True: "last stick", False: "first stick"}
@@ -190,8 +193,8 @@ def hysteresis(
     """RMS of signal `name` over the speed `over`, rising and falling, from `first` to `last` [s].
 
     By default a sensor that reads a vibration, the speed of the drive, and a `window` [s] of five periods of the
-    slowest strong vibration, at most 5 % of the shortest branch. Raises UsageError with everything that cannot be:
-    names, a speed that does not change, a window that is too short or too long.
+    slowest strong vibration, at most 5 % of the shortest branch or one period. Raises UsageError with everything that
+    cannot be: names, a speed that does not change, a window that is too short or too long.
     """
     faults: list[str] = []
     found: dict[str, Series] = {}
@@ -213,8 +216,9 @@ def hysteresis(
     hertz = slowest(signal)
     length = window
     if length is None:
-        length = min(max(_PERIODS / hertz if hertz else 0.0, PARTS / signal.rate), _USUAL * shortest)
-        length = max(length, FEWEST / signal.rate)
+        period = 1.0 / hertz if hertz else 0.0
+        length = min(max(_PERIODS * period, PARTS / signal.rate), max(_USUAL * shortest, period))
+        length = max(min(length, _LONGEST * shortest), FEWEST / signal.rate)
     if not FEWEST / signal.rate * (1.0 - 1e-9) <= length <= _LONGEST * shortest:
         raise UsageError(
             f"window {length:g} s: must be {FEWEST / signal.rate:g} s ({FEWEST} samples of {signal.name} at "
@@ -238,7 +242,7 @@ def _found(run: Run, signal: Series, speed: Series, turned: list[Branch], length
         times = np.concatenate([run.time[sticks] if sticks is not None else [], ends if branch.rises else begins])
         stick = _stick(times, branch, fine_t, fine_v)
         curves.append(Curve(branch, t[here], mean[here], rms[here], stick))
-    told = tuple(one.told() for one in (signal, speed) if one.told())
+    told = tuple(filter(None, (signal.told(), replace(speed, note="").told())))  # a speed is slow: nothing is folded
     return Hysteresis(
         scene_name(run), signal.name, signal.unit, speed.name, speed.unit, window, hertz, tuple(curves),
         0.0 if sticks is None else float(np.median(np.diff(run.time))), met, told, lost,

@@ -14,18 +14,24 @@ MEASURED, TRUE = "meas/", "truth/"
 """What stands before a name where a sensor and a plant output share it."""
 _VIBRATION = ("m/s^2", "m/s", "Pa", "m")
 """Units of a vibration, the one that tells most of it first."""
+_WHOLE = 0.99
+"""Of the steps of the plant: with fewer of them recorded, an output is thinned out."""
 _DRIVES = ("disc_speed", "surface_speed")
 
 
 @dataclass(frozen=True)
 class Series:
-    """Samples `v` [n] of `name` in `unit`, at `rate` [Hz], the first at `start` [s]; NaN where one is missing."""
+    """Samples `v` [n] of `name` in `unit`, at `rate` [Hz], the first at `start` [s]; NaN where one is missing.
+
+    `note`: what else a reader must know of them, in words.
+    """
 
     name: str
     unit: str
     rate: float
     start: float
     v: Reals
+    note: str = ""
 
     @property
     def t(self) -> Reals:
@@ -49,12 +55,15 @@ class Series:
         return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
     def told(self) -> str:
-        """What is missing, in words; "" if nothing is."""
+        """What is missing, and the note, in words; "" if there is neither."""
         if not self.missing:
-            return ""
+            return self.note
         longest = max(b - a for a, b in self.gaps)
-        return (f"{self.missing} of {self.v.size} samples of {self.name} are missing, in {len(self.gaps)} gaps; "
-                f"the longest takes {longest / self.rate:.3g} s")  # fmt: skip
+        gaps = (
+            f"{self.missing} of {self.v.size} samples of {self.name} are missing, in {len(self.gaps)} gaps; "
+            f"the longest takes {longest / self.rate:.3g} s"
+        )
+        return "; ".join(filter(None, (gaps, self.note)))
 
 
 def places(t_ns: Integers) -> Integers:
@@ -109,8 +118,14 @@ def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) 
     grid = np.full(int(at[-1]) + 1, np.nan)
     grid[at] = v
     rate = 1e9 * int(at[-1]) / int(t_ns[-1] - t_ns[0])
-    unit = run.units.get(plain if name.startswith(TRUE) or plain not in run.measurements else MEASURED + plain, "")
-    return Series(plain, unit, rate, float(t_ns[0] * 1e-9), grid)
+    output = name.startswith(TRUE) or plain not in run.measurements
+    note = ""
+    if output and rate * run.step_ns * 1e-9 < _WHOLE:
+        note = (f"{plain} is an output of the plant, recorded at {rate:.4g} Hz and not filtered: vibration above "
+                f"{0.5 * rate:.4g} Hz is folded down; a sensor has all of its samples")  # fmt: skip
+    return Series(
+        plain, run.units.get(plain if output else MEASURED + plain, ""), rate, float(t_ns[0] * 1e-9), grid, note
+    )
 
 
 def _samples(run: Run, name: str) -> tuple[str, Samples]:

@@ -247,5 +247,6 @@ def gaps_told(gaps: str, bridged: int, left_out: int) -> Iterator[str]:
     """What is missing and what was done about it, in lines."""
     if gaps:
         yield f"  {gaps}"
+    if bridged or left_out:
         yield (f"  {bridged} of them are bridged by lines over gaps of up to {_BRIDGED} samples; "
                f"{left_out} windows with longer gaps are left out")  # fmt: skip
