@@ -1,11 +1,15 @@
 """How a process ends: at once, with its code, and with all it had to say."""
 
 import os
+import queue
 import signal
 import subprocess
 import sys
+import threading
 
 import pytest
+
+from rig.bus.waiting import patiently
 
 CODE = """
 import atexit, sys, threading, time
@@ -110,6 +114,22 @@ print("done")
 """
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
     assert found.stdout == "done\n", found.stderr
+
+
+@pytest.mark.skipif(not hasattr(signal, "pthread_sigmask"), reason="signals cannot wait there")
+def test_a_wait_leaves_the_signals_as_they_were():
+    waiting, held = queue.SimpleQueue(), signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGHUP})
+    try:
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, ())
+        with pytest.raises(queue.Empty):
+            patiently(waiting, 0.12)
+        waiting.put("first")
+        assert patiently(waiting, 0.12) == "first"
+        threading.Timer(0.05, waiting.put, ("late",)).start()
+        assert patiently(waiting, 5.0) == "late"
+        assert signal.pthread_sigmask(signal.SIG_BLOCK, ()) == before
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, held)
 
 
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])

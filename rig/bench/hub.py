@@ -107,6 +107,9 @@ class Hub:
         self._full_ns = 0
         """When samples have to be collected next [ns]."""
         self._applied: dict[str, Publisher] = {}
+        session.before_batches(self._complete)
+        self.single = True
+        """Whether each frame is a piece by itself."""
         self._told = 0
         self.acts = session.subscribe("act/*", depth=_ACTS, stamped=not waits)
         self._voices: dict[str, str] = {}
@@ -129,12 +132,13 @@ class Hub:
 
     def receive(self) -> None:
         """Hand on the commands that have arrived."""
+        receive = self.operation.exchange.receive
         for _ in range(_ACTS):
             found = self.command()
             if found is None:
                 return
             name, act = found
-            self.operation.exchange.receive(name, act.tick, tuple(act.values))
+            receive(name, act.tick, tuple(act.values))
 
     def command(self, timeout: float = 0.0) -> tuple[str, Any] | None:
         """Sender and content of the oldest command, waited for at most `timeout` [s]; its round trip is noted."""
@@ -199,10 +203,10 @@ class Hub:
         """Tell the controllers what the sensors say at this tick; again if nobody answered the first time."""
         stand = self.stand
         tick, t_ns, bank = stand.tick, stand.t_ns, stand.bank
-        if self._put_at[tick % _REMEMBERED][0] != tick:
+        if self.asked != tick:
             self._put_at[tick % _REMEMBERED] = (tick, time.monotonic_ns())
             self.asked = tick
-        samples = {i: bank.samples(i) for i in self._heard}
+        samples = {i: bank.samples(i) for i in self._heard} if self._heard else None
         self._step.put(encode.step(tick, t_ns, bank.latest, bank.fresh, samples), t_ns)
 
     def hear(self, sensors: Collection[str]) -> None:
@@ -246,14 +250,39 @@ class Hub:
         return (self.stand.tick // self._state_ticks + 1) * self._state_ticks
 
     def put_applied(self) -> None:
-        """Publish the commands that took effect in this piece."""
-        t_ns = self.stand.t_ns
+        """Publish the commands that took effect: those of a piece of several frames in one message, others singly."""
+        frame_ns, now = self.stand.frame_ns, self.stand.t_ns
         for name, line in self.operation.exchange.all_lines.items():
-            if (taken := line.taken()) is not None:
-                publisher = self._applied.get(name)
-                if publisher is None:
-                    publisher = self._applied[name] = self.session.publisher(f"applied/{name}")
-                publisher.put(encode.commands(self.stand.frame_ns, *taken), t_ns)
+            if (taken := line.taken()) is None:
+                continue
+            publisher, (*rows, values), count = self._applied_of(name), taken, len(line.drives)
+            if not self.single:
+                publisher.put(encode.commands(frame_ns, *taken), now)
+                continue
+            for i, (tick, answered, status) in enumerate(zip(*rows)):
+                one = values[i * count : (i + 1) * count]
+                payload = encode.applied(tick, tick * frame_ns, answered, status, one)
+                publisher.put(payload, min((tick + 1) * frame_ns, now))
+
+    def carries(self, frames: int) -> None:
+        """The next piece is one of so many frames."""
+        if self.single is not (frames == 1):
+            self.put_applied()
+            self.single = frames == 1
+
+    def _complete(self) -> None:
+        """Add to a batch that is about to be sent what is not put in each frame.
+
+        The commands of twenty frames at a time take a fifth of the time that they take frame by frame.
+        """
+        if self.single:
+            self.put_applied()
+
+    def _applied_of(self, name: str) -> Publisher:
+        publisher = self._applied.get(name)
+        if publisher is None:
+            publisher = self._applied[name] = self.session.publisher(f"applied/{name}")
+        return publisher
 
     def put_rest(self) -> None:
         """Send the blocks that are not full: nothing comes after them."""

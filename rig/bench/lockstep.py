@@ -34,11 +34,15 @@ class Lockstep:
 
     def ask(self) -> None:
         """Send the step of this tick."""
-        tick, present = self._stand.tick, self._hub.watch.present
-        lines = self._lines
-        here = {name for role, name in present if role == "controller" and name in lines} - self._hub.in_plant
-        self._evicted &= here
-        self._due = {name for name in here - self._evicted if tick % lines[name].period == 0}
+        tick, present, in_plant = self._stand.tick, self._hub.watch.present, self._hub.in_plant
+        self._due = {
+            name
+            for name, line in self._lines.items()
+            if tick % line.period == 0 and ("controller", name) in present and name not in in_plant
+        }
+        if self._evicted:
+            self._evicted = {name for name in self._evicted if name in self._lines and ("controller", name) in present}
+            self._due -= self._evicted
         self._hub.put_step()
 
     def wait(self) -> None:

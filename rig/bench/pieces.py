@@ -11,6 +11,7 @@ from collections.abc import Collection
 from math import gcd
 
 from rig.bench.operation import Operation
+from rig.bench.timing import Timing
 from rig.scenes.scene import Scene
 
 LONGEST_NS = 1_000_000
@@ -53,8 +54,10 @@ class Pieces:
         in_plant = self._scene.in_plant
         return length(self._scene, self._pace, [o.period for name, o in self._lines.items() if name not in in_plant])
 
-    @property
-    def left(self) -> int:
-        """Frames from the present tick up to the first tick of the next piece."""
+    def next(self, timing: Timing) -> int:
+        """Frames from the present tick up to the first tick of the next piece; `timing` is told of another length."""
+        if self._short:
+            return 1
         whole = self.length
+        timing.resize(whole)
         return whole - self._stand.tick % whole

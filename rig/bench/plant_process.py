@@ -180,8 +180,8 @@ class Plant:
         attendant, rows = self.attendant, self.timing
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
-            rows.resize(self.pieces.length)
-            frames = self.pieces.left
+            frames = self.pieces.next(rows)
+            hub.carries(frames)
             begin, late = pacer.wait(frames)
             spent = processor()
             hub.receive()
@@ -196,7 +196,8 @@ class Plant:
             self.in_plant.poll()
             goes_on = self._carry(frames)
             done = clock()
-            hub.put_applied()
+            if frames > 1:
+                hub.put_applied()
             hub.put_events()
             told = clock()
             if attendant.look(told):
@@ -225,10 +226,11 @@ class Plant:
         answers = Lockstep(hub, attendant, lambda: bool(self._stopping()))
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
-            rows.resize(self.pieces.length)
-            frames = self.pieces.left
-            begin, late = pacer.wait(frames) if pacer is not None else (clock(), 0)
-            spent = processor()
+            frames = self.pieces.next(rows)
+            hub.carries(frames)
+            if pacer is not None:
+                begin, late = pacer.wait(frames)
+                spent = processor()
             hub.gather()
             if not operation.begin() or self._ends(pacer):
                 return
@@ -239,7 +241,8 @@ class Plant:
             answered = clock()
             goes_on = self._carry(frames)
             done = clock()
-            hub.put_applied()
+            if frames > 1:
+                hub.put_applied()
             hub.put_events()
             told = clock()
             if attendant.look(told):

@@ -124,7 +124,12 @@ def carry_on(operation: Operation, working: Sequence[Working], until: int, insid
 
     `inside`: what lends them to the compiled loop, for who calls this often.
     """
-    stand, exchange, inside = operation.stand, operation.exchange, inside or Inside(operation)
+    stand, exchange = operation.stand, operation.exchange
+    if until - stand.tick == 1 and not working:  # each frame of a run whose controllers have processes
+        operation.take_over()
+        stand.frames(1)
+        return
+    inside = inside or Inside(operation)
     heard, others = ([one for one in working if one.line.connected is on] for on in (True, False))
     while True:
         for one in working:

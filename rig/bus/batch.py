@@ -23,37 +23,35 @@ class Batch:
     """Collects messages and hands them to `send` as one payload. For one thread."""
 
     def __init__(self, send: Callable[[bytes], None]) -> None:
+        self.gather: Callable[[], object] = lambda: None
+        """Called before a batch is sent, to add what is collected elsewhere."""
         self._send = send
         self._places: dict[tuple[str, str], int] = {}
         """(user, topic) -> place in the batch."""
-        self._place: list[int] = []
-        self._headers: list[bytes] = []
-        self._said: list[bytes] = []
+        self._rows: list[tuple[int, bytes, bytes]] = []
         self._size, self._due = 0, 0
 
     def add(self, user: str, topic: str, header: bytes, payload: bytes) -> None:
         """A message that `user` says on `topic`; `header`: its number and time as they are sent with it."""
-        now = time.monotonic_ns()
-        if not self._said:
+        now, places = time.monotonic_ns(), self._places
+        if not self._rows:
             self._due = now + WAITS_NS
-        places = self._places
         place = places.get((user, topic))
         if place is None:
             place = places[user, topic] = len(places)
-        self._place.append(place)
-        self._headers.append(header)
-        self._said.append(payload)
+        self._rows.append((place, header, payload))
         self._size += len(payload)
         if self._size >= LONGEST or now >= self._due:
             self.flush()
 
     def flush(self) -> None:
         """Send what has been collected."""
-        if not self._said:
+        self._size, self._due = 0, time.monotonic_ns() + WAITS_NS  # what is added now must not begin this anew
+        self.gather()
+        if not self._rows:
             return
         users, names = zip(*self._places)
-        batch = messages.TYPES["Batch"](
-            user=users, topic=names, place=self._place, header=self._headers, said=self._said
-        )
-        self._places, self._place, self._headers, self._said, self._size = {}, [], [], [], 0
+        places, headers, said = zip(*self._rows)
+        batch = messages.TYPES["Batch"](user=users, topic=names, place=places, header=headers, said=said)
+        self._places, self._rows, self._size = {}, [], 0
         self._send(batch.SerializeToString())

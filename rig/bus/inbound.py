@@ -7,6 +7,7 @@ and nobody behind the door sees it. No content of a message raises an exception 
 
 from __future__ import annotations
 
+import struct
 import time
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, TypeVar
@@ -49,6 +50,18 @@ class _Granted(NamedTuple):
     check: Callable[[str, Any, dict[str, Count], Count, float], None] | None
 
 
+class Row(NamedTuple):
+    """The messages of one user on one topic, of which a receiver has let in the first."""
+
+    user: str
+    topic: str
+    granted: _Granted
+    counts: dict[str, Count]
+    seen: Count
+    granted_by: object
+    """`Door.granted` of then: another one knows another scene."""
+
+
 class Door:
     """What one session lets in. `reserved`: names that only a user of that name may speak for."""
 
@@ -74,7 +87,7 @@ class Door:
     def learn(self, outputs: Sequence[str], sensors: Sequence[str]) -> None:
         """Know the scene: from here on `state` is decoded too, and what its stand does not have is refused."""
         self._state, self._sensors = messages.state_type(outputs).FromString, len(sensors)
-        self.granted.clear()
+        self.granted = {}
         self._names = {"meas": frozenset(sensors), "truth": frozenset([*outputs, "mode"])}
 
     def let_in(self, read: Callable[[A], T], arrived: A) -> T | None:
@@ -160,6 +173,35 @@ class Door:
         if (user, topic) not in self.granted:  # not before: what is refused takes no room
             self.granted[user, topic] = granted
         count.see(seq, now)
+        return Message(topic, payload, seq, t_ns, arrived_ns, said, user)
+
+    def row(self, user: str, topic: str, counts: dict[str, Count]) -> Row | None:
+        """What is known of the messages of a user on a topic; None before one has been let in and counted."""
+        granted, count = self.granted.get((user, topic)), counts.get(topic)
+        if granted is None or granted.read is None or count is None:
+            return None
+        return Row(user, topic, granted, counts, count, self.granted)
+
+    def usual(self, row: Row, data: bytes, arrived_ns: int) -> Message | None:
+        """The message in `data`, behind its number and time, if it is the next one of its row and nothing is wrong.
+
+        It is counted then. None: `message` has to judge.
+        """
+        user, topic, granted, counts, count, _ = row
+        try:
+            seq, t_ns = HEADER.unpack_from(data)  # a deletion has no data
+            if seq != count.last + 1 or t_ns >= TIMES_NS or len(data) > PAYLOAD:
+                return None
+            payload = data[HEADER.size :]
+            said = granted.read(payload)  # type: ignore[misc]  # see `row`
+            for name, limit in granted.bounds:
+                if not 0 <= getattr(said, name) < limit:
+                    return None
+            if granted.check is not None:
+                granted.check(topic, said, counts, count, time.monotonic())
+        except (struct.error, DecodeError, BusError):
+            return None
+        count.next(seq)
         return Message(topic, payload, seq, t_ns, arrived_ns, said, user)
 
     def opened(self, arrived: Arrived) -> list[Arrived]:

@@ -8,6 +8,7 @@ other, and the default configuration would listen on all interfaces.
 from __future__ import annotations
 
 import json
+import os
 import socket
 from collections.abc import Iterable
 from pathlib import Path
@@ -22,6 +23,10 @@ from rig.bus.session import ZenohSession
 from rig.errors import BusError
 
 _PRIORITIES = ("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low")
+_OTHERS = ", ".join(f"{other}: (handover: app)" for other in ("acc", "net", "rx", "tx"))
+_ONE_THREAD = f"(app: (worker_threads: 1), {_OTHERS})"
+"""One thread for all of Zenoh in place of five: to hand a message from one to the next takes longer than to send it."""
+os.environ.setdefault("ZENOH_RUNTIME", _ONE_THREAD)  # Zenoh reads it when a process opens its first session
 _LEASE_MS = 30_000
 """Time that a process may hang before the others give its connection up. One that dies is noticed at once."""
 

@@ -53,7 +53,8 @@ _KINDS = {
     "data": FieldDescriptorProto.TYPE_BYTES,
 }
 
-FINGERPRINT = hashlib.sha256(repr(sorted(DECLARED.items())).encode()).hexdigest()[:8]
+_FRAMING = "number and time before the payload"
+FINGERPRINT = hashlib.sha256(repr((_FRAMING, sorted(DECLARED.items()))).encode()).hexdigest()[:8]
 """Changes with any edit of the declaration; goes with every message, so that strangers are told apart."""
 
 

@@ -1,7 +1,7 @@
 """What a process sees of the bus: publishers, receivers, signs of life, and the session that has them.
 
 The classes here count; how bytes travel is the business of `rig.bus.session` (Zenoh, between processes) and
-`rig.bus.twin` (within one process). Every message carries 16 bytes beside its payload: its number on this topic,
+`rig.bus.twin` (within one process). Every message carries 16 bytes before its payload: its number on this topic,
 counted from 0 by the publisher, and the simulated time. A receiver that finds a number missing has lost a message;
 what was lost after the last one it got shows when the sender tells its totals.
 """
@@ -12,6 +12,7 @@ import json
 import time
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Callable
 from typing import Any
 
 from rig.bus import messages, topics
@@ -56,6 +57,10 @@ class Receiver(ABC):
     def _arrived(self, found: Any) -> Arrived:
         """What was delivered, unread."""
 
+    def _usual(self, found: Any) -> Message | None:
+        """The message, where nothing is unusual about what was delivered: let in with less, counted, copied."""
+        return None
+
     def _wanted(self, topic: str) -> bool:
         """Whether a topic fits."""
         wanted = self._wants.get(topic)
@@ -70,20 +75,19 @@ class Receiver(ABC):
             raise Refused("not asked for", f"{arrived.topic[:80]} does not fit {', '.join(self.patterns)}")
         return self.door.message(arrived, self.counts)
 
-    def _take(self, timeout: float) -> Arrived | None:
-        """The next message that waits, out of a batch or by itself; None after `timeout` seconds."""
-        if self._opened:
-            return self._opened.popleft()
-        found = self._next(timeout)
-        return None if found is None else self._arrived(found)
-
     def get(self, timeout: float = 0.0) -> Message | None:
         """The oldest message that is let in, waited for at most `timeout` seconds; None if there is none."""
         deadline = time.monotonic() + timeout if timeout else 0.0
         for _ in range(_MOST):
-            arrived = self._take(timeout)
-            if arrived is None:
-                return None
+            if self._opened:
+                arrived = self._opened.popleft()
+            else:
+                found = self._next(timeout)
+                if found is None:
+                    return None
+                if (message := self._usual(found)) is not None:
+                    return message
+                arrived = self._arrived(found)
             if arrived.topic == "batch":
                 inside = self.door.let_in(self.door.opened, arrived) or ()
                 self._opened.extend([one for one in inside if self._wanted(one.topic)])
@@ -241,6 +245,11 @@ class Session(ABC):
                 made = Copied if way == topics.LOOP else InOrder
                 self._publishers[topic] = made(self._publisher(topic), batch)
         return self._publishers[topic]
+
+    def before_batches(self, gather: Callable[[], object]) -> None:
+        """Call `gather` before a batch is sent: it puts what a plant has collected until then."""
+        if self._batch is not None:
+            self._batch.gather = gather
 
     def flush(self) -> None:
         """Send what waits for its batch."""

@@ -78,10 +78,11 @@ class Server(ABC):
 
         A question that cannot be read or carried out is refused, whatever it breaks; the asker is told why.
         """
-        answered, waiting = 0, self._later
-        self._later = []
-        for asked, body, later in waiting:
-            self._serve(asked, body, later)
+        if self._later:
+            waiting, self._later = self._later, []
+            for asked, body, later in waiting:
+                self._serve(asked, body, later)
+        answered = 0
         while answered < _QUESTIONS and (request := self._next(0.0 if answered else timeout)) is not None:
             answered += 1
             found = self.door.let_in(self.door.question, request.asked)

@@ -18,9 +18,9 @@ import zenoh
 from rig.bus import messages, topics
 from rig.bus.access import Seat, take_seat
 from rig.bus.address import Claim, is_live
-from rig.bus.arrivals import Arrived
+from rig.bus.arrivals import HEADER, Arrived, Message
 from rig.bus.batch import Batch
-from rig.bus.inbound import Door
+from rig.bus.inbound import Door, Row
 from rig.bus.port import PRESENCES, Receiver, Session, Watch
 from rig.bus.publisher import Publisher
 from rig.bus.questions import WAITING, Answer, Request, Server
@@ -35,11 +35,11 @@ _PUT = zenoh.SampleKind.PUT
 class _Publisher(Publisher):
     def __init__(self, topic: str, publisher: zenoh.Publisher) -> None:
         super().__init__(topic)
-        self._zenoh = publisher
+        self._put = publisher.put
 
     def send(self, payload: bytes, header: bytes) -> None:
         try:
-            self._zenoh.put(payload, attachment=header)
+            self._put(header + payload)
         except zenoh.ZError as fault:
             raise BusError(f"{self.topic} could not be sent: {fault}") from None
 
@@ -60,6 +60,8 @@ class _Receiver(Receiver):
         self._prefix = prefix
         self._who: dict[str, tuple[str, str]] = {}
         """Key -> user and topic."""
+        self._rows: dict[str, Row] = {}
+        """Key -> what is known of the messages under it, once one has been let in."""
 
     def _arrived(self, found: tuple[zenoh.Sample, int]) -> Arrived:
         sample, arrived_ns = found
@@ -70,9 +72,26 @@ class _Receiver(Receiver):
                 self._who.clear()
             who = self._who[key] = _who(key, self._prefix)
         user, topic = who
-        attached, encoding = sample.attachment, "" if who in self.door.granted else str(sample.encoding)
-        header = attached.to_bytes() if attached is not None else None
-        return Arrived(user, topic, sample.payload.to_bytes(), header, sample.kind == _PUT, encoding, arrived_ns)
+        data, encoding = sample.payload.to_bytes(), "" if who in self.door.granted else str(sample.encoding)
+        header, payload = data[: HEADER.size], data[HEADER.size :]
+        return Arrived(user, topic, payload, header, sample.kind == _PUT, encoding, arrived_ns)
+
+    def _usual(self, found: tuple[zenoh.Sample, int]) -> Message | None:
+        sample, arrived_ns = found
+        key = str(sample.key_expr)
+        row = self._rows.get(key)
+        if row is None or row.granted_by is not self.door.granted:
+            row = self.door.row(*_who(key, self._prefix), self.counts)
+            if row is None or not self._wanted(row.topic):
+                return None
+            if len(self._rows) >= _KEYS:
+                self._rows.clear()
+            self._rows[key] = row
+        data = sample.payload.to_bytes()
+        message = self.door.usual(row, data, arrived_ns)
+        if message is not None and self._copies is not None:
+            self._copies.add(row.user, row.topic, data[: HEADER.size], message.payload)
+        return message
 
 
 class _Queued(_Receiver):

@@ -7,12 +7,14 @@ import signal
 import threading
 import time
 from contextlib import suppress
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 _SLICE_S = 0.1
 """Longest time that a signal waits. # chosen"""
-_MASK = getattr(signal, "pthread_sigmask", None)
-_SIGNALS = {s for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU") if (s := getattr(signal, name, None)) is not None}
+_MASK: Any = getattr(signal, "pthread_sigmask", None)
+_MASK = getattr(_MASK, "__wrapped__", _MASK)  # what it is called through makes enums of numbers, which takes 10 us
+_SIGNALS = tuple(int(getattr(signal, s)) for s in ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU") if hasattr(signal, s))
+_BLOCK, _RESTORE = (int(getattr(signal, name, 0)) for name in ("SIG_BLOCK", "SIG_SETMASK"))
 
 T = TypeVar("T")
 
@@ -23,19 +25,21 @@ def patiently(waiting: queue.SimpleQueue[T], timeout: float) -> T:
     In the main thread signals wait until a slice of the time is over: a handler that outlasts the timeout would make
     `SimpleQueue.get` wait for ever (CPython 3.11: the time that is left is negative then).
     """
-    if _MASK is None or threading.current_thread() is not threading.main_thread():
-        return waiting.get(timeout=timeout)
-    deadline = time.monotonic() + timeout
+    if waiting.qsize():
+        return waiting.get_nowait()
+    if _MASK is None or threading.get_ident() != threading.main_thread().ident:
+        return waiting.get(True, timeout)
+    deadline, left = time.monotonic() + timeout, timeout
     while True:
-        left = deadline - time.monotonic()
-        before = _MASK(signal.SIG_BLOCK, _SIGNALS)
+        before = _MASK(_BLOCK, _SIGNALS)
         try:
-            return waiting.get(timeout=min(max(left, 0.0), _SLICE_S))
+            return waiting.get(True, left if left < _SLICE_S else _SLICE_S)
         except queue.Empty:
             if left <= _SLICE_S:
                 raise
         finally:
-            _MASK(signal.SIG_SETMASK, before)
+            _MASK(_RESTORE, before)
+        left = max(deadline - time.monotonic(), 0.0)
 
 
 class Inbox(Generic[T]):
@@ -54,6 +58,8 @@ class Inbox(Generic[T]):
 
     def take(self, timeout: float) -> T | None:
         """The oldest, waited for at most `timeout` seconds; None if there is none."""
+        if timeout <= 0.0 and not self._queue.qsize():  # nearly always so, and an exception takes longer
+            return None
         try:
             return patiently(self._queue, timeout) if timeout > 0.0 else self._queue.get_nowait()
         except queue.Empty:

@@ -58,7 +58,7 @@ def test_passwords_are_private_new_for_every_run_and_gone_after_it(runs):
 def put(session, key, seq=0):
     """A command that would be taken if it came from the right user."""
     act = encode.act(0, 0, [1.0])
-    session.put(key, act, attachment=HEADER.pack(seq, 0), encoding=messages.encoding("act/nf"))
+    session.put(key, HEADER.pack(seq, 0) + act, encoding=messages.encoding("act/nf"))
 
 
 def test_only_its_own_user_speaks_for_a_controller(plant):
@@ -219,9 +219,8 @@ def test_a_guest_that_speaks_first_on_a_topic_locks_nobody_out(plant):
     with raw("guest-5") as stranger, bus.join("guarded", role="controller", name="mine") as mine:
         act = encode.act(0, 0, [1.0])
         for topic in ("act/mine", *(f"act/z{i}" for i in range(300))):
-            stranger.put(
-                f"loop/guarded/guest-5/{topic}", act, attachment=HEADER.pack(0, 0), encoding=messages.encoding(topic)
-            )
+            key, encoding = f"loop/guarded/guest-5/{topic}", messages.encoding(topic)
+            stranger.put(key, HEADER.pack(0, 0) + act, encoding=encoding)
         mine.publisher("act/mine").put(encode.act(0, 0, [2.0]), 0)
         deadline, found = time.monotonic() + 5.0, {}
         while sum(map(len, found.values())) < 17 and time.monotonic() < deadline:

@@ -312,6 +312,36 @@ def test_numbers_that_cannot_be_are_not_counted_as_losses():
     assert counts["act/nf"] == Count(received=2, lost=1, first=7, last=9, at=counts["act/nf"].at)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_the_short_way_in_lets_in_and_counts_what_the_door_would(seed):
+    """Most messages are the next of their row and take the short way; the others are left to the door."""
+    rng = random.Random(seed)
+    strict, short, counts, others = Door(frozenset({"plant"})), Door(frozenset({"plant"})), {}, {}
+    seq, tick, passed = {"step": 0, "act/nf": 0}, 0, 0
+    for _ in range(2000):
+        topic, user = rng.choice((("step", "plant"), ("act/nf", "nf")))
+        tick += 1
+        payload = encode.step(tick, tick * MS, [0.0], np.ones(1, np.int64)) if topic == "step" else _told(rng, topic)
+        wrong = rng.random()
+        number = seq[topic] if wrong < 0.9 else rng.choice((0, seq[topic] + 2, 2**64 - 1))
+        header = HEADER.pack(number, 0 if wrong < 0.97 else 2**64 - 1) if wrong < 0.99 else b"abc"
+        payload = payload if rng.random() < 0.97 else payload[: rng.randrange(len(payload) + 1)] + b"\xff"
+        found = Arrived(user, topic, payload, header, True, messages.encoding(topic))
+        judged = strict.let_in(lambda one: strict.message(one, counts), found)
+        row = short.row(user, topic, others)
+        message = None if row is None else short.usual(row, header + payload, 0)
+        passed += message is not None
+        if message is None:
+            message = short.let_in(lambda one: short.message(one, others), found)
+        assert message == judged or (message[:5] == judged[:5] and repr(message.said) == repr(judged.said))
+        if judged is not None:
+            seq[topic] = number + 1
+    assert 500 < passed < 2000
+    assert strict.refused == short.refused
+    told = [{t: (c.received, c.lost, c.first, c.last, c.tick) for t, c in one.items()} for one in (counts, others)]
+    assert told[0] == told[1]
+
+
 def test_a_backlog_that_is_read_at_one_instant_is_let_in(monkeypatch):
     """A process was stopped for 12 s: some of what was sent meanwhile arrives, more is dropped, then comes the rest."""
     door, counts, now = Door(frozenset({"plant"})), {}, 1000.0

@@ -330,6 +330,22 @@ def test_a_batch_is_sent_when_it_is_old_or_long(wire):
     assert [m.seq for m in gather(heard, 2)] == [2, 3]
 
 
+def test_a_batch_that_is_long_is_sent_at_once_with_what_was_collected_for_it(wire):
+    seen = ready(wire)
+    one = wire.join()
+    heard = one.subscribe("meas/*", "applied/*")
+    one.announce()
+    assert seen()
+    laser, collected = wire.plant.publisher("meas/laser"), wire.plant.publisher("applied/one")
+    wire.plant.before_batches(lambda: collected.put(b"", 7))
+    laser.put(b"", 0)
+    assert heard.get(0.05) is None
+    laser.put(encode.block(0, 0, 1, np.zeros(LONGEST // 8)), 1)
+    assert [(m.topic, m.seq) for m in gather(heard, 3)] == [("meas/laser", 0), ("meas/laser", 1), ("applied/one", 0)]
+    wire.plant.publisher("event/plant").put(messages.event(5, 0, "plant", "mark", "after that"), 5)
+    assert [(m.topic, m.seq) for m in gather(heard, 1)] == [("applied/one", 1)]
+
+
 def test_of_a_lost_batch_each_message_is_counted(runs):
     """Two batches come, of three: the numbers of the messages show what was in the other one."""
     twin = Twin("test")
