@@ -38,7 +38,7 @@ def upper_speed(p: Parameters) -> float:
     stiffness = (1.0 + kinetic * tip.relief) * tip.stiffness
     damping = tip.damping + (1.0 + kinetic * tip.relief) * material
     rate, decay = math.sqrt(stiffness / tip.mass), 0.5 * damping / tip.mass
-    if decay >= rate:
+    if decay >= rate or static <= kinetic:  # nothing swings; nothing drops
         return 0.0
     swing = math.sqrt(rate**2 - decay**2)
     rest = kinetic * force / stiffness

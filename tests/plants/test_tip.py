@@ -12,7 +12,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import rig
-from rig.errors import SceneError
+from rig.errors import SceneError, UsageError
 from rig.plants.tip import Inclination
 from rig.study.stages import stages
 from rig.study.upper_speed import upper_speed
@@ -189,6 +189,12 @@ def test_upper_speed_comes_near_the_formula_for_little_damping():
     step = 1000.0 * 0.2 * LOAD / scene.parameters.tip.stiffness
     expected = step / math.sqrt(math.expm1(4.0 * math.pi * 0.001))
     assert upper_speed(scene.parameters) == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_law_over_speed_has_no_closed_form_and_equal_coefficients_no_upper_speed():
+    with pytest.raises(UsageError, match="friction.law = 'exponential'"):
+        upper_speed(rig.load("tip_epoxy").parameters)
+    assert upper_speed(rig.load("tip", {"friction.mu_static": 0.2}).parameters) == 0.0
 
 
 def ramped(zeta):
