@@ -192,7 +192,7 @@ def test_upper_speed_comes_near_the_formula_for_little_damping():
 
 
 def test_a_law_over_speed_has_no_closed_form_and_equal_coefficients_no_upper_speed():
-    with pytest.raises(UsageError, match="friction.law = 'exponential'"):
+    with pytest.raises(UsageError, match=r"friction\.law = 'exponential'"):
         upper_speed(rig.load("tip_epoxy").parameters)
     assert upper_speed(rig.load("tip", {"friction.mu_static": 0.2}).parameters) == 0.0
 
