@@ -11,7 +11,10 @@
 PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
-TIMED := tests/bench tests/bus tests/controllers/test_process.py tests/record tests/test_child.py tests/test_process.py tests/view/test_bridge.py
+PROCESSES := $(addprefix tests/bench/test_,in_plant.py pace.py plant.py recorder_outcome.py runs.py) \
+  $(addprefix tests/bus/test_,access.py fuzz.py processes.py session.py) $(addsuffix /test_process.py,tests tests/controllers tests/record) \
+  tests/test_child.py tests/view/test_bridge.py
+DAILY := not slow and not bench
 RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check
 
@@ -32,9 +35,10 @@ $(VENV)/.installed: requirements.lock pyproject.toml
 demo: install # a busy machine makes the timing invalid (3) and says so; the demonstration is none the worse
 	@$(BIN)/rig demo || [ $$? -eq 3 ]
 
-test: install # those with processes that keep time have the machine to themselves, after the others have compiled
-	@$(RUN) pytest -n 2 --dist loadfile $(addprefix --ignore=,$(TIMED))
-	@$(RUN) pytest $(TIMED)
+test: install # what computes; then processes, which mostly wait, two tests at a time; then what judges time, alone
+	@$(RUN) pytest -n 2 --dist loadfile $(addprefix --ignore=,$(PROCESSES))
+	@$(RUN) pytest -n 2 --dist worksteal -m "$(DAILY) and not alone" $(PROCESSES)
+	@$(RUN) pytest -m "$(DAILY) and alone" $(PROCESSES)
 
 test-slow: install
 	@$(RUN) pytest -m slow

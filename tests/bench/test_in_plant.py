@@ -314,6 +314,7 @@ def test_one_that_fails_within_a_piece_ends_at_its_tick(monkeypatch):
     assert ran.summary["verdict"] != "VALID"
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("period", [0.003, 0.0004])
 def test_one_in_its_own_process_is_asked_whenever_it_is_due(period):
     scene = fine(period=period)

@@ -174,6 +174,7 @@ def test_the_load_is_that_of_now_not_of_the_minute_before(monkeypatch):
     assert pace.load(Spent(0, -1), Spent(100 * MS, -1)) == 7.0  # nobody tells: the mean is all there is
 
 
+@pytest.mark.alone
 @pytest.mark.skipif(not Path("/proc/stat").exists(), reason="reads what Linux tells")
 def test_what_others_spend_is_seen_and_what_this_process_spends_is_not():
     before, spent = pace.spent(), [0, 0]
@@ -191,6 +192,7 @@ def test_what_others_spend_is_seen_and_what_this_process_spends_is_not():
     assert before.others >= 0
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("spin_ns", [0, 100_000])
 def test_the_wall_clock_waits_for_its_deadline(spin_ns):
     sharpen_timers()

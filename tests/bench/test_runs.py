@@ -118,6 +118,7 @@ def same_bits(log, run):
         assert np.array_equal(log.commands[name].tick, known.tick)
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("load", [0, 3])
 def test_lockstep_gives_the_bits_of_a_run_in_one_process(folder, load):
     busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(load)]
@@ -142,6 +143,7 @@ def test_so_do_a_loop_at_20_khz_and_one_that_hears_every_sample(folder, name, ch
     in_lockstep(folder, scenes.load(name, changes), duration)
 
 
+@pytest.mark.alone
 def test_a_loop_at_20_khz_runs_live(folder):
     """The squeal of the brake is damped at the pace of the wall clock, with the bits of a run in one process."""
     scene = scenes.load("brake_active")
@@ -208,6 +210,7 @@ def picture(folder, monkeypatch):
     return folder / "run.rrd"
 
 
+@pytest.mark.alone
 def test_a_paced_run_loses_nothing(folder, picture):
     scene = scenes.load(SCENE, {"sensors.vibrometer.rate": "10 kHz"})
     going = Going(scene, duration=5.0, view=True, out=folder / "run.mcap")
@@ -234,6 +237,7 @@ def test_a_paced_run_loses_nothing(folder, picture):
     same_bits(log, again)
 
 
+@pytest.mark.alone
 def test_the_plant_goes_on_without_the_others_and_a_second_run_beside_is_not_touched(folder, picture):
     first = Going(scenes.load(SCENE), duration=100.0, view=True, out=folder / "first.mcap", name="first")
     second = Going(scenes.load("belt"), duration=4.0, out=folder / "second.mcap", name="second")
@@ -401,6 +405,7 @@ def stalled(scene, path, who, seconds):
     return outcome, rig.open(path)
 
 
+@pytest.mark.alone
 def test_a_plant_that_hung_for_three_seconds_has_lost_nobody(folder, tmp_path):
     outcome, run = stalled(scenes.load(SCENE), tmp_path / "run.mcap", "rig.bench.plant_process", 3.0)
     assert outcome.died == ()

@@ -158,6 +158,7 @@ def test_messages_of_another_version_are_refused(runs, monkeypatch):
         bus.join("new", role="controller", name="c")
 
 
+@pytest.mark.alone
 def test_a_hung_listener_never_holds_the_plant_and_its_loss_is_counted(runs, script):
     with bus.host("stopped") as plant:
         watch = plant.watch()
@@ -199,6 +200,7 @@ def test_a_killed_plant_is_noticed_and_leaves_nothing_that_hinders(runs, script)
         one.announce()
 
 
+@pytest.mark.alone
 def test_a_socket_without_a_plant_is_told_at_once(runs, script):
     plant = script(PLANT)
     assert plant.stdout.readline() == "up\n"

@@ -117,6 +117,7 @@ def test_two_seconds_of_traffic_are_in_the_file_as_they_were_sent(plant, script,
     assert logged == sorted(logged)
 
 
+@pytest.mark.alone
 def test_a_killed_recorder_leaves_all_but_the_last_half_second(plant, script, tmp_path):
     path = tmp_path / "run.mcap"
     recorder = script(RECORDER, path)

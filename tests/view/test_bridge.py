@@ -57,6 +57,7 @@ def shown(stage, contents, tmp_path_factory):
     return found[0], *contents(path)
 
 
+@pytest.mark.alone
 def test_the_file_holds_what_was_said(shown, stage):
     (viewing, rows, static), (_, plant) = shown, stage
     assert (viewing.ended, viewing.messages, viewing.lost, viewing.dropped) == ("the plant left", plant.sent, {}, 0)
@@ -75,6 +76,7 @@ def test_the_file_holds_what_was_said(shown, stage):
     ]  # fmt: skip
 
 
+@pytest.mark.alone
 def test_a_fast_sensor_is_thinned_to_a_kilohertz(shown):
     viewing, rows, _ = shown
     at = np.array(times(rows["/sensor/laser"]))
@@ -94,6 +96,7 @@ def test_a_squeal_is_thinned_to_the_band_that_it_is():
     assert feed.outline(tone, 1).size == tone.size
 
 
+@pytest.mark.alone
 def test_contact_protocol_and_controllers_are_strips(shown):
     _, rows, _ = shown
     contact = rows["/strip/contact"]
@@ -103,6 +106,7 @@ def test_contact_protocol_and_controllers_are_strips(shown):
     assert values(rows["/strip/protocol"], "StateChange:state") == ["hold for 2 s"]
 
 
+@pytest.mark.alone
 def test_the_picture_moves_with_the_mass(shown):
     _, rows, static = shown
     moved = rows["/rig/mass"]
@@ -116,6 +120,7 @@ def test_the_picture_moves_with_the_mass(shown):
     assert np.all(arrows[:, 0] > 0.0)
 
 
+@pytest.mark.alone
 def test_the_portrait_is_the_last_two_seconds(shown):
     _, rows, _ = shown
     curve = sorted(rows["/portrait/curve"], key=lambda row: row["sim_time"])
