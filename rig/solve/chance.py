@@ -28,14 +28,14 @@ def none() -> Chance:
 
 
 @inner
-def shake(chance: Any, x: Any) -> None:
-    """The signal of state x takes its next number."""
-    if chance.at[PLACE] >= 0:
-        x[chance.at[PLACE]] = chance.numbers[chance.at[DRAWN]]
-        chance.at[DRAWN] += 1
-
-
-@inner
 def spent(chance: Any) -> bool:
     """Whether there is no number for another frame."""
     return chance.at[PLACE] >= 0 and chance.at[DRAWN] == chance.numbers.shape[0]  # type: ignore[no-any-return]
+
+
+@inner
+def shake(chance: Any, x: Any) -> None:
+    """The signal of state x takes its next number; it stays where there is none."""
+    if chance.at[PLACE] >= 0 and not spent(chance):
+        x[chance.at[PLACE]] = chance.numbers[chance.at[DRAWN]]
+        chance.at[DRAWN] += 1
