@@ -1,9 +1,10 @@
-"""What stops a motion that grows by itself.
+"""What stops a motion that grows by itself, or meets it first.
 
     a limiter        that sees it and, once it clamps, ends it
     the friction law whose fall with speed makes the growth: it ends where the law is flat
     the contact      a guard that the growing shape moves: an oscillation reaches it, a monotone growth only if guards
-                     stand on both sides, or from where the rig starts (a warning: thrown farther it runs away)
+                     stand on both sides, or from where the rig starts (a warning: thrown farther it runs away). That it
+                     grows no more then is likely and not proven: without damping it may
 
 Not the contact where a drive or a network runs away by itself: a belt that follows the body it carries (gain K above
 one, stuck: growth (K-1)/lag), a negative capacitance below -1/(1+kappa/k), or one whose charge leaks away.
@@ -62,8 +63,8 @@ def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: fl
             first = int(which[(room[which] / np.abs(rows[which])).argmin()])
         guard = system.happens(int(at.modes.kinds[first]), int(at.modes.owners[first]))
         if value.imag > 0.0 or both_sides:
-            remedy = "more damping, or less friction"
-            return "info", f"it is limited where {guard}", remedy
+            remedy = "a run shows what comes of it; against it: more damping, or less friction"
+            return "info", f"it grows until {guard}", remedy
         if _returns(at, value, shape, first):
             farthest = int(np.abs(shape[: q // 2]).argmax())
             far = f"{system.names[farthest]} = {at.x[farthest]:.3g}"

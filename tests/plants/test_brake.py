@@ -236,5 +236,5 @@ def test_the_verdict_tells_growth_and_what_bounds_it():
     ]
     assert [one.level for one in found] == ["info"]
     assert found[0].number == pytest.approx(BRAKE["BRAKE-P"]["short"][0], abs=1e-3)
-    assert found[0].what.endswith("it is limited where inner_left opens")
+    assert found[0].what.endswith("it grows until inner_left opens")
     assert "friction" in found[0].remedy

@@ -223,7 +223,7 @@ def test_growth_that_lift_off_limits_is_told_and_does_not_refuse_a_run():
     found = rig.modes("four_dof").findings
     assert {one.level for one in found} == {"info"}
     assert sorted(one.number for one in found) == pytest.approx([0.3230301031927026, 0.5564174589206108], rel=1e-9)
-    assert all("limited where load opens" in one.what for one in found)
+    assert all("it grows until load opens" in one.what for one in found)
     assert rig.modes(rig.load("four_dof", {"friction.mu": 0.9})).findings == ()
 
 

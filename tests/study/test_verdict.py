@@ -66,7 +66,7 @@ def test_growth_that_falling_friction_turns_into_contact_is_information():
     c_x, c_z, coupling, load = 2.8e5, 8e4, 1.5e5, 34.0
     farthest = load * c_x / (coupling**2 - c_x * c_z)  # where the springs of the open tip balance the preload
     assert f"load closes as long as nothing carries it beyond z = {farthest:.3g}" in told[0][1]
-    assert all("it is limited where contact slip ends" in what for _, what in told[1:])
+    assert all("it grows until contact slip ends" in what for _, what in told[1:])
 
 
 def test_an_open_contact_that_starts_beyond_its_rest_is_not_caught():
