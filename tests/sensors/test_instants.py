@@ -15,7 +15,7 @@ from rig.record.reader import open as read
 from rig.record.replay import _Remade
 from rig.record.save import save
 from rig.solve import motion
-from rig.study.sound.hearing import _places
+from rig.study.recorded.series import places
 from sensors import KINDS
 from sensors.instants import Instants, common_step
 
@@ -108,7 +108,7 @@ def test_a_block_says_when_its_samples_were_taken(rate):
 def test_places_of_samples_are_found_where_some_are_missing():
     times = Instants.of(44100.0).at(np.arange(200_000))
     kept = np.r_[0:1000, 150_000:200_000]
-    np.testing.assert_array_equal(_places(times[kept]), kept)
+    np.testing.assert_array_equal(places(times[kept]), kept)
 
 
 def test_times_of_a_recording_are_exact(tmp_path):
