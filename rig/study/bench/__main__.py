@@ -15,7 +15,7 @@ from typing import Any
 
 from rig.errors import BusError, UsageError
 from rig.record.provenance import provenance
-from rig.study.bench import absent, against, disc, kernels, loop, maps, twins, whole
+from rig.study.bench import absent, against, disc, kernels, loop, maps, rubbing, twins, whole
 
 FLOORS = {
     "kernel_rtf": 1e4,
@@ -34,6 +34,10 @@ FLOORS = {
     "lockstep": 1.3,
     "paced": 1.0,
     "disc": 20.0,
+    "tip": 500.0,
+    "tip_waves": 10.0,
+    "tip_beam": 20.0,
+    "four_dof": 5000.0,
     "map": 0.85,
 }
 
@@ -172,6 +176,11 @@ def main() -> int:
         say(f"  tol {row['tolerance']:.0e}  error {row['error']:8.1e}   {row['rtf']:9.0f} x real time")
     best = max((r["rtf"] for r in growing if r["error"] <= 1e-4), default=0.0)
     say(f"  at 1e-4 of the growth rate: {best:.0f} x real time {judged('disc', best, 'disc')}")
+
+    say("\nrigs of one contact, kernel without energy ledger, in turns, processor time")
+    found["rubbing"] = quick_ones = rubbing.speed(5 if quick else 10)
+    for name, rtf in quick_ones.items():
+        say(f"  {rubbing.CASES[name].told}: {rtf:.3g} x real time {judged(name, rtf, name)}")
 
     looped(10.0 if quick else 60.0)
     mapped()
