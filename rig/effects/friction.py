@@ -14,10 +14,11 @@ the paper gives its shape), seal from its equation 3.1; exponential from Liu and
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, Self
+from contextlib import suppress
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from rig.quantities import (
     NewtonPerRootSpeed,
@@ -29,6 +30,7 @@ from rig.quantities import (
     SecondPerMetre,
     Section,
     Speed,
+    si,
 )
 from rig.solve import laws
 from rig.solve.laws import Law
@@ -105,6 +107,18 @@ class Exponential(Section):
     mu_static: Ratio
     mu_kinetic: Ratio
     decay: PositiveSecondPerMetre
+
+    @field_validator("decay", mode="before")
+    @classmethod
+    def _falls(cls, decay: Any) -> Any:
+        none = False
+        with suppress(TypeError, ValueError):  # what is no decay at all is told by its type
+            none = si(decay, "s/m") == 0.0
+        if none:
+            raise ValueError(
+                'must be greater than 0 s/m: it would be mu_static at every speed; a sudden drop is "coulomb"'
+            )
+        return decay
 
     def friction(self) -> Law:
         """The law for the solver."""
