@@ -25,8 +25,9 @@ class Numbers:
         self.find(system)
 
     def find(self, system: System) -> None:
-        """Look where `system` has the signal, if it has one."""
+        """Look where `system` has the signal, if it has one: its next frame has a number."""
         self.record.at[PLACE] = system.names.index(SIGNAL) if SIGNAL in system.names else -1
+        self.fill()
 
     def fill(self) -> None:
         """Draw anew where all are used up."""

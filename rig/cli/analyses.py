@@ -85,9 +85,7 @@ def hysteresis(
     from rig.study.recorded.figure import draw_hysteresis as draw
 
     faults = _Faults()
-    length = faults(lambda: seconds(window, "--window"), None)
-    begin, end = span(faults, first, last)
-    run = the_run(log)
+    run, length, begin, end = asked(faults, log, window, first, last)
     found = faults(lambda: find(run, signal, over, length, begin, end), None)
     faults.tell()
     assert found is not None
@@ -119,9 +117,7 @@ def spectrum(
     from rig.study.recorded.figure import draw_spectrum as draw
 
     faults = _Faults()
-    length = faults(lambda: seconds(window, "--window"), None)
-    begin, end = span(faults, first, last)
-    run = the_run(log)
+    run, length, begin, end = asked(faults, log, window, first, last)
     found = faults(lambda: find(run, signal, length, begin, end), None)
     turned = None
     if over:  # a signal that is not there has been told
@@ -142,12 +138,16 @@ def spectrum(
         draw(found, turned, figure)
 
 
-def the_run(log: Path) -> Run:
-    """A recording that has something to analyse."""
+def asked(
+    faults: _Faults, log: Path, window: str | None, first: str | None, last: str | None
+) -> tuple[Run, float | None, float, float]:
+    """A recording that has something to analyse, the window [s], the stretch of time [s]."""
+    length = faults(lambda: seconds(window, "--window"), None)
+    begin, end = span(faults, first, last)
     run = opened(log)
     if not run.time.size:
         raise LogError(f"{log}: the recording ends before its first sample")
-    return run
+    return run, length, begin, end
 
 
 def span(faults: _Faults, first: str | None, last: str | None) -> tuple[float, float]:
