@@ -26,7 +26,7 @@ def test_no_room_imports_what_it_must_not():
     assert found.returncode == 0, found.stdout[-4000:]
 
 
-@pytest.mark.parametrize("library", ["control", "rerun", "matplotlib", "pint", "zenoh", "mcap"])
+@pytest.mark.parametrize("library", ["control", "rerun", "matplotlib", "pint", "zenoh", "mcap", "skfem"])
 def test_loading_a_scene_imports_no_library_it_does_not_need(library):
     assert library not in _loaded()
 
