@@ -58,7 +58,7 @@ class Structure:
     `axes`: places of the grid's nodes along x, y, z [m], two for each element and one more. `lattice` [node, 3]: the
     number of each node on each of them; x changes fastest, z slowest. `free` [unknown]: whether it is not held. `rigid`
     [unknown, 0 or 6]: translations along and rotations about x, y, z, of mass one, if nothing is held. `shift`
-    [rad^2/s^2]: the square of a frequency below that of a bar of this length.
+    [rad^2/s^2]: the square of a frequency below those of a bar of this length.
     """
 
     stiffness: Any
@@ -118,7 +118,7 @@ def assemble(x: Array, y: Array, z: Array, parts: Sequence[Part], held: bool) ->
         mass = mass + part.material.density * assembled(lambda u, v, _: v * u, basis)
     free = np.tile(lattice[:, 2] > 0, 3) if held else np.ones(3 * len(lattice), dtype=np.bool_)
     whole = scipy.sparse.block_diag([mass] * 3, "csr")
-    square = min(part.material.young / part.material.density for part in parts) / (x[-1] - x[0]) ** 2
+    speed = min(part.material.young / part.material.density for part in parts) ** 0.5
     return Structure(
         stiffness=scipy.sparse.bmat(blocks, format="csr")[free][:, free],
         mass=whole[free][:, free],
@@ -126,7 +126,7 @@ def assemble(x: Array, y: Array, z: Array, parts: Sequence[Part], held: bool) ->
         lattice=lattice,
         free=free,
         rigid=np.zeros((int(free.sum()), 0)) if held else _rigid(places, whole),
-        shift=0.01 * square,
+        shift=(0.1 * speed / max(lines[-1] - lines[0] for lines in (x, y, z))) ** 2,
     )
 
 
@@ -153,15 +153,15 @@ def _rigid(places: Array, mass: Any) -> Array:
 def modes(structure: Structure, count: int) -> Modes:
     """The `count` lowest modes, by Lanczos iteration from a fixed vector.
 
-    The largest entry of each is positive; where symmetry makes several equally large, the first of them. Raises
-    ValueError for a count that the elements cannot give.
+    The largest entry of each elastic mode is positive; where symmetry makes several equally large, the first of them.
+    Raises ValueError for a count that the elements cannot give.
     """
     rigid = structure.rigid.shape[1]
     wanted, most = count - rigid, structure.stiffness.shape[0] // _UNKNOWNS
-    if not (0 < wanted and count <= most):
-        raise ValueError(
-            f"modes is {count}; these elements allow {rigid + 1} to {most}: take more elements or other modes"
-        )
+    if wanted < 1:
+        raise ValueError(f"modes is {count}; a free structure has {rigid} rigid modes: take at least {rigid + 1}")
+    if count > most:
+        raise ValueError(f"modes is {count}; these elements give at most {most}: take more elements or fewer modes")
     classes = [_Class(structure, signs) for signs in CLASSES]
     asked = [wanted // len(CLASSES) + _SPARE] * len(CLASSES)
     found = [one.elastic(number) for one, number in zip(classes, asked)]

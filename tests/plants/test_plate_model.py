@@ -3,16 +3,23 @@
 Reference: tests/reference/plate.json.
 """
 
+import hashlib
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rig.plants.plate_model import Foam, Grid, Plate, build, surface
+from rig.plants.plate_elements import surface
+from rig.plants.plate_model import Foam, Grid, Plate, Reduced, build
+from rig.plants.plate_surface import framed, unframed
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "plate.json").read_text())
 GRID = Grid(0.043, 0.0253, 12, 8)
+SIZE = (GRID.length, GRID.width)
 STEEL = {"length": 0.0867, "width": 0.0766, "thickness": 0.0126, "young": 230e9, "density": 7740.0, "poisson": 0.28}
 
 
@@ -34,27 +41,27 @@ def soft():
 
 @pytest.mark.parametrize("mesh", REFERENCE["free"])
 def test_a_free_plate_has_the_frequencies_of_independent_elements_on_the_same_mesh(mesh):
-    found = surface(plate(tuple(map(int, mesh.split("x"))), modes=16), None, GRID).frequencies
+    found = surface(plate(tuple(map(int, mesh.split("x"))), modes=16), None, SIZE).frequencies
     assert (found[:6] == 0.0).all()
     assert found[6:] == pytest.approx(REFERENCE["free"][mesh], rel=1e-6)
 
 
 def test_the_modulus_of_the_printed_frequencies_is_200_gpa():
-    found = surface(plate((12, 10, 2), modes=9, young=200e9), None, GRID).frequencies
+    found = surface(plate((12, 10, 2), modes=9, young=200e9), None, SIZE).frequencies
     assert found[6:] == pytest.approx(REFERENCE["free_200_GPa"], rel=3e-3)
 
 
 @pytest.mark.parametrize("case", REFERENCE["foam"], ids=lambda case: f"{1e3 * case['thickness']:g} mm")
 def test_on_foam_the_frequencies_are_those_of_independent_elements(case):
     *mesh, through = case["elements"]
-    found = surface(plate(tuple(mesh), modes=8), foam(case["thickness"], case["young"], through), GRID).frequencies
+    found = surface(plate(tuple(mesh), modes=8), foam(case["thickness"], case["young"], through), SIZE).frequencies
     assert found[: len(case["Hz"])] == pytest.approx(case["Hz"], rel=1e-4)
 
 
 @pytest.mark.parametrize("case", REFERENCE["thickness"] + REFERENCE["overhang"], ids=str)
 def test_thickness_and_overhang_of_the_foam_move_the_frequencies(case):
     below = foam(case["thickness"], 10e9, overhang=case.get("overhang", 0.0))
-    found = surface(plate((6, 5, 1), modes=3), below, GRID).frequencies
+    found = surface(plate((6, 5, 1), modes=3), below, SIZE).frequencies
     assert found == pytest.approx(case["Hz"], rel=1.5e-3)
 
 
@@ -64,7 +71,7 @@ def test_forty_modes_reach_50_khz(soft):
 
 def test_what_modes_leave_out_is_in_the_residual():
     pressure, stiff = REFERENCE["pressure"], foam(0.010, 10e9)
-    few, many = (surface(plate(modes=n), stiff, GRID) for n in (12, 40))
+    few, many = (surface(plate(modes=n), stiff, SIZE) for n in (12, 40))
     assert few.compliance == pytest.approx(many.compliance, rel=1e-9)
     assert 1e9 * pressure * many.compliance == pytest.approx(REFERENCE["deflection_nm"], rel=0.01)
     assert 1e9 * pressure * many.residual == pytest.approx(REFERENCE["residual_nm"], rel=0.05)
@@ -84,3 +91,138 @@ def test_shapes_at_places_are_those_of_the_surface(soft):
 
 def test_a_probe_has_the_shapes_of_its_point(soft):
     assert soft.probe == pytest.approx(soft.surface.at(np.array([0.01]), np.array([0.02]))[:, :, 0, 0])
+
+
+def test_the_surface_is_that_of_the_whole_plate(soft):
+    """Figures draw mode shapes on any grid over it."""
+    x, y = np.linspace(0.0, 0.0867, 30), np.linspace(-0.0383, 0.0383, 20)
+    drawn = soft.surface.at(x, y)
+    assert drawn.shape == (40, 3, 20, 30)
+    mirrored = drawn[:, :, :, ::-1]
+    signs = np.sign((drawn[:, 2] * mirrored[:, 2]).sum(axis=(1, 2)))[:, None, None]
+    assert mirrored[:, 2] == pytest.approx(signs * drawn[:, 2], abs=1e-9)
+    assert mirrored[:, 0] == pytest.approx(-signs * drawn[:, 0], abs=1e-9)
+    at_nodes = soft.surface.at(soft.surface.x, soft.surface.y)
+    assert at_nodes == pytest.approx(soft.surface.shapes, abs=1e-12)
+
+
+def test_a_free_plate_has_its_mass():
+    found = surface(plate((4, 4, 1), modes=8), None, SIZE)
+    for i in range(3):
+        assert found.shapes[i, i] ** -2.0 == pytest.approx(REFERENCE["mass"], rel=1e-4)
+
+
+@pytest.mark.parametrize("along", [1, 12, 100])
+def test_every_position_of_the_slider_has_its_places(along):
+    found = build(plate((4, 4, 1), modes=8), foam(), Grid(0.043, 0.0253, along, 2), (0.01, 0.0))
+    last = (0.0867 - 0.043) / found.pitch  # of the slider, in places
+    assert np.ceil(last - 1e-9) + (along - 1) * found.stride == found.shapes.shape[3] - 1
+    before = int(last)
+    share = last - before
+    ends = [found.shapes[..., before + n + (along - 1) * found.stride] for n in (0, 1)]
+    exact = found.surface.at(np.array([0.0867 - 0.5 * 0.043 / along]), found.grid.lines)[..., 0]
+    assert (1.0 - share) * ends[0] + share * ends[1] == pytest.approx(exact, abs=0.01 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"grid": Grid(0.09, 0.0253, 4, 4)}, "slider.length is 0.09 m; it must be at most plate.length, 0.0867 m"),
+        ({"grid": Grid(0.043, 0.08, 4, 4)}, "slider.width is 0.08 m; it must be at most plate.width, 0.0766 m"),
+        ({"point": (0.1, 0.0)}, "x is 0.1 m; the plate reaches from 0 to 0.0867 m"),
+        ({"point": (0.0, -0.04)}, "y is -0.04 m; the plate reaches from -0.0383 to 0.0383 m"),
+        ({"plate": plate((64, 64, 4))}, "599076 unknowns; at most 60000 are allowed: lower elements_along"),
+        ({"plate": plate((2, 2, 1))}, "modes is 40; these elements give at most 28: take more elements or fewer modes"),
+    ],
+)
+def test_what_cannot_be_built_is_refused(given, message):
+    whole = {"plate": plate((4, 4, 1)), "foam": foam(), "grid": GRID, "point": (0.01, 0.0)} | given
+    with pytest.raises(ValueError, match=message):
+        build(**whole)
+
+
+def test_a_model_travels_as_bytes(soft):
+    content = soft.to_bytes()
+    again = Reduced.from_bytes(content)
+    assert again.to_bytes() == content
+    assert (again.shapes == soft.shapes).all()
+    assert (again.probe == soft.probe).all()
+    assert (again.pitch, again.residual, again.grid) == (soft.pitch, soft.residual, soft.grid)
+
+
+@pytest.mark.parametrize(
+    "harm",
+    [
+        lambda whole: b"",
+        lambda whole: whole[:-1],
+        lambda whole: whole[:2000],
+        lambda whole: whole[:100_000] + b"\x00" + whole[100_001:],
+        lambda whole: whole.replace(b'"along": 12', b'"along": 13'),
+        lambda whole: b"\x89MCAP" + whole,
+        lambda whole: framed({"along": 12}, b""),
+        lambda whole: framed(
+            {"length": 0.04, "width": 0.02, "along": 0, "across": 8, "point": [0, 0]}, unframed(whole)[1]
+        ),
+    ],
+)
+def test_bytes_that_are_no_model_are_refused(soft, harm):
+    with pytest.raises(ValueError, match=r"is (no|damaged)"):
+        Reduced.from_bytes(harm(soft.to_bytes()))
+
+
+BUILD = """
+import sys, hashlib
+from rig.plants.plate_model import Foam, Grid, Plate, Reduced, build
+from rig.plants.plate_surface import framed, unframed
+plate = Plate(length=0.0867, width=0.0766, thickness=0.0126, young=230e9, density=7740.0, poisson=0.28)
+foam = Foam(thickness=0.018, young=7e9, density=1000.0, poisson=0.25)
+found = build(plate, foam, Grid(0.043, 0.0253, 12, 8), (0.01, 0.02))
+print(hashlib.sha256(found.to_bytes()).hexdigest(), "skfem" in sys.modules, "scipy.sparse" in sys.modules)
+"""
+
+
+def start(folder, **environment):
+    """A process that builds the model of `soft`."""
+    given = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "RIG_MODELS": str(folder)} | environment
+    return subprocess.Popen([sys.executable, "-c", BUILD], stdout=subprocess.PIPE, text=True, env=given)
+
+
+def test_every_process_builds_the_same_bits_however_many_threads_its_libraries_have(soft, tmp_path):
+    """And together they write one file, which the next process reads without the libraries that build."""
+    processes = [start(tmp_path / "models", OPENBLAS_NUM_THREADS=threads) for threads in ("1", "2", "2")]
+    told = hashlib.sha256(soft.to_bytes()).hexdigest()
+    for process in processes:
+        assert process.communicate(timeout=120)[0].split()[0] == told
+    assert len(list((tmp_path / "models").iterdir())) == 1
+    assert start(tmp_path / "models").communicate(timeout=120)[0].split() == [told, "False", "False"]
+
+
+@pytest.mark.parametrize(
+    "harm", [lambda whole: b"", lambda whole: whole[:-1], lambda whole: whole.replace(b"1", b"2", 9)]
+)
+def test_a_damaged_file_is_built_again(soft, tmp_path, monkeypatch, harm):
+    monkeypatch.setenv("RIG_MODELS", str(tmp_path))
+    small = plate((4, 4, 1), modes=8), foam(), GRID, (0.01, 0.0)
+    found = build(*small)
+    (file,) = tmp_path.iterdir()
+    whole = file.read_bytes()
+    file.write_bytes(harm(whole))
+    assert build(*small).to_bytes() == found.to_bytes()
+    assert file.read_bytes() == whole
+
+
+def test_a_file_serves_all_that_depend_on_the_same_numbers(tmp_path, monkeypatch):
+    monkeypatch.setenv("RIG_MODELS", str(tmp_path))
+    mesh = (3, 3, 1)
+    build(plate(mesh, modes=7), foam(), GRID, (0.01, 0.0))
+    build(plate(mesh, modes=7, damping_ratio=0.01), foam(), Grid(*SIZE, 5, 3), (0.02, 0.01))
+    assert len(list(tmp_path.iterdir())) == 1
+    changes = [{"young": 200e9}, {"poisson": 0.3}, {"density": 7800.0}, {"thickness": 0.012}, {"elements_along": 4}]
+    for number, change in enumerate(changes, 2):
+        build(plate(mesh, modes=7, **change), foam(), GRID, (0.01, 0.0))
+        assert len(list(tmp_path.iterdir())) == number
+    for number, below in enumerate([None, foam(0.02), foam(overhang=0.001)], 2 + len(changes)):
+        build(plate(mesh, modes=7), below, GRID, (0.01, 0.0))
+        assert len(list(tmp_path.iterdir())) == number
+    build(plate(mesh, modes=7), foam(), Grid(0.04, 0.0253, 12, 8), (0.01, 0.0))
+    assert len(list(tmp_path.iterdir())) == 3 + len(changes) + 2

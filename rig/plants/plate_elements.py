@@ -1,0 +1,157 @@
+"""A plate on a layer of foam as an elastic structure of finite elements.
+
+The foam is held at its lower face. Without foam the plate is free: the first six modes are rigid, with a frequency of
+zero, and `modes` counts them.
+Source: sizes and materials of "A new mechanism for friction-induced vibration and noise", section 3.2.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from annotated_types import Ge, Le
+
+from rig.plants.plate_surface import Array, Surface, element_at
+from rig.quantities import KilogramPerCubicMetre, Pascal, PoissonRatio, PositiveMetre, Ratio, Section, SomeMetre
+
+if TYPE_CHECKING:
+    from rig.plants.hexahedra import Structure
+
+Elements = Annotated[int, Ge(1), Le(64)]
+Count = Annotated[int, Ge(1), Le(200)]
+METHOD = 1
+"""To be raised by whoever changes what `surface` gives."""
+LARGEST = 60_000
+"""Unknowns of a structure that is built in less than a minute, in 2 GB."""
+
+
+class Plate(Section):
+    """The plate; how many modes are taken, and the damping ratio of the highest: the others' follow the frequency."""
+
+    length: PositiveMetre
+    width: PositiveMetre
+    thickness: PositiveMetre
+    young: Pascal
+    density: KilogramPerCubicMetre
+    poisson: PoissonRatio
+    damping_ratio: Ratio = 0.0
+    modes: Count = 40
+    elements_along: Elements = 10
+    elements_across: Elements = 8
+    elements_through: Elements = 2
+
+
+class Foam(Section):
+    """The layer under the plate, as large as the plate or `overhang` larger on all four sides."""
+
+    thickness: PositiveMetre
+    young: Pascal
+    density: KilogramPerCubicMetre
+    poisson: PoissonRatio
+    overhang: SomeMetre = 0.0
+    elements_through: Elements = 2
+
+
+def surface(plate: Plate, foam: Foam | None, footprint: tuple[float, float]) -> Surface:
+    """The structure at the plate's top face, for a slider whose `footprint` is so long and wide [m]; takes seconds.
+
+    Raises ValueError for more elements than `LARGEST` allows, or too few for the modes.
+    """
+    unknowns = _unknowns(plate, foam)
+    if unknowns > LARGEST:
+        raise ValueError(
+            f"the elements of plate and foam have {unknowns} unknowns; at most {LARGEST} are allowed: "
+            f"lower elements_along, elements_across or elements_through, or foam.overhang"
+        )
+    from rig.plants import hexahedra  # it imports a second's worth of scipy
+
+    length, width = footprint
+    structure, first = _structure(plate, foam)
+    found = hexahedra.modes(structure, plate.modes)
+    x, y, z = structure.axes
+    top = structure.lattice[:, 2] == len(z) - 1
+    whole = np.zeros((len(structure.free), plate.modes))
+    whole[structure.free] = found.vectors
+    nodes = (2 * plate.elements_across + 1, 2 * plate.elements_along + 1)
+    shapes = whole.reshape(3, len(top), -1)[:, top].reshape(3, *nodes, -1).transpose(3, 0, 1, 2)
+    x, y = (axis[2 * n : len(axis) - 2 * n] for axis, n in zip((x, y), first))
+    load = np.zeros((3, len(top)))  # of a pressure of 1 Pa, along z
+    middle = 0.5 * (x[0] + x[-1])
+    along = _integrals(x, middle - 0.5 * length, middle + 0.5 * length)
+    load[2, top] = np.multiply.outer(_integrals(y, -0.5 * width, 0.5 * width), along).ravel()
+    force = load.ravel()[structure.free]
+    residual = float(force @ hexahedra.left_out(structure, found, force)) / (length * width)
+    elastic = found.frequencies > 0.0
+    given = (force @ found.vectors[:, elastic]) / (2.0 * math.pi * found.frequencies[elastic])
+    return Surface(
+        found.frequencies,
+        x,
+        y,
+        np.ascontiguousarray(shapes),
+        residual + float(given @ given) / (length * width),
+        residual,
+    )
+
+
+def _structure(plate: Plate, foam: Foam | None) -> tuple[Structure, tuple[int, int]]:
+    """The elements, and how many of them lie before the plate along x and y."""
+    from rig.plants import hexahedra
+    from rig.plants.hexahedra import Material, Part
+
+    a, b, c = plate.elements_along, plate.elements_across, plate.elements_through
+    steel = Material(plate.young, plate.poisson, plate.density)
+    x, y, z = (
+        np.linspace(0.0, size, n + 1) for size, n in zip((plate.length, plate.width, plate.thickness), (a, b, c))
+    )
+    y -= 0.5 * plate.width
+    if foam is None:
+        return hexahedra.assemble(x, y, z, [Part(steel, np.ones((a, b, c), dtype=np.bool_))], held=False), (0, 0)
+    beside = _beside(plate, foam)
+    if foam.overhang:
+        x, y = (_widened(lines, foam.overhang, n) for lines, n in zip((x, y), beside))
+    below = np.linspace(-foam.thickness, 0.0, foam.elements_through + 1)
+    n, m = beside
+    of_plate = np.zeros((a + 2 * n, b + 2 * m, foam.elements_through + c), dtype=np.bool_)
+    of_plate[n : n + a, m : m + b, foam.elements_through :] = True
+    of_foam = np.zeros_like(of_plate)
+    of_foam[:, :, : foam.elements_through] = True
+    soft = Material(foam.young, foam.poisson, foam.density)
+    lines = (x, y, np.concatenate([below, z[1:]]))
+    return hexahedra.assemble(*lines, [Part(soft, of_foam), Part(steel, of_plate)], held=True), (n, m)
+
+
+def _beside(plate: Plate, foam: Foam) -> tuple[int, int]:
+    """Elements of the overhang on one side, along x and y: no longer than those of the plate."""
+    a, b = plate.length / plate.elements_along, plate.width / plate.elements_across
+    return math.ceil(foam.overhang / a - 1e-9), math.ceil(foam.overhang / b - 1e-9)
+
+
+def _unknowns(plate: Plate, foam: Foam | None) -> int:
+    """Of the structure, without those that are held."""
+    face = (2 * plate.elements_along + 1) * (2 * plate.elements_across + 1)
+    if foam is None:
+        return 3 * face * (2 * plate.elements_through + 1)
+    n, m = _beside(plate, foam)
+    below = (2 * (plate.elements_along + 2 * n) + 1) * (2 * (plate.elements_across + 2 * m) + 1)
+    return 6 * (face * plate.elements_through + below * foam.elements_through)
+
+
+def _widened(lines: Array, by: float, elements: int) -> Array:
+    """Boundaries with as many `elements` more at either end, over a width of `by` [m]."""
+    more = np.linspace(0.0, by, elements + 1)
+    return np.concatenate([lines[0] - more[:0:-1], lines, lines[-1] + more[1:]])
+
+
+def _integrals(nodes: Array, low: float, high: float) -> Array:
+    """Integral [m] of each node's shape function from `low` to `high`."""
+    found = np.zeros(len(nodes))
+    for start, end in zip(nodes[:-2:2], nodes[2::2]):
+        left, right = max(start, low), min(end, high)
+        if right > left:
+            middle, half = 0.5 * (left + right), 0.5 * (right - left)
+            first, weights = element_at(nodes, middle + half / math.sqrt(3.0) * np.array([-1.0, 1.0]))  # Gauss: exact
+            for i in range(3):
+                np.add.at(found, first + i, half * weights[i])
+    return found

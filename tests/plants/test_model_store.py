@@ -1,0 +1,85 @@
+"""Models on disk: read as they were written or not at all; a folder that cannot be written is no fault."""
+
+import os
+
+import pytest
+
+from rig.plants import model_store
+from rig.plants.model_store import kept
+
+
+@pytest.fixture
+def store(tmp_path, monkeypatch):
+    monkeypatch.setenv("RIG_MODELS", str(tmp_path / "models"))
+    return tmp_path / "models"
+
+
+@pytest.fixture
+def built():
+    """Number of models that `model` has built so far."""
+    return []
+
+
+@pytest.fixture
+def model(built):
+    """A model of so many bytes, by its key."""
+
+    def build(key, size=10):
+        def make():
+            built.append(key)
+            return b"m" * size
+
+        def read(content):
+            if content != b"m" * size:
+                raise ValueError("is damaged")
+            return content
+
+        return kept(key, make, bytes, read)
+
+    return build
+
+
+def test_a_model_is_built_once(store, model, built):
+    assert model("a") == model("a") == b"m" * 10
+    assert built == ["a"]
+    assert [one.name for one in store.iterdir()] == ["a"]
+
+
+def test_what_was_not_used_for_longest_makes_room(store, model, built, monkeypatch):
+    monkeypatch.setattr(model_store, "LIMIT", 30)
+    for age, key in enumerate(("a", "b", "c")):
+        model(key)
+        os.utime(store / key, (1000.0 + age, 1000.0 + age))
+    model("a")  # used again
+    model("d")
+    assert sorted(one.name for one in store.iterdir()) == ["a", "c", "d"]
+    model("large", 100)
+    assert sorted(one.name for one in store.iterdir()) == ["large"]
+
+
+def test_a_folder_that_cannot_be_written_is_told_once(store, model, built, caplog):
+    store.write_text("a file in its place")
+    assert model("a") == model("a") == b"m" * 10
+    assert built == ["a", "a"]
+    assert caplog.text.count("RIG_MODELS") == 1
+
+
+def test_a_file_of_a_folder_that_cannot_be_written_is_read(store, model, built, monkeypatch):
+    model("a")
+
+    def refuse(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr(os, "utime", refuse)
+    assert model("a") == b"m" * 10
+    assert built == ["a"]
+
+
+def test_no_draft_is_left_by_a_full_disk(store, model, caplog, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("pathlib.Path.replace", full)
+    assert model("a") == b"m" * 10
+    assert "No space left on device" in caplog.text
+    assert list(store.iterdir()) == []
