@@ -27,11 +27,16 @@ CLASSES = ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0))
 """Sign of the displacement along z of the mirror image about the middle along x, along y."""
 _MIRRORED = np.array([[-1.0, 1.0, 1.0], [1.0, -1.0, 1.0]])
 """The same of each component: its sign in the mirror image along x, along y is this times that of the class."""
+LOST = (
+    "the result is lost in rounding, because sizes, stiffness or density of the parts differ too much, "
+    "or a Poisson's ratio is too close to 0.5: bring values that lie far apart closer together"
+)
 _SAME = 1e-9
 """Frequencies that differ by less, relatively, count as equal: their modes stand in the order of the classes."""
+_ROUNDED = 1e-6  # most that rounding may change the square of a frequency by, relatively
 _UNKNOWNS = 16  # least number of unknowns for a mode
 _SPARE = 4  # modes that a class is asked for beyond its share
-_REFINED = 3  # each reduces the error of what modes leave out by (shift / lowest omega left out)^2
+_REFINED = 3  # each reduces the error of what modes leave out by shift / (lowest omega left out)^2
 
 
 @dataclass(frozen=True)
@@ -154,7 +159,7 @@ def modes(structure: Structure, count: int) -> Modes:
     """The `count` lowest modes, by Lanczos iteration from a fixed vector.
 
     The largest entry of each elastic mode is positive; where symmetry makes several equally large, the first of them.
-    Raises ValueError for a count that the elements cannot give.
+    Raises ValueError for a count that the elements cannot give, or where rounding is larger than the frequencies.
     """
     rigid = structure.rigid.shape[1]
     wanted, most = count - rigid, structure.stiffness.shape[0] // _UNKNOWNS
@@ -180,8 +185,12 @@ def modes(structure: Structure, count: int) -> Modes:
     level = np.empty(len(squares), dtype=np.int64)
     level[order] = np.cumsum(steps > 2.0 * _SAME * squares[order])
     taken = np.lexsort((np.repeat(np.arange(len(CLASSES)), [len(part) for part, _ in found]), level))[:wanted]
-    frequencies = np.concatenate([np.zeros(rigid), np.sqrt(squares[taken]) / (2.0 * np.pi)])
-    return Modes(frequencies, np.concatenate([structure.rigid, _signed(vectors[:, taken])], axis=1))
+    squares, vectors = squares[taken], _signed(vectors[:, taken])
+    energies = (vectors * (structure.stiffness @ vectors)).sum(axis=0)
+    if not (np.abs(energies - squares) <= _ROUNDED * squares).all():
+        raise ValueError(LOST)
+    frequencies = np.concatenate([np.zeros(rigid), np.sqrt(squares) / (2.0 * np.pi)])
+    return Modes(frequencies, np.concatenate([structure.rigid, vectors], axis=1))
 
 
 def _signed(vectors: Array) -> Array:

@@ -57,7 +57,8 @@ class Foam(Section):
 def surface(plate: Plate, foam: Foam | None, footprint: tuple[float, float]) -> Surface:
     """The structure at the plate's top face, for a slider whose `footprint` is so long and wide [m]; takes seconds.
 
-    Raises ValueError for more elements than `LARGEST` allows, or too few for the modes.
+    Raises ValueError for more elements than `LARGEST` allows, too few for the modes, or values so far apart that the
+    result is lost in rounding.
     """
     unknowns = _unknowns(plate, foam)
     if unknowns > LARGEST:
@@ -83,6 +84,8 @@ def surface(plate: Plate, foam: Foam | None, footprint: tuple[float, float]) -> 
     load[2, top] = np.multiply.outer(_integrals(y, -0.5 * width, 0.5 * width), along).ravel()
     force = load.ravel()[structure.free]
     residual = float(force @ hexahedra.left_out(structure, found, force)) / (length * width)
+    if residual < 0.0:
+        raise ValueError(hexahedra.LOST)
     elastic = found.frequencies > 0.0
     given = (force @ found.vectors[:, elastic]) / (2.0 * math.pi * found.frequencies[elastic])
     return Surface(

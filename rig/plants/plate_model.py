@@ -126,7 +126,7 @@ def build(plate: Plate, foam: Foam | None, grid: Grid, point: tuple[float, float
     """The reduced structure for a slider's contact grid, and for a probe at `point` (x, y) [m].
 
     Takes seconds the first time; then it is read from disk (rig.plants.model_store). Raises ValueError for a slider
-    larger than the plate, a point beside the plate, elements too many for this, or too few for the modes.
+    larger than the plate, a point beside the plate, and as rig.plants.plate_elements.surface does.
     """
     for name in ("length", "width"):
         slider, most = getattr(grid, name), getattr(plate, name)

@@ -133,6 +133,11 @@ def test_every_position_of_the_slider_has_its_places(along):
         ({"point": (0.0, -0.04)}, "y is -0.04 m; the plate reaches from -0.0383 to 0.0383 m"),
         ({"plate": plate((64, 64, 4))}, "599076 unknowns; at most 60000 are allowed: lower elements_along"),
         ({"plate": plate((2, 2, 1))}, "modes is 40; these elements give at most 28: take more elements or fewer modes"),
+        (
+            {"foam": foam(poisson=0.4999999999)},
+            "lost in rounding, because sizes",
+        ),
+        ({"plate": plate((4, 4, 1), thickness=1e-6), "foam": None}, "bring values that lie far apart closer together"),
     ],
 )
 def test_what_cannot_be_built_is_refused(given, message):
