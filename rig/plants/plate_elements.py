@@ -21,8 +21,6 @@ if TYPE_CHECKING:
 
 Elements = Annotated[int, Ge(1), Le(64)]
 Count = Annotated[int, Ge(1), Le(200)]
-METHOD = 1
-"""To be raised by whoever changes what `surface` gives."""
 LARGEST = 60_000
 """Unknowns of a structure that is built in less than a minute, in 2 GB."""
 

@@ -18,6 +18,7 @@ import json
 import math
 from dataclasses import dataclass
 from hashlib import sha256
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -29,6 +30,8 @@ from rig.plants.plate_surface import Array, Surface, framed, unframed
 
 __all__ = ["Foam", "Grid", "Plate", "Reduced", "Surface", "build"]
 
+_HERE = Path(__file__).parent
+_SOURCES = ("hexahedra.py", "plate_elements.py", "plate_surface.py")
 LARGEST_PITCH = 0.5e-3
 """Between two places at which shapes are kept [m]. # chosen"""
 
@@ -142,11 +145,12 @@ def build(plate: Plate, foam: Foam | None, grid: Grid, point: tuple[float, float
 
 
 def _key(plate: Plate, foam: Foam | None, grid: Grid) -> str:
-    """Hash of all that the surface depends on: numbers, the method, and the libraries that may round otherwise."""
+    """Hash of all that the surface depends on: numbers, sources, and the libraries that may round otherwise."""
     given = {
         "plate": plate.model_dump(exclude={"damping_ratio"}),
         "foam": foam and foam.model_dump(),
         "footprint": [grid.length, grid.width],
-        "method": [plate_elements.METHOD, np.__version__, scipy.__version__],
+        "sources": [sha256((_HERE / name).read_bytes()).hexdigest() for name in _SOURCES],
+        "libraries": [np.__version__, scipy.__version__],
     }
     return sha256(json.dumps(given, sort_keys=True).encode()).hexdigest()[:32]
