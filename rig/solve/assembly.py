@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.solve.film import Film
 from rig.solve.finding import Judge
 from rig.solve.laws import Law
 from rig.solve.matrices import matrices
@@ -96,7 +97,7 @@ class Assembly:
     in place of a network state, where a parameter changes. `judges` look at the rig before a run (rig.solve.verdict).
     `free`: natural frequencies [Hz] of a part of the rig by itself, told beside those of the rig. `limits`:
     coefficients of friction at which something of it is used up. `struck`: where a knock strikes, over coordinates, if
-    that is not along the sliding direction of the first patch.
+    that is not along the sliding direction of the first patch. `film`: see rig.solve.film.
     """
 
     title: str = ""
@@ -126,6 +127,7 @@ class Assembly:
     free: dict[str, float] = field(default_factory=dict)
     limits: dict[str, float] = field(default_factory=dict)
     struck: Row = field(default_factory=dict)
+    film: Film | None = None
 
     def coordinate(self, name: str, mass: float, damping: float = 0.0, stiffness: float = 0.0) -> None:
         """A degree of freedom with its own mass, damper and spring to ground."""

@@ -72,6 +72,20 @@ class _Lanes:
         alone = self._builder.insert_element(none, number, ir.Constant(ir.IntType(32), 0))
         return self._builder.shuffle_vector(alone, none, ir.Constant(everywhere, [0] * _LANE))
 
+    def sum(self, lanes: Any) -> Any:
+        """All lanes together: one half and the other, until one is left."""
+        size = _LANE
+        while size > 1:
+            size //= 2
+            kind = ir.VectorType(ir.IntType(32), size)
+            none = ir.Constant(lanes.type, ir.Undefined)
+            low, high = (
+                self._builder.shuffle_vector(lanes, none, ir.Constant(kind, list(range(first, first + size))))
+                for first in (0, size)
+            )
+            lanes = self._builder.fadd(low, high)
+        return self._builder.extract_element(lanes, ir.Constant(ir.IntType(32), 0))
+
     def more(self, a: Any, b: Any, total: Any) -> Any:
         """A b + total."""
         product = self._builder.fmul(a, b, flags=("contract",))
@@ -149,3 +163,65 @@ def _gather(typing: Any, total: Any, x: Any, weight: Any) -> Any:
 
 
 gather: Any = intrinsic(_gather)
+
+
+def _blend(typing: Any, low: Any, high: Any, share: Any, x: Any, now: Any, out: Any) -> Any:
+    """now = low + share (high - low) [n, lane], out[lane] = sum_j x[j] now[j, lane]; lanes as many as fill blocks."""
+
+    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        low, high, share, x, now, out = _arrays(context, builder, signature, arguments)
+        lanes = _Lanes(context, builder)
+        count, width = (builder.extract_value(low.shape, axis) for axis in range(2))
+        part = lanes.alike(share)
+        with cgutils.for_range(builder, builder.udiv(width, lanes.whole(BLOCK))) as block:  # type: ignore[no-untyped-call]
+            first = builder.mul(block.index, lanes.whole(BLOCK))
+            sums = [lanes.place() for _ in range(BLOCK // _LANE)]
+            for total in sums:
+                builder.store(lanes.zero, total)
+            with cgutils.for_range(builder, count) as row:  # type: ignore[no-untyped-call]
+                factor = lanes.alike(builder.load(builder.gep(x.data, [row.index])))
+                begin = builder.add(first, builder.mul(row.index, width))
+                for k, total in enumerate(sums):
+                    at = builder.add(begin, lanes.whole(_LANE * k))
+                    below = lanes.load(low.data, at)
+                    value = lanes.more(part, builder.fsub(lanes.load(high.data, at), below), below)
+                    lanes.store(value, now.data, at)
+                    builder.store(lanes.more(factor, value, builder.load(total)), total)
+            for k, total in enumerate(sums):
+                lanes.store(builder.load(total), out.data, builder.add(first, lanes.whole(_LANE * k)))
+        return context.get_dummy_value()
+
+    return types.none(low, high, types.float64, x, now, out), lay
+
+
+blend: Any = intrinsic(_blend)
+
+
+def _across(typing: Any, table: Any, weights: Any, out: Any) -> Any:
+    """out[j] = sum of table[j, lane] weights[lane]: lanes by themselves first, then by halves; as many as fill blocks."""
+
+    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        table, weights, out = _arrays(context, builder, signature, arguments)
+        lanes = _Lanes(context, builder)
+        count, width = (builder.extract_value(table.shape, axis) for axis in range(2))
+        with cgutils.for_range(builder, count) as row:  # type: ignore[no-untyped-call]
+            sums = [lanes.place() for _ in range(BLOCK // _LANE)]
+            for total in sums:
+                builder.store(lanes.zero, total)
+            begin = builder.mul(row.index, width)
+            with cgutils.for_range(builder, builder.udiv(width, lanes.whole(BLOCK))) as block:  # type: ignore[no-untyped-call]
+                first = builder.mul(block.index, lanes.whole(BLOCK))
+                for k, total in enumerate(sums):
+                    at = builder.add(first, lanes.whole(_LANE * k))
+                    value = lanes.load(table.data, builder.add(begin, at))
+                    builder.store(lanes.more(lanes.load(weights.data, at), value, builder.load(total)), total)
+            whole = builder.load(sums[0])
+            for total in sums[1:]:
+                whole = builder.fadd(whole, builder.load(total))
+            builder.store(lanes.sum(whole), builder.gep(out.data, [row.index]))
+        return context.get_dummy_value()
+
+    return types.none(table, weights, out), lay
+
+
+across: Any = intrinsic(_across)

@@ -140,6 +140,7 @@ def matrices(a: Assembly) -> System:
         strike=over_coordinates(a.strike),
         kept={name: row(f"what {name} keeps", r) for name, r in a.keep.items()},
         start=np.array([a.start.get(name, 0.0) for name in names]),
+        film=a.film,
     )
     if faults:
         raise SceneError(a.title or "assembly", faults)

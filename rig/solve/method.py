@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rig.solve import kick, smooth
+from rig.solve import film, kick, smooth
 from rig.solve.system import System
 
 METHODS = ("exact", "dopri5", "rk4", "kick", "smooth")
@@ -14,17 +14,17 @@ CROWD = 1 << 14
 
 def crowded(system: System) -> bool:
     """Whether so many contacts open and close that their mode sets are not told apart: none is an event then."""
-    return system.keys > CROWD and not kick.refusal(system)
+    return system.keys > CROWD and system.film is None and not kick.refusal(system)
 
 
 def chosen(method: str, system: System) -> str:
     """The method that "auto" stands for: exact where the motion is linear in every mode set, else dopri5.
 
-    kick where a crowd of contacts opens and closes.
+    kick where a crowd of contacts opens and closes, or travels.
     """
     if method != "auto":
         return method
-    if crowded(system):
+    if system.film is not None or crowded(system):
         return "kick"
     return "exact" if system.linear else "dopri5"
 
@@ -33,6 +33,13 @@ def seen(system: System, method: str, smoothing: float) -> System:
     """The system as a method sees it; `smoothing` [m/s] of the method smooth. Raises ValueError if it cannot serve."""
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
+    if system.film is not None:
+        if method != "kick":
+            raise ValueError(f"{method} cannot follow points that travel, and stick and slip each by itself: use kick")
+        why = film.refusal(system)
+        if why:
+            raise ValueError(f"kick: {why}")
+        return film.ridden(system)
     if method == "kick":
         why = kick.refusal(system)
         if why:

@@ -174,7 +174,7 @@ class Motion:
         self.tick, self._jumps = 0, 0.0
         at_start = system.key([0] * len(system.patches), [0] * len(system.normals), [0] * len(system.limiters))
         self.stored_first = ledger.stored(system, state.x, at_start)
-        self._springs = Springs(self) if self.method == "kick" else None
+        self._springs = Springs(self) if self.method == "kick" and system.film is None else None
         self._run(0, 0)
         self._begun = state.x.copy()
 

@@ -10,7 +10,7 @@ import numpy as np
 from numba.core import types
 
 from rig.loan import Lent, Loan, lent_type
-from rig.solve import dopri5, exact, expm, kick, rk4, stage
+from rig.solve import dopri5, exact, expm, kick, ride, rk4, stage
 from rig.solve.carry import advance, carry, evaluate
 from rig.solve.emit import empty_segments
 from rig.solve.frames import frames
@@ -62,7 +62,7 @@ def plan(
         if not wide:
             wanted["quiet"] = exact.quiet, Shape(system.n, products=False, bends=False)
     if fixed or bends:
-        code = {"kick": kick, "rk4": rk4}.get(method, dopri5)
+        code = {"kick": kick if system.film is None else ride, "rk4": rk4}.get(method, dopri5)
         if method != "kick":
             shape = Shape(0 if wide else system.n, bool(system.products), bends)
             wanted["steps"] = code.steps, shape

@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.loan import Loan
-from rig.solve import expm, kick, laws, wide
+from rig.solve import expm, kick, laws, ride, wide
 from rig.solve.formulation import ModeSet, assemble
-from rig.solve.lanes import zeros
+from rig.solve.lanes import blocks, zeros
 from rig.solve.ledger import NODES, TERMS, at_nodes, damping, gathered, loss_rows, powers, store, work
 from rig.solve.roots import DEGREE
 from rig.solve.signals import signal_rows
@@ -55,6 +55,8 @@ class Slots:
         """Assemble mode set `key` and append its tables; returns the mode set."""
         system = self.system
         modes = assemble(system, key)
+        if system.film is not None:
+            return self._ride(modes)
         t = self.tables
         g = t.G.shape[1]
         guards = _padded(modes.guards, g)
@@ -146,6 +148,22 @@ class Slots:
         self.handle = Loan(self.tables)
         self.sets.append(modes)
         self.sticks.append(all(mode == STICK for mode in patch_modes))
+        return modes
+
+    def _ride(self, modes: ModeSet) -> ModeSet:
+        """Append the tables of the only mode set of a rig whose contacts travel: what rig.solve.ride does not ask for
+        stays of length zero."""
+        t, rows = self.tables, signal_rows(self.system, modes, self.rows)[0]
+        told = {"signals": rows, "asks": np.zeros(len(rows)), "depth": 0, "guards": 0, "stuck": 0, "lands": 0}
+        self.tables = t._replace(
+            slot_of=np.zeros_like(t.slot_of),
+            wide=t.wide._replace(output=_put(t.wide.output, 0, blocks(rows))),
+            film=ride.tables(self.system, self.step / self._kicks, rows[: self.read]),
+            **{name: _put(getattr(t, name), 0, value) for name, value in told.items()},
+        )
+        self.handle = Loan(self.tables)
+        self.sets.append(modes)
+        self.sticks.append(False)
         return modes
 
     def take(self) -> Array:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.solve.film import Film
 from rig.solve.finding import Judge
 from rig.solve.laws import Law
 from rig.solve.products import Product
@@ -167,7 +168,8 @@ class System:
     force [coordinate, state], force_t [coordinate, product]. coupling [coordinate, state]: forces of the network, which
     exchange energy with what it stores, x.store x / 2, and with its resistors. kept: of some states by name the row of
     what stays as it is, in place of the state, where a parameter changes: the charge in place of the voltage. judges:
-    of effects, see rig.solve.verdict. strike [coordinate]: what a newton does where a knock strikes.
+    of effects, see rig.solve.verdict. strike [coordinate]: what a newton does where a knock strikes. film: what the
+    contacts of the system become under the method kick, which lets them travel.
     """
 
     names: tuple[str, ...]
@@ -192,6 +194,7 @@ class System:
     strike: Array
     kept: dict[str, Array]
     start: Array
+    film: Film | None = None
     slip_rows: Array = field(init=False)
 
     def __post_init__(self) -> None:

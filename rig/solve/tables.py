@@ -11,10 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve import kick, laws, products, wide
+from rig.solve import kick, laws, products, ride, wide
 from rig.solve.kick import Flow
 from rig.solve.ledger import TERMS, supplied
 from rig.solve.products import Products
+from rig.solve.ride import Riding
 from rig.solve.system import System
 from rig.solve.wide import Wide
 
@@ -94,6 +95,7 @@ class Tables(NamedTuple):
     products: Products
     wide: Wide  # of rigs with many states
     flow: Flow  # of the method kick
+    film: Riding  # of that method, where contacts travel
     step: Array  # [1] s
 
 
@@ -177,6 +179,7 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         change=change,
         products=products.pack(s.products, n, P, K),
         wide=wide.empty(n, I, g, read, S) if n > UNROLLED else wide.empty(0, 0, 0, 0, 0),
-        flow=kick.empty(s, g) if kicks else kick.empty(None, 0),
+        flow=kick.empty(s, g) if kicks and s.film is None else kick.empty(None, 0),
+        film=ride.empty(),
         step=np.array([step]),
     )
