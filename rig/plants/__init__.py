@@ -11,6 +11,7 @@ PLANTS: dict[str, str] = {
     "north": "rig.plants.north",
     "pendulum": "rig.plants.pendulum",
     "pin": "rig.plants.pin",
+    "plate": "rig.plants.plate",
     "points": "rig.plants.points",
     "tip": "rig.plants.tip",
     "tip_beam": "rig.plants.tip_beam",

@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve.film import Film
+from rig.solve.film import Film, lay
 from rig.solve.finding import Judge
 from rig.solve.laws import Law
 from rig.solve.matrices import matrices
@@ -225,6 +225,8 @@ class Assembly:
 
     def system(self) -> System:
         """The matrices. Raises SceneError when a row names an unknown state."""
+        if self.film is not None:
+            lay(self, self.film)
         return matrices(self)
 
 

@@ -17,6 +17,7 @@ over the points, and of each point what it presses with and what its friction is
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -32,6 +33,7 @@ SUMS = ("normal", "friction", "fraction", "centre_x", "centre_y", "openings")
 """Over the points: forces [N], share of them that is closed, where they press in the middle [m], and how often one has
 opened so far."""
 NORMAL, FRICTION, FRACTION, CENTRE_X, CENTRE_Y, OPENINGS = range(len(SUMS))
+_LOOKED_AT = 9
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,7 @@ class Film:
     other) or against each other (-1): half the work of rows for all of them.
 
     rows [place, direction, coordinate, pair]: normal, along and, where asked, across the travel, at each `pitch` [m].
+    `longest`: how far the slider can travel [m].
     parity [coordinate]. `stiffness`, `shear` [N/m], `damping` [N s/m]: of each point. `mu`: friction. x, y [point]:
     where the points are on the slider [m].
     """
@@ -51,6 +54,7 @@ class Film:
     parity: Array
     pitch: float
     travel: str
+    longest: float
     stiffness: float
     damping: float
     shear: float
@@ -77,11 +81,6 @@ class Film:
         mirrored[2:] *= -1.0
         return np.concatenate([here, mirrored], axis=2)
 
-    @property
-    def longest(self) -> float:
-        """How far the slider can travel [m]."""
-        return (len(self.rows) - 1) * self.pitch
-
     def of_points(self) -> list[str]:
         """What is kept of each point, in the order of the states."""
         kept = ["P", "f"] + ["g"] * (self.directions - 2)
@@ -103,8 +102,10 @@ def at(kept: str, point: int) -> str:
     return f"{kept}:{point + 1}"
 
 
-def add(a: Assembly, film: Film) -> None:
-    """Put a film between the coordinates of a rig; call it after all other signals are there."""
+def lay(a: Assembly, film: Film) -> None:
+    """Give a rig the states of its film, behind all others."""
+    if on(a.coordinates[0]) in a.signals:
+        return
     for name in a.coordinates:
         a.signal(on(name), {}, 0.0, "film")
         a.push(name, {on(name): 1.0})
@@ -120,7 +121,6 @@ def add(a: Assembly, film: Film) -> None:
             a.stores.append((film.stiffness, {at("c", point): 1.0}))
         else:
             a.stores.append((1.0 / film.stiffness, {at("P", point): 1.0}))
-    a.film = film
 
 
 def refusal(system: System) -> str:
@@ -138,3 +138,19 @@ def refusal(system: System) -> str:
 def ridden(system: System) -> System:
     """The system with its contacts in the film alone."""
     return replace(system, patches=(), normals=())
+
+
+def fastest(system: System, h: float) -> float:
+    """The highest angular frequency [rad/s] with every point closed and stuck, wherever the slider is.
+
+    A damped film that is seen at steps of `h` [s] counts as stiffer by what its last three places give.
+    """
+    film, highest = system.film, 0.0
+    assert film is not None
+    stiffness = film.stiffness + 1.5 * film.damping / h
+    root = 1.0 / np.sqrt(np.diag(system.mass))
+    for place in np.linspace(0.0, film.longest, _LOOKED_AT).tolist():
+        normal, *sticking = film.everywhere(place)
+        K = system.stiffness + stiffness * (normal @ normal.T) + sum(film.shear * (one @ one.T) for one in sticking)
+        highest = max(highest, float(np.linalg.eigvalsh(root[:, None] * K * root)[-1]))
+    return math.sqrt(highest)

@@ -22,6 +22,7 @@ from rig.loan import Loan
 from rig.solve import ledger
 from rig.solve.carry import TALLIED, advance, evaluate
 from rig.solve.emit import empty_segments
+from rig.solve.film import on
 from rig.solve.frames import frames as carried_in_frames
 from rig.solve.method import seen
 from rig.solve.plan import plan
@@ -425,7 +426,8 @@ class Motion:
     def _where(self) -> tuple[float, str, dict[str, float]]:
         ic, fc = self.state.ic, self.state.fc
         time = (self.tick + int(ic[TICK]) - self.kept + float(fc[PLACE])) * self.step_ns * 1e-9
-        return time, self.system.describe(self.key), dict(zip(self.system.names, self.state.x.tolist()))
+        own = self.system.names[: self.system.names.index(on(self.system.coordinates[0]))] if self.system.film else None
+        return time, self.system.describe(self.key), dict(zip(own or self.system.names, self.state.x.tolist()))
 
     def _stop(self, status: int) -> None:
         where = self._where()
@@ -440,6 +442,9 @@ class Motion:
             what = f"more than {len(self.segments.start)} smooth segments in one frame, for the sensors to read"
             raise NumericsError(f"{what}. Shorten clock.frame{f' or raise {finer}' if finer else ''}", *where)
         assert status == LOST
+        film = self.system.film
+        if film is not None and not 0.0 <= self.state.x[self.system.names.index(film.travel)] <= film.longest:
+            raise NumericsError(f"the slider has come to the end of its way, {film.longest:g} m", *where)
         if np.all(np.abs(self.state.x) <= self.limit):
             raise Diverged(f"no step is short enough for the tolerance {self.tolerance:g}", *where)
         what = f"the state has left the limit of {self.limit:g} or is not finite"

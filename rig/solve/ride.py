@@ -4,7 +4,9 @@
 
 Between two kicks each coordinate moves on its own: a damped turn of its place and velocity. What the points press with
 rests on where they are, and their friction on how far they were carried since the step before, so that the composition
-is of second order (compare rig.solve.kick). The compression speed, where the film is damped, is taken from the last
+is of second order (compare rig.solve.kick). Its largest error is that of the stiff film under the light slider: the film
+is therefore looked at h^2/12 further along the acceleration that its pressure gives the slider, which takes that error
+out of the potential of the two (Takahashi and Imada) and costs no product with the rows. The compression speed, where the film is damped, is taken from the last
 three places, for the velocity at the end of a step is not known before its kick. A force that is held over the step
 instead feeds the vibration at any step.
 
@@ -18,6 +20,7 @@ says what they push (rig.solve.lanes).
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -34,8 +37,10 @@ from rig.solve.system import System
 Array = NDArray[np.float64]
 TRAVEL, FIRST, POINTS, DIRECTIONS, DAMPED = range(5)
 """Of Riding.where: state of the travel, of the first force on a coordinate; points, directions; 1: the film is damped."""
-PITCH, STIFFNESS, DAMPING, SHEAR, FRICTIONAL = range(5)
+PITCH, LONGEST, STIFFNESS, DAMPING, SHEAR, FRICTIONAL = range(6)
 """Of Riding.numbers."""
+_EDGE = 1e-12
+"""What rounding may leave of a slider that stands at the edge [m]."""
 
 
 class Side(NamedTuple):
@@ -57,9 +62,11 @@ class Riding(NamedTuple):
     numbers: Array  # see PITCH
     where: NDArray[np.int64]  # see TRAVEL
     places: Array  # [2, point] of the points on the slider
-    weight: Array  # [coordinate] 1 / mass
-    turn: Array  # [coordinate, 4] flow of place and velocity over a step, less one
-    loss: Array  # [coordinate, 3] what the damper takes over a step, of q^2, q v, v^2
+    kick: Array  # [coordinate] h / 2 / mass
+    turn: Array  # [4, coordinate] flow of place and velocity over a step, less one
+    loss: Array  # [3, coordinate] what the damper takes over a step, of q^2, q v, v^2
+    damped: Array  # scratch [coordinate] what it has taken in the stretch so far
+    before: Array  # scratch [coordinate]
     pushed: NDArray[np.int64]  # coordinates that signals push
     column: Array  # [pushed, 2, m] what that moves them in a step
     push: Array  # [pushed, m] force
@@ -74,6 +81,10 @@ class Riding(NamedTuple):
     lost: Array  # scratch [3, point] of the stretch so far: mean friction times travel, times sliding; lost in the film
     moved: Array  # scratch [m]
     held: Array  # scratch [pushed]
+    riders: Array  # [rider, point] normal rows of the coordinates whose rows are the same everywhere: the slider's
+    advance: Array  # [rider] h^2 / 12 / mass
+    ahead: Array  # scratch [rider]
+    pressed: Array  # scratch [point]
 
 
 def empty() -> Riding:
@@ -85,9 +96,11 @@ def empty() -> Riding:
         numbers=z(0),
         where=none,
         places=z((2, 0)),
-        weight=z(0),
-        turn=z((0, 4)),
-        loss=z((0, 3)),
+        kick=z(0),
+        turn=z((4, 0)),
+        loss=z((3, 0)),
+        damped=z(0),
+        before=z(0),
         pushed=none,
         column=z((0, 2, 0)),
         push=z((0, 0)),
@@ -102,6 +115,10 @@ def empty() -> Riding:
         lost=z((3, 0)),
         moved=z(0),
         held=z(0),
+        riders=z((0, 0)),
+        advance=z(0),
+        ahead=z(0),
+        pressed=z(0),
     )
 
 
@@ -112,7 +129,7 @@ def tables(system: System, step: float, read: Array) -> Riding:
     nq, first = len(system.coordinates), system.names.index(on(system.coordinates[0]))
     directions = film.directions
     m = first - system.one
-    turn, loss = np.zeros((nq, 4)), np.zeros((nq, 3))
+    turn, loss = np.zeros((4, nq)), np.zeros((3, nq))
     mass, force = np.diag(system.mass), system.force[:, system.one : first]
     pushed = np.flatnonzero(force.any(axis=1))
     signals = np.ascontiguousarray(system.signals[:m, system.one : first])
@@ -124,23 +141,29 @@ def tables(system: System, step: float, read: Array) -> Riding:
         A[1, 2:], A[2:, 2:] = force[i] / mass[i], signals
         own = A[:2, :2].copy()
         E = expm.ladder(own, step)
-        turn[i] = E[0].ravel()
+        turn[:, i] = E[0].ravel()
         form = np.array([[[0.0, 0.0], [0.0, system.damping[i, i]]]])
         taken = ledger.work(ledger.at_nodes(own, np.eye(2), step / 2.0 ** (len(E) - 1)), form, step, E)[0, 0]
-        loss[i] = taken[0, 0], 2.0 * taken[0, 1], taken[1, 1]
+        loss[:, i] = taken[0, 0], 2.0 * taken[0, 1], taken[1, 1]
         for p in np.flatnonzero(pushed == i).tolist():
             column[p] = expm.ladder(A, step)[0][:2, 2:]
     entries = np.nonzero(read)
+    riders = np.flatnonzero((film.rows == film.rows[0]).all(axis=(0, 1, 3)))
+    room = -(-film.points // BLOCK) * BLOCK
+    normal = zeros((len(riders), room))
+    normal[:, : film.points] = film.everywhere(0.0)[0, riders]
     sums = first + nq + np.arange(len(SUMS))
     return Riding(
         alike=_side(film, 1.0),
         against=_side(film, -1.0),
-        numbers=np.array([film.pitch, film.stiffness, film.damping, film.shear, film.mu]),
+        numbers=np.array([film.pitch, film.longest, film.stiffness, film.damping, film.shear, film.mu]),
         where=np.array([system.names.index(film.travel), first, film.points, directions, film.damping > 0.0]),
         places=np.array([film.x, film.y]),
-        weight=1.0 / mass,
+        kick=0.5 * step / mass,
         turn=turn,
         loss=loss,
+        damped=zeros(nq),
+        before=zeros(nq),
         pushed=pushed,
         column=column,
         push=np.ascontiguousarray(force[pushed]),
@@ -155,6 +178,10 @@ def tables(system: System, step: float, read: Array) -> Riding:
         lost=np.zeros((3, film.points)),
         moved=np.zeros(m),
         held=np.zeros(len(pushed)),
+        riders=normal,
+        advance=step * step / 12.0 / mass[riders],
+        ahead=zeros(len(riders)),
+        pressed=zeros(room),
     )
 
 
@@ -170,34 +197,38 @@ def _side(film: Film, parity: float) -> Side:
 @inlined
 def _felt(side, x, low, share):
     """What the coordinates of one side do at the points, in side.felt."""
-    for j in range(side.which.shape[0]):
-        side.values[j] = x[side.which[j]]
+    which, values = side.which, side.values
+    for j in range(which.shape[0]):
+        values[j] = x[which[j]]
     blend(side.rows[low], side.rows[low + 1], share, side.values, side.now, side.felt)
 
 
 @inlined
 def _pushed(side, forces):
     """forces[coordinate] of one side = what side.felt comes to."""
-    across(side.now, side.felt, side.values)
-    for j in range(side.which.shape[0]):
-        forces[side.which[j]] = side.values[j]
+    which, values = side.which, side.values
+    across(side.now, side.felt, values)
+    for j in range(which.shape[0]):
+        forces[which[j]] = values[j]
 
 
 @inlined
 def look(own, x):
     """Where the points are, in own.seen, and the rows there; false where the slider is off the structure."""
-    place = x[own.where[TRAVEL]] / own.numbers[PITCH]
+    travel = x[own.where[TRAVEL]]
+    place = travel / own.numbers[PITCH]
     low = min(int(max(place, 0.0)), own.alike.rows.shape[0] - 2)
     _felt(own.alike, x, low, place - low)
     _felt(own.against, x, low, place - low)
     pairs = own.seen.shape[1] // 2
     for direction in range(own.seen.shape[0]):
         side = -1.0 if direction == 2 else 1.0
+        seen, lanes = own.seen[direction], slice(direction * pairs, (direction + 1) * pairs)
+        both, other = own.alike.felt[lanes], own.against.felt[lanes]
         for i in range(pairs):
-            both, other = own.alike.felt[direction * pairs + i], own.against.felt[direction * pairs + i]
-            own.seen[direction, i] = both + other
-            own.seen[direction, pairs + i] = side * (both - other)
-    return place >= -1e-9 and place <= own.alike.rows.shape[0] - 1 + 1e-9
+            seen[i] = both[i] + other[i]
+            seen[pairs + i] = side * (both[i] - other[i])
+    return travel >= -_EDGE and travel <= own.numbers[LONGEST] + _EDGE
 
 
 @inlined
@@ -206,48 +237,56 @@ def push(own, forces):
     pairs = own.seen.shape[1] // 2
     for direction in range(own.seen.shape[0]):
         side = -1.0 if direction == 2 else 1.0
+        gives, lanes = own.gives[direction], slice(direction * pairs, (direction + 1) * pairs)
+        both, other = own.alike.felt[lanes], own.against.felt[lanes]
         for i in range(pairs):
-            one, image = own.gives[direction, i], side * own.gives[direction, pairs + i]
-            own.alike.felt[direction * pairs + i] = one + image
-            own.against.felt[direction * pairs + i] = one - image
+            one, image = gives[i], side * gives[pairs + i]
+            both[i], other[i] = one + image, one - image
     _pushed(own.alike, forces)
     _pushed(own.against, forces)
 
 
 @inlined
-def flow(own, x, nq, one):
-    """Carry coordinates and signals over a step without the film. Returns the work of what signals push."""
-    m, work = own.moved.shape[0], 0.0
+def flow(own, x, one):
+    """Kick the coordinates by half a step, carry them and the signals over a whole one without the film.
+
+    What the dampers take goes to own.damped. Returns the work of what signals push.
+    """
+    nq, m, work = own.kick.shape[0], own.moved.shape[0], 0.0
+    places, speeds, forces = x[:nq], x[nq : 2 * nq], x[one + m : one + m + nq]
+    kick, taken = own.kick, own.damped  # locals: read from the record once, not at every store
+    qq, qv, vv = own.loss[0], own.loss[1], own.loss[2]
+    by_place, by_speed, turned, slowed = own.turn[0], own.turn[1], own.turn[2], own.turn[3]
     for p in range(own.pushed.shape[0]):
-        own.held[p] = x[own.pushed[p]]
+        own.held[p] = places[own.pushed[p]]
+    before = own.before
+    for i in range(nq):  # a loop that writes one array is compiled to vectors
+        before[i] = speeds[i] + kick[i] * forces[i]
     for i in range(nq):
-        q, v = x[i], x[nq + i]
-        x[i] = q + (own.turn[i, 0] * q + own.turn[i, 1] * v)
-        x[nq + i] = v + (own.turn[i, 2] * q + own.turn[i, 3] * v)
+        taken[i] += qq[i] * places[i] * places[i] + qv[i] * places[i] * before[i] + vv[i] * before[i] * before[i]
+    for i in range(nq):
+        speeds[i] = before[i] + (turned[i] * places[i] + slowed[i] * before[i])
+    for i in range(nq):
+        places[i] += by_place[i] * places[i] + by_speed[i] * before[i]
+    signals, moved = x[one : one + m], own.moved
     for j in range(m):
-        own.moved[j] = 0.0
+        rate, s = own.signal[j], 0.0
         for k in range(m):
-            own.moved[j] += own.signal[j, k] * x[one + k]
+            s += rate[k] * signals[k]
+        moved[j] = s
     for p in range(own.pushed.shape[0]):
-        i, mean = own.pushed[p], 0.0
+        i, mean, further, faster = own.pushed[p], 0.0, 0.0, 0.0
+        moves, push = own.column[p], own.push[p]
         for j in range(m):
-            x[i] += own.column[p, 0, j] * x[one + j]
-            x[nq + i] += own.column[p, 1, j] * x[one + j]
-            mean += own.push[p, j] * (x[one + j] + 0.5 * own.moved[j])
-        work += mean * (x[i] - own.held[p])
+            further += moves[0, j] * signals[j]
+            faster += moves[1, j] * signals[j]
+            mean += push[j] * (signals[j] + 0.5 * moved[j])
+        work += mean * (places[i] + further - own.held[p])
+        places[i] += further
+        speeds[i] += faster
     for j in range(m):
-        x[one + j] += own.moved[j]
+        signals[j] += moved[j]
     return work
-
-
-@inlined
-def damped(own, x, nq):
-    """What the dampers take over a step that begins at x."""
-    s = 0.0
-    for i in range(nq):
-        q, v = x[i], x[nq + i]
-        s += own.loss[i, 0] * q * q + own.loss[i, 1] * q * v + own.loss[i, 2] * v * v
-    return s
 
 
 @inner
@@ -256,46 +295,71 @@ def press(own, x, travelled, h):
 
     Returns how many have opened.
     """
-    points = own.where[POINTS]
-    first = own.where[FIRST] + own.weight.shape[0] + len(SUMS)
-    k, c, shear, mu = own.numbers[STIFFNESS], own.numbers[DAMPING], own.numbers[SHEAR], own.numbers[FRICTIONAL]
-    lateral, is_damped = own.where[DIRECTIONS] == 3, own.where[DAMPED] == 1
-    compressed = first + points * own.where[DIRECTIONS]
-    opened = 0
+    points, directions = own.where[POINTS], own.where[DIRECTIONS]
+    first = own.where[FIRST] + own.kick.shape[0] + len(SUMS)
+    k, shear, mu = own.numbers[STIFFNESS], own.numbers[SHEAR], own.numbers[FRICTIONAL]
+    normal, friction = x[first : first + points], x[first + points : first + 2 * points]
+    deep, place, carried, was = own.pressed, own.seen[0], own.seen[1], own.last[1]
+    up, along, given, slid_off = own.gives[0], own.gives[1], own.lost[0], own.lost[1]
     for i in range(points):
-        d, before = own.seen[0, i], x[first + i]
-        force = k * max(d, 0.0)
-        if is_damped:
-            old, older = own.last[0, i], x[compressed + points + i]
-            pressed = max(force + c * (3.0 * d - 4.0 * old + older) / (2.0 * h), 0.0) if d > 0.0 else 0.0
-            own.lost[2, i] += 0.5 * (before - k * x[compressed + i] + pressed - force) * (d - old)
-            x[compressed + i], x[compressed + points + i] = max(d, 0.0), old
-            force = pressed
-        opened += int(before > 0.0 and force == 0.0)
-        x[first + i], own.gives[0, i] = force, -force
-        at, most = first + points + i, mu * force
-        slid, f = travelled - (own.seen[1, i] - own.last[1, i]), x[at]
-        new = f + shear * slid
-        if lateral:
-            aside, g = own.last[2, i] - own.seen[2, i], x[at + points]
-            new_aside = g + shear * aside
-            size = np.sqrt(new * new + new_aside * new_aside)
-            if size > most:
-                new, new_aside = new * (most / size), new_aside * (most / size)
-            own.lost[1, i] += 0.5 * (g + new_aside) * (aside - (new_aside - g) / shear)
-            x[at + points], own.gives[2, i] = new_aside, new_aside
-        else:
-            new = min(max(new, -most), most)
-        own.lost[0, i] += 0.5 * (f + new) * travelled
-        own.lost[1, i] += 0.5 * (f + new) * (slid - (new - f) / shear)
-        x[at], own.gives[1, i] = new, new
+        deep[i] = max(place[i], 0.0)
+    across(own.riders, deep, own.ahead)
+    for i in range(points):
+        deep[i] = place[i]
+    for r in range(own.ahead.shape[0]):
+        rider, by = own.riders[r], k * own.advance[r] * own.ahead[r]
+        for i in range(points):
+            deep[i] -= by * rider[i]
+    opened = 0
+    if own.where[DAMPED] == 0:
+        for i in range(points):
+            force = k * max(deep[i], 0.0)
+            opened += int((normal[i] > 0.0) & (force == 0.0))
+            normal[i] = force
+    else:
+        c, kept = own.numbers[DAMPING] / (2.0 * h), first + points * directions
+        compressed, older = x[kept : kept + points], x[kept + points : kept + 2 * points]
+        old, dashed = own.last[0], own.lost[2]
+        for i in range(points):
+            force, before = k * max(deep[i], 0.0), normal[i]
+            resisted = max(force + c * (3.0 * place[i] - 4.0 * old[i] + older[i]), 0.0) if deep[i] > 0.0 else 0.0
+            dashed[i] += 0.5 * (before - k * compressed[i] + resisted - force) * (place[i] - old[i])
+            opened += int((before > 0.0) & (resisted == 0.0))
+            normal[i], compressed[i], older[i] = resisted, max(deep[i], 0.0), old[i]
+    for i in range(points):
+        up[i] = -normal[i]
+    if directions == 2:
+        for i in range(points):
+            most = mu * normal[i]
+            along[i] = min(max(friction[i] + shear * (travelled - (carried[i] - was[i])), -most), most)
+        for i in range(points):
+            given[i] += 0.5 * (friction[i] + along[i]) * travelled
+        for i in range(points):
+            slid = travelled - (carried[i] - was[i]) - (along[i] - friction[i]) / shear
+            slid_off[i] += 0.5 * (friction[i] + along[i]) * slid
+        for i in range(points):
+            friction[i] = along[i]
+    else:
+        lateral = x[first + 2 * points : first + 3 * points]
+        aside, was_aside, across_it = own.seen[2], own.last[2], own.gives[2]
+        for i in range(points):
+            most, slid, f = mu * normal[i], travelled - (carried[i] - was[i]), friction[i]
+            slid_aside, g = was_aside[i] - aside[i], lateral[i]
+            new, new_aside = f + shear * slid, g + shear * slid_aside
+            size = math.sqrt(new * new + new_aside * new_aside)
+            part = most / size if size > most else 1.0
+            new, new_aside = part * new, part * new_aside
+            given[i] += 0.5 * (f + new) * travelled
+            slid_off[i] += 0.5 * (f + new) * (slid - (new - f) / shear)
+            slid_off[i] += 0.5 * (g + new_aside) * (slid_aside - (new_aside - g) / shear)
+            friction[i], lateral[i], along[i], across_it[i] = new, new_aside, new, new_aside
     return opened
 
 
 @inlined
 def total(own, x, opened):
     """Sums over the points."""
-    first, points = own.where[FIRST] + own.weight.shape[0], own.where[POINTS]
+    first, points = own.where[FIRST] + own.kick.shape[0], own.where[POINTS]
     normal, friction, closed, along, aside = 0.0, 0.0, 0, 0.0, 0.0
     for i in range(points):
         force = x[first + len(SUMS) + i]
@@ -322,7 +386,10 @@ def read(own, x, values):
 
 @inlined
 def book(own, energy):
-    """Add what the points have been given and have lost in this stretch."""
+    """Add what dampers have taken, what points have been given and have lost in this stretch."""
+    for i in range(own.damped.shape[0]):
+        energy[2] += own.damped[i]
+        own.damped[i] = 0.0
     for i in range(own.where[POINTS]):
         energy[0] += own.lost[0, i]
         energy[1] += own.lost[1, i]
@@ -335,30 +402,27 @@ def book(own, energy):
 def stretch(shape, t, w, state, log, seg, plan, ticks):
     """Part: carry the state until the end of the ticks asked for. Returns -1; -2 where the slider leaves the rig."""
     own, ic, fc, x, energy = t.film, state.ic, state.fc, state.x, state.energy
-    substeps, booking, emitting, origin = plan.substeps, plan.booking, plan.emitting, ic[REACHED]
-    n, nq, h = x.shape[0], own.weight.shape[0], t.step[0] / substeps
+    substeps, emitting, origin = plan.substeps, plan.emitting, ic[REACHED]
+    n, nq, h = x.shape[0], own.kick.shape[0], t.step[0] / substeps
     travel, first, one = own.where[TRAVEL], own.where[FIRST], own.where[FIRST] - own.moved.shape[0]
+    speeds, forces, kick = x[nq : 2 * nq], x[first : first + nq], own.kick
     begin, end = w.values[0], w.values[1]
     tick, done, opened = ic[TICK], int(fc[PLACE] * substeps + 0.5), 0
     within = look(own, x)
     if emitting:
         read(own, x, begin)
     while within and tick < ticks and not (emitting and crowded(t, 0, seg, ticks - tick)):
-        for i in range(nq):
-            x[nq + i] += 0.5 * h * own.weight[i] * x[first + i]
-        if booking:
-            energy[2] += damped(own, x, nq)
         travelled = x[travel]
-        energy[3] += flow(own, x, nq, one)
+        energy[3] += flow(own, x, one)
         travelled = x[travel] - travelled
         for direction in range(own.seen.shape[0]):
             for i in range(own.seen.shape[1]):
                 own.last[direction, i] = own.seen[direction, i]
         within = look(own, x)
         opened += press(own, x, travelled, h)
-        push(own, x[first : first + nq])
+        push(own, forces)
         for i in range(nq):
-            x[nq + i] += 0.5 * h * own.weight[i] * x[first + i]
+            speeds[i] += kick[i] * forces[i]
         done += 1
         if done == substeps or (emitting and own.summed[0]):
             total(own, x, opened)

@@ -233,7 +233,8 @@ class System:
     def generators(self) -> list[tuple[int, int, float]]:
         """Signals that swing for ever: states a, b of a' = rate b, b' = -rate a, which nothing else moves, and rate."""
         found, driven = [], {limiter.state for limiter in self.limiters}
-        for a, b in permutations(set(range(self.one, self.n)) - driven, 2):
+        moving = set((self.one + np.flatnonzero(self.signals.any(axis=1))).tolist())
+        for a, b in permutations(moving - driven, 2):
             rate = float(self.signals[a - self.one, b])
             rows = np.zeros((2, self.n))
             rows[0, b], rows[1, a] = rate, -rate

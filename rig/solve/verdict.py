@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from rig.errors import Singular
 from rig.quantities import at_most
+from rig.solve import film
 from rig.solve.finding import Finding
 from rig.solve.growth import stopped
 from rig.solve.laws import Law
@@ -41,6 +42,10 @@ RK4_LIMIT = 2.785
 """|lambda| h on the negative real axis up to which rk4 is stable; 2.828 on the imaginary one."""
 KICK_LIMIT = 2.0
 """|lambda| h up to which a contact that stays closed is stable under kicks."""
+FILM_LIMIT = 1.8
+"""The same for a film: nine tenths of it. Beyond, points that open and close gain energy."""
+FILM_COARSE = 1.1
+"""Up to this, growth rates of the film's flutter are right to some percent. # derived"""
 _FINE = 1e-4  # of the width of a law: errors of slip speeds that leave its events right
 _COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4, kick's (1/2)^3/24 = 5e-3
 _STIFF = 50.0  # |lambda| step: dopri5 takes more than 15 steps for stability alone
@@ -78,7 +83,10 @@ def verdict(system: System, method: str, step: float, substeps: int = 1, toleran
     fastest, where, _ = max(sets, key=lambda one: one[0], default=(0.0, "", None))
     for _, name, at in sets:
         found += _growth(at, name, fastest)
-    found += _steps(fastest, where, method, step, substeps)
+    if system.film is not None:
+        found += _riding(system, step, substeps)
+    else:
+        found += _steps(fastest, where, method, step, substeps)
     if method == "rk4":
         found += _bends(system, step, substeps)
     if method == "dopri5":
@@ -97,14 +105,19 @@ def part(step: float, most: float) -> str:
 def blame(system: System, method: str, step: float, substeps: int) -> str:
     """What the steps have to do with a run by rk4 or kick that has diverged, and what would help; see `verdict`."""
     h = step / substeps
-    fastest = max(float(np.abs(np.linalg.eigvals(assembled(system, key).A)).max()) for key in mode_sets(system))
-    fastest = max(fastest, steepest(system))
-    size, limit = fastest * h, RK4_LIMIT if method == "rk4" else KICK_LIMIT
+    if system.film is not None:
+        fastest, limit, coarse = film.fastest(system, h), FILM_LIMIT, FILM_COARSE
+    else:
+        fastest = max(float(np.abs(np.linalg.eigvals(assembled(system, key).A)).max()) for key in mode_sets(system))
+        fastest, limit = max(fastest, steepest(system)), RK4_LIMIT if method == "rk4" else KICK_LIMIT
+        coarse = _COARSE
+    size = fastest * h
     told = f"{method} took steps of {h:g} s: |lambda| h = {size:.3g}"
-    if size <= _COARSE:
+    if size <= coarse:
         return f"{told}, which is short enough; what grows is the motion itself"
-    why = f"unstable beyond {limit}" if size > limit else f"coarse beyond {_COARSE}"
-    return f"{told}, {why}. Set clock.rk4_step to {part(step, 0.1 / fastest)} or less" + (
+    why = f"unstable beyond {limit}" if size > limit else f"coarse beyond {coarse}"
+    least = 0.1 / fastest if system.film is None else FILM_COARSE / fastest
+    return f"{told}, {why}. Set clock.rk4_step to {part(step, least)} or less" + (
         ", or clock.method to dopri5" if method == "rk4" else ""
     )
 
@@ -153,7 +166,7 @@ def _ways(system: System, p: int) -> tuple[int, ...]:
     row = system.slip_rows[p]
     if np.any(row[nq : 2 * nq]):
         return _KINDS
-    return (SLIP_PLUS if row @ system.start > 0.0 else SLIP_MINUS,)
+    return (SLIP_PLUS if row @ system.start >= 0.0 else SLIP_MINUS,)
 
 
 def _places(sector: Sector) -> Sequence[int]:
@@ -295,6 +308,28 @@ def _bends(system: System, step: float, substeps: int) -> Iterator[Finding]:
             f"rk4 is coarse at a step of {h:g} s: |lambda| h = {fastest * h:.3g} where the friction law is steepest",
             fastest * h,
             f"rk4_step of {part(step, 0.1 / fastest)} or less, or method dopri5",
+        )
+
+
+def _riding(system: System, step: float, substeps: int) -> Iterator[Finding]:
+    """Whether kicks can follow the fastest motion of a film with all of its points closed and stuck."""
+    h = step / substeps
+    size = film.fastest(system, h) * h
+    if size > FILM_LIMIT:
+        yield Finding(
+            "error",
+            f"kick is unstable at a step of {h:g} s: omega h = {size:.3g} with every point closed and stuck, "
+            f"at most {FILM_LIMIT}",
+            size,
+            f"rk4_step of {part(step, FILM_LIMIT / size * h)} or less",
+        )
+    elif size > FILM_COARSE:
+        yield Finding(
+            "warning",
+            f"kick is coarse at a step of {h:g} s: omega h = {size:.3g} with every point closed and stuck; flutter of "
+            "the film grows more slowly than it should",
+            size,
+            f"rk4_step of {part(step, FILM_COARSE / size * h)} or less",
         )
 
 

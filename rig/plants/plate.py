@@ -1,0 +1,321 @@
+"""A plate on foam under a rigid slider that travels over it on a thin film, detaches and attaches again.
+
+    q_i'' + 2 zeta_i w_i q_i' + w_i^2 q_i = sum_p (-z_i(p) P_p + x_i(p) f_p)         modes i of mass one, points p
+    m z'' = -F + sum P,   I_p theta'' = sum (-X P + h f),   I_r psi'' = sum (Y P)
+    d = sum z_i q_i - (z - X theta + Y psi),   P = A (k d + c d') >= 0,   |f| <= mu P        rig.solve.film
+
+The slider's upper face is guided: it heaves (z), pitches (theta) and rolls (psi) about axes in that face, and the load F
+presses on it. h: from there to the middle of the film. It travels along the plate's x from `slider.position` on, at the
+speed of the drive, and drags the plate along. Half of the film moves with the slider. The plate's modes are of
+finite elements (rig.plants.plate_model); the damping ratio of the highest is given, those of the others follow the
+frequency. A plate without a slider, on foam or free, is a scene as well: to be knocked and listened to.
+
+Source: paper 002, "A new mechanism of friction-induced vibration: detachment and reattachment", section 3.2.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Self
+
+import numpy as np
+from annotated_types import Ge, Le
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
+
+from rig.effects import drive, load
+from rig.effects.drive import BeltDrive
+from rig.effects.friction import Constant
+from rig.effects.load import Load
+from rig.effects.noise import Noisy
+from rig.plants import plate_model
+from rig.plants.belt import RAMPED
+from rig.plants.plate_model import Foam, Grid, Plate, Reduced
+from rig.quantities import (
+    KilogramPerCubicMetre,
+    Metre,
+    Pascal,
+    PoissonRatio,
+    PositiveMetre,
+    Second,
+    Section,
+    SomeMetre,
+)
+from rig.solve import film
+from rig.solve.assembly import Assembly, Output, Row
+from rig.solve.film import on, over
+
+Array = NDArray[np.float64]
+Along = Annotated[int, Ge(1), Le(64)]
+Across = Annotated[int, Ge(2), Le(64)]
+X, Y, Z = range(3)
+SLIDER = ("z", "theta", "psi")
+_KNOWN: dict[Any, Reduced] = {}
+
+
+class Slider(Section):
+    """A rigid block; `position`: of its rear edge from the plate's at the start. `travels`: false holds it there."""
+
+    length: PositiveMetre
+    width: PositiveMetre
+    thickness: PositiveMetre
+    density: KilogramPerCubicMetre
+    position: SomeMetre = 0.0
+    travels: bool = True
+
+
+class Film(Section):
+    """Between slider and plate, a grid of points with equal areas; `across` is even: the rig is its own mirror image.
+
+    It presses by its modulus with the sides held, and bears friction by its shear modulus, derived from the others where
+    it is not given. `retardation`: its viscous stress is that times the rate of the elastic one. `opens`: false bonds
+    it to the plate: then all points slide and pull as well. `lateral`: friction across the travel too. `completed`: what
+    the plate's modes leave out of its deflection is in series with it.
+    """
+
+    thickness: PositiveMetre
+    young: Pascal
+    density: KilogramPerCubicMetre
+    poisson: PoissonRatio
+    shear_modulus: Pascal | None = None
+    retardation: Second = 0.0
+    along: Along
+    across: Across
+    opens: bool = True
+    lateral: bool = False
+    completed: bool = False
+
+    @model_validator(mode="after")
+    def _mirrored(self) -> Self:
+        if self.across % 2:
+            raise ValueError(f"across {self.across} is odd: take {self.across + 1}, or {self.across - 1}")
+        return self
+
+    @property
+    def normal(self) -> float:
+        """Stiffness of a unit area against compression [Pa/m]."""
+        modulus = self.young * (1.0 - self.poisson) / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson))
+        return modulus / self.thickness
+
+    @property
+    def shear(self) -> float:
+        """Stiffness of a unit area against shear [Pa/m]."""
+        modulus = self.shear_modulus or self.young / (2.0 * (1.0 + self.poisson))
+        return modulus / self.thickness
+
+
+class Probe(Section):
+    """Where the plate is knocked and looked at: from its rear edge, and from its middle."""
+
+    x: SomeMetre
+    y: Metre = 0.0
+
+
+class Parameters(Noisy):
+    """The tables of a plate scene. Slider, film, drive, load and friction are there together, or none of them."""
+
+    plate: Plate
+    foam: Foam | None = None
+    probe: Probe
+    slider: Slider | None = None
+    film: Film | None = None
+    drive: BeltDrive | None = None
+    load: Load | None = None
+    friction: Annotated[Constant, Field()] | None = None
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        parts = ("slider", "film", "drive", "load", "friction")
+        there = [name for name in parts if getattr(self, name) is not None]
+        missing = [f"[{name}]" for name in parts if name not in there]
+        if there and missing:
+            raise ValueError(f"[{there[0]}] needs {', '.join(missing)} beside it; a plate alone has none of these")
+        if there and self.foam is None:
+            raise ValueError("[slider] needs [foam]: nothing else holds the plate against its load")
+        faults = list(self._misplaced())
+        if faults:
+            raise ValueError("; ".join(faults))
+        return self
+
+    def _misplaced(self) -> Any:
+        plate = self.plate
+        if self.probe.x > plate.length or abs(self.probe.y) > 0.5 * plate.width:
+            yield (
+                f"probe at x {self.probe.x:g} m, y {self.probe.y:g} m is beside the plate: x up to {plate.length:g} m, "
+                f"y within {0.5 * plate.width:g} m"
+            )
+        if self.slider is None:
+            return
+        small = True
+        for name in ("length", "width"):
+            if not getattr(self.slider, name) < getattr(plate, name):
+                small = False
+                yield f"slider.{name} {getattr(self.slider, name):g} m is not below plate.{name}, {getattr(plate, name):g} m"
+        if small and self.slider.position > self.longest:
+            yield f"slider.position {self.slider.position:g} m is beyond {self.longest:g} m, where it meets the plate's edge"
+        if self.film is not None and not self.film.opens and self.slider.travels:
+            yield "film.opens false (bonded) needs slider.travels false: only points that open can travel"
+        if self.film is not None and self.film.lateral and not self.film.opens:
+            yield "film.lateral needs film.opens: bonded points slide along the travel alone"
+        for name in ("drive", "load"):
+            if getattr(getattr(self, name), "lag", None) is not None:
+                yield f"{name}.lag is not known to a slider on a film: leave it out"
+
+    @property
+    def longest(self) -> float:
+        """Where the slider's front edge meets the plate's [m]."""
+        assert self.slider is not None
+        return self.plate.length - self.slider.length
+
+    def grid(self) -> Grid:
+        """The contact points; of a plate alone any will do."""
+        if self.slider is None or self.film is None:
+            return Grid(0.5 * self.plate.length, 0.5 * self.plate.width, 2, 2)
+        return Grid(self.slider.length, self.slider.width, self.film.along, self.film.across)
+
+    def reduced(self) -> Reduced:
+        """The plate's modes."""
+        key = (self.plate.model_dump_json(), self.foam and self.foam.model_dump_json(), self.grid(), self.probe.model_dump_json())
+        if key not in _KNOWN:
+            _KNOWN[key] = plate_model.build(self.plate, self.foam, self.grid(), (self.probe.x, self.probe.y))
+        return _KNOWN[key]
+
+
+def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
+    """The rig's rows. `moved`: actuators that the scene commands ("held") or ramps ("ramped"); others are constant."""
+    model = p.reduced()
+    a = Assembly(title="plate")
+    names = [f"q{i}" for i in range(1, len(model.frequencies) + 1)]
+    for name, frequency in zip(names, model.frequencies.tolist()):
+        omega = 2.0 * math.pi * frequency
+        ratio = p.plate.damping_ratio * frequency / float(model.frequencies[-1])
+        a.coordinate(name, 1.0, 2.0 * ratio * omega, omega**2)
+    seen: Row = dict(zip(names, model.probe[:, Z].tolist()))
+    a.struck = seen
+    a.outputs |= _motion("plate", seen, "m")
+    a.free = {f"plate, mode {i}": f for i, f in enumerate(model.frequencies.tolist(), 1) if f and i <= 12}
+    if p.slider is not None:
+        _slide(a, p, model, names, moved)
+    return a
+
+
+def _motion(what: str, row: Row, unit: str) -> dict[str, Output]:
+    """Place, speed and acceleration of something."""
+    parts = (("displacement", "", unit), ("velocity", "'", f"{unit}/s"), ("acceleration", "''", f"{unit}/s^2"))
+    return {f"{what}_{name}": Output({f"{c}{mark}": f for c, f in row.items()}, u) for name, mark, u in parts}
+
+
+def _slide(a: Assembly, p: Parameters, model: Reduced, names: list[str], moved: Mapping[str, str]) -> None:
+    """Add slider, film, drive and load."""
+    assert p.slider and p.film and p.drive and p.load and p.friction
+    block, grid = p.slider, p.grid()
+    area = block.length * block.width
+    mass = area * (block.density * block.thickness + 0.5 * p.film.density * p.film.thickness)
+    for name, side in zip(SLIDER, (None, block.length, block.width)):
+        a.coordinate(name, mass if side is None else mass * (side**2 / 12.0 + block.thickness**2 / 3.0))
+    speed = drive.add(a, p.drive, "m/s", moved)
+    pressed = load.add(a, p.load, moved)
+    a.push("z", {state: -value for state, value in pressed.items()})
+    a.signal("position", speed if block.travels else {}, block.position, "drive")
+    own = _film(p, grid, model)
+    here = own.everywhere(block.position)
+    a.patch("film", {}, speed, p.friction.friction(), {})
+    every = [*names, *SLIDER]
+    normal, push = here[0], p.friction.mu * here[1] - here[0]
+    if p.film.opens:  # as the points are at the start: what is known before a run
+        for point in range(own.points):
+            row = _pressed(p, every, own.stiffness * normal[:, point])
+            a.normal(f"point {point + 1}", "film", row, dict(zip(every, push[:, point].tolist())))
+        a.film = own
+    else:
+        for name, rows in zip(every, own.stiffness * (push @ normal.T)):
+            a.push(name, _pressed(p, every, rows))
+        a.normal("film", "film", _pressed(p, every, own.stiffness * normal.sum(axis=1)), opens=False)
+    _slider_outputs(a, p, own)
+
+
+def _pressed(p: Parameters, names: list[str], values: Array) -> Row:
+    """A row over the coordinates that the film makes, with what its viscosity adds."""
+    assert p.film
+    row: Row = dict(zip(names, values.tolist()))
+    if p.film.retardation:
+        row |= {f"{name}'": p.film.retardation * value for name, value in zip(names, values.tolist())}
+    return row
+
+
+def _film(p: Parameters, grid: Grid, model: Reduced) -> film.Film:
+    """The points, those of the left half first."""
+    assert p.slider and p.film and p.friction
+    lines = np.flatnonzero(grid.lines > 0.0)
+    count = model.shapes.shape[3] - (grid.along - 1) * grid.stride
+    components = (Z, X, Y)[: 3 if p.film.lateral else 2]
+    h = p.slider.thickness + p.film.thickness
+    x = ((np.arange(grid.along) + 0.5) / grid.along - 0.5) * grid.length
+    pairs_x, pairs_y = np.repeat(x, len(lines)), np.tile(grid.lines[lines], grid.along)
+    modes = len(model.frequencies)
+    rows = np.zeros((count, len(components), modes + len(SLIDER), len(pairs_x)))
+    for place in range(count):
+        at = place + np.arange(grid.along) * grid.stride
+        for direction, component in enumerate(components):
+            shapes = model.shapes[:, component][:, lines][:, :, at]
+            rows[place, direction, :modes] = shapes.transpose(0, 2, 1).reshape(modes, -1)
+    rows[:, 0, modes:] = -np.ones_like(pairs_x), pairs_x, -pairs_y
+    rows[:, 1, modes + SLIDER.index("theta")] = h
+    if p.film.lateral:
+        rows[:, 2, modes + SLIDER.index("psi")] = -h
+    area = p.slider.length * p.slider.width / (2 * len(pairs_x))
+    stiffness = p.film.normal
+    if p.film.completed:
+        stiffness = 1.0 / (1.0 / stiffness + model.residual)
+    return film.Film(
+        rows=rows,
+        parity=np.array([*_parity(model), 1.0, 1.0, -1.0]),
+        pitch=model.pitch,
+        travel="position",
+        longest=p.longest,
+        stiffness=stiffness * area,
+        damping=stiffness * p.film.retardation * area,
+        shear=p.film.shear * area,
+        mu=p.friction.mu,
+        x=np.tile(pairs_x, 2),
+        y=np.concatenate([pairs_y, -pairs_y]),
+    )
+
+
+def _parity(model: Reduced) -> Array:
+    """Of each mode: 1 where it lifts both sides of the plate alike, -1 where against each other."""
+    signs = np.array([1.0, -1.0, 1.0])[:, None, None]
+    both = np.einsum("mclp,mclp->m", model.shapes, signs * model.shapes[:, :, ::-1])
+    return np.sign(both)
+
+
+def _slider_outputs(a: Assembly, p: Parameters, own: film.Film) -> None:
+    assert p.film and p.slider
+    for name, coordinate, unit in (("slider", "z", "m"), ("pitch", "theta", "rad"), ("roll", "psi", "rad")):
+        a.outputs |= _motion(name, {coordinate: 1.0}, unit)
+    a.outputs |= {"position": Output({"position": 1.0}, "m"), "surface_speed": Output(dict(a.surface("film")), "m/s")}
+    if not p.film.opens:
+        a.outputs |= {
+            "normal_force": Output({"N:film": 1.0}, "N"),
+            "friction_force": Output({"T:film": 1.0}, "N"),
+        }
+        return
+    a.outputs |= {
+        "normal_force": Output({over("normal"): 1.0}, "N"),
+        "friction_force": Output({over("friction"): 1.0}, "N"),
+        "contact_fraction": Output({over("fraction"): 1.0}, "1"),
+        "pressure_centre_x": Output({over("centre_x"): 1.0}, "m"),
+        "pressure_centre_y": Output({over("centre_y"): 1.0}, "m"),
+        "openings": Output({over("openings"): 1.0}, "1"),
+    }
+    area = p.slider.length * p.slider.width / own.points
+    for name, point in places(own).items():
+        a.outputs[name] = Output({film.at("P", point): 1.0 / area}, "Pa")
+
+
+def places(own: film.Film) -> dict[str, int]:
+    """The output of the pressure at each point, rows along from the rear, across from the right: its number."""
+    order = np.lexsort((own.y, own.x))
+    across = int(np.sum(np.isclose(own.x, own.x[0])))
+    return {f"pressure_{1 + i // across}_{1 + i % across}": int(point) for i, point in enumerate(order)}
