@@ -4,11 +4,11 @@
     m z'' = -F + sum P,   I_p theta'' = sum (-X P + h f),   I_r psi'' = sum (Y P)
     d = sum z_i q_i - (z - X theta + Y psi),   P = A (k d + c d') >= 0,   |f| <= mu P        rig.solve.film
 
-The slider's upper face is guided: it heaves (z), pitches (theta) and rolls (psi) about axes in that face, and the load F
-presses on it. h: from there to the middle of the film. It travels along the plate's x from `slider.position` on, at the
-speed of the drive, and drags the plate along. Half of the film moves with the slider. The plate's modes are of
-finite elements (rig.plants.plate_model); the damping ratio of the highest is given, those of the others follow the
-frequency. A plate without a slider, on foam or free, is a scene as well: to be knocked and listened to.
+The slider's upper face is guided: it heaves (z), pitches (theta) and rolls (psi) about axes in that face, and the load
+F presses on it. h: from there to the plate. It travels along the plate's x from `slider.position` on, at the speed of
+the drive, and drags the plate along. Half of the film moves with the slider. The plate's modes are of finite elements
+(rig.plants.plate_model); the damping ratio of the highest is given, those of the others follow the frequency. A plate
+without a slider, on foam or free, is a scene as well: to be knocked and listened to.
 
 Source: paper 002, "A new mechanism of friction-induced vibration: detachment and reattachment", section 3.2.
 """
@@ -16,13 +16,13 @@ Source: paper 002, "A new mechanism of friction-induced vibration: detachment an
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import Annotated, Any, Self
+from collections.abc import Iterator, Mapping
+from typing import Annotated, NamedTuple, Self
 
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from rig.effects import drive, load
 from rig.effects.drive import BeltDrive
@@ -31,7 +31,8 @@ from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.plants import plate_model
 from rig.plants.belt import RAMPED
-from rig.plants.plate_model import Foam, Grid, Plate, Reduced
+from rig.plants.plate_elements import Foam, Plate
+from rig.plants.plate_model import Grid, Reduced
 from rig.quantities import (
     KilogramPerCubicMetre,
     Metre,
@@ -44,14 +45,13 @@ from rig.quantities import (
 )
 from rig.solve import film
 from rig.solve.assembly import Assembly, Output, Row
-from rig.solve.film import on, over
+from rig.solve.film import over
 
 Array = NDArray[np.float64]
 Along = Annotated[int, Ge(1), Le(64)]
 Across = Annotated[int, Ge(2), Le(64)]
 X, Y, Z = range(3)
 SLIDER = ("z", "theta", "psi")
-_KNOWN: dict[Any, Reduced] = {}
 
 
 class Slider(Section):
@@ -68,10 +68,10 @@ class Slider(Section):
 class Film(Section):
     """Between slider and plate, a grid of points with equal areas; `across` is even: the rig is its own mirror image.
 
-    It presses by its modulus with the sides held, and bears friction by its shear modulus, derived from the others where
-    it is not given. `retardation`: its viscous stress is that times the rate of the elastic one. `opens`: false bonds
-    it to the plate: then all points slide and pull as well. `lateral`: friction across the travel too. `completed`: what
-    the plate's modes leave out of its deflection is in series with it.
+    It presses by its modulus with the sides held, and bears friction by its shear modulus, derived from the others
+    where it is not given. `retardation`: its viscous stress is that times the rate of the elastic one. `opens`: false
+    bonds it to the plate: then all points slide and pull as well. `lateral`: friction across the travel too.
+    `completed`: what the plate's modes leave out of its deflection is in series with it.
     """
 
     thickness: PositiveMetre
@@ -96,13 +96,13 @@ class Film(Section):
     def normal(self) -> float:
         """Stiffness of a unit area against compression [Pa/m]."""
         modulus = self.young * (1.0 - self.poisson) / ((1.0 + self.poisson) * (1.0 - 2.0 * self.poisson))
-        return modulus / self.thickness
+        return float(modulus / self.thickness)
 
     @property
     def shear(self) -> float:
         """Stiffness of a unit area against shear [Pa/m]."""
         modulus = self.shear_modulus or self.young / (2.0 * (1.0 + self.poisson))
-        return modulus / self.thickness
+        return float(modulus / self.thickness)
 
 
 class Probe(Section):
@@ -110,6 +110,16 @@ class Probe(Section):
 
     x: SomeMetre
     y: Metre = 0.0
+
+
+class Slid(NamedTuple):
+    """What a plate under a slider has beside the plate."""
+
+    slider: Slider
+    film: Film
+    drive: BeltDrive
+    load: Load
+    friction: Constant
 
 
 class Parameters(Noisy):
@@ -122,13 +132,12 @@ class Parameters(Noisy):
     film: Film | None = None
     drive: BeltDrive | None = None
     load: Load | None = None
-    friction: Annotated[Constant, Field()] | None = None
+    friction: Constant | None = None
 
     @model_validator(mode="after")
     def _whole(self) -> Self:
-        parts = ("slider", "film", "drive", "load", "friction")
-        there = [name for name in parts if getattr(self, name) is not None]
-        missing = [f"[{name}]" for name in parts if name not in there]
+        there = [name for name in Slid._fields if getattr(self, name) is not None]
+        missing = [f"[{name}]" for name in Slid._fields if name not in there]
         if there and missing:
             raise ValueError(f"[{there[0]}] needs {', '.join(missing)} beside it; a plate alone has none of these")
         if there and self.foam is None:
@@ -138,48 +147,47 @@ class Parameters(Noisy):
             raise ValueError("; ".join(faults))
         return self
 
-    def _misplaced(self) -> Any:
-        plate = self.plate
+    def _misplaced(self) -> Iterator[str]:
+        plate, slid = self.plate, self.slid
         if self.probe.x > plate.length or abs(self.probe.y) > 0.5 * plate.width:
             yield (
                 f"probe at x {self.probe.x:g} m, y {self.probe.y:g} m is beside the plate: x up to {plate.length:g} m, "
                 f"y within {0.5 * plate.width:g} m"
             )
-        if self.slider is None:
+        if slid is None:
             return
-        small = True
         for name in ("length", "width"):
-            if not getattr(self.slider, name) < getattr(plate, name):
-                small = False
-                yield f"slider.{name} {getattr(self.slider, name):g} m is not below plate.{name}, {getattr(plate, name):g} m"
-        if small and self.slider.position > self.longest:
-            yield f"slider.position {self.slider.position:g} m is beyond {self.longest:g} m, where it meets the plate's edge"
-        if self.film is not None and not self.film.opens and self.slider.travels:
+            size, most = getattr(slid.slider, name), getattr(plate, name)
+            if size >= most:
+                yield f"slider.{name} {size:g} m is not below plate.{name}, {most:g} m"
+        place, longest = slid.slider.position, plate.length - slid.slider.length
+        if place > longest > 0.0:
+            yield f"slider.position {place:g} m is beyond {longest:g} m, where it meets the plate's edge"
+        if not slid.film.opens and slid.slider.travels:
             yield "film.opens false (bonded) needs slider.travels false: only points that open can travel"
-        if self.film is not None and self.film.lateral and not self.film.opens:
+        if slid.film.lateral and not slid.film.opens:
             yield "film.lateral needs film.opens: bonded points slide along the travel alone"
         for name in ("drive", "load"):
-            if getattr(getattr(self, name), "lag", None) is not None:
+            if getattr(slid, name).lag is not None:
                 yield f"{name}.lag is not known to a slider on a film: leave it out"
 
     @property
-    def longest(self) -> float:
-        """Where the slider's front edge meets the plate's [m]."""
-        assert self.slider is not None
-        return self.plate.length - self.slider.length
+    def slid(self) -> Slid | None:
+        """What goes with a slider; None for a plate alone."""
+        if self.slider and self.film and self.drive and self.load and self.friction:
+            return Slid(self.slider, self.film, self.drive, self.load, self.friction)
+        return None
 
     def grid(self) -> Grid:
         """The contact points; of a plate alone any will do."""
-        if self.slider is None or self.film is None:
+        if self.slid is None:
             return Grid(0.5 * self.plate.length, 0.5 * self.plate.width, 2, 2)
-        return Grid(self.slider.length, self.slider.width, self.film.along, self.film.across)
+        block, film = self.slid.slider, self.slid.film
+        return Grid(block.length, block.width, film.along, film.across)
 
     def reduced(self) -> Reduced:
         """The plate's modes."""
-        key = (self.plate.model_dump_json(), self.foam and self.foam.model_dump_json(), self.grid(), self.probe.model_dump_json())
-        if key not in _KNOWN:
-            _KNOWN[key] = plate_model.build(self.plate, self.foam, self.grid(), (self.probe.x, self.probe.y))
-        return _KNOWN[key]
+        return plate_model.build(self.plate, self.foam, self.grid(), (self.probe.x, self.probe.y))
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
@@ -195,8 +203,8 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
     a.struck = seen
     a.outputs |= _motion("plate", seen, "m")
     a.free = {f"plate, mode {i}": f for i, f in enumerate(model.frequencies.tolist(), 1) if f and i <= 12}
-    if p.slider is not None:
-        _slide(a, p, model, names, moved)
+    if p.slid is not None:
+        _slide(a, p.slid, p.grid(), model, names, moved)
     return a
 
 
@@ -206,10 +214,9 @@ def _motion(what: str, row: Row, unit: str) -> dict[str, Output]:
     return {f"{what}_{name}": Output({f"{c}{mark}": f for c, f in row.items()}, u) for name, mark, u in parts}
 
 
-def _slide(a: Assembly, p: Parameters, model: Reduced, names: list[str], moved: Mapping[str, str]) -> None:
+def _slide(a: Assembly, p: Slid, grid: Grid, model: Reduced, names: list[str], moved: Mapping[str, str]) -> None:
     """Add slider, film, drive and load."""
-    assert p.slider and p.film and p.drive and p.load and p.friction
-    block, grid = p.slider, p.grid()
+    block = p.slider
     area = block.length * block.width
     mass = area * (block.density * block.thickness + 0.5 * p.film.density * p.film.thickness)
     for name, side in zip(SLIDER, (None, block.length, block.width)):
@@ -220,10 +227,10 @@ def _slide(a: Assembly, p: Parameters, model: Reduced, names: list[str], moved: 
     a.signal("position", speed if block.travels else {}, block.position, "drive")
     own = _film(p, grid, model)
     here = own.everywhere(block.position)
-    a.patch("film", {}, speed, p.friction.friction(), {})
     every = [*names, *SLIDER]
     normal, push = here[0], p.friction.mu * here[1] - here[0]
     if p.film.opens:  # as the points are at the start: what is known before a run
+        a.patch("film", {}, speed, p.friction.friction(), {})
         for point in range(own.points):
             row = _pressed(p, every, own.stiffness * normal[:, point])
             a.normal(f"point {point + 1}", "film", row, dict(zip(every, push[:, point].tolist())))
@@ -231,22 +238,28 @@ def _slide(a: Assembly, p: Parameters, model: Reduced, names: list[str], moved: 
     else:
         for name, rows in zip(every, own.stiffness * (push @ normal.T)):
             a.push(name, _pressed(p, every, rows))
-        a.normal("film", "film", _pressed(p, every, own.stiffness * normal.sum(axis=1)), opens=False)
-    _slider_outputs(a, p, own)
+        total = _pressed(p, every, own.stiffness * normal.sum(axis=1))
+        a.outputs |= {
+            "normal_force": Output(total, "N"),
+            "friction_force": Output({name: p.friction.mu * value for name, value in total.items()}, "N"),
+        }
+    for name, coordinate, unit in (("slider", "z", "m"), ("pitch", "theta", "rad"), ("roll", "psi", "rad")):
+        a.outputs |= _motion(name, {coordinate: 1.0}, unit)
+    a.outputs |= {"position": Output({"position": 1.0}, "m"), "surface_speed": Output(dict(speed), "m/s")}
+    if p.film.opens:
+        _contact(a, p, own)
 
 
-def _pressed(p: Parameters, names: list[str], values: Array) -> Row:
+def _pressed(p: Slid, names: list[str], values: Array) -> Row:
     """A row over the coordinates that the film makes, with what its viscosity adds."""
-    assert p.film
     row: Row = dict(zip(names, values.tolist()))
     if p.film.retardation:
         row |= {f"{name}'": p.film.retardation * value for name, value in zip(names, values.tolist())}
     return row
 
 
-def _film(p: Parameters, grid: Grid, model: Reduced) -> film.Film:
+def _film(p: Slid, grid: Grid, model: Reduced) -> film.Film:
     """The points, those of the left half first."""
-    assert p.slider and p.film and p.friction
     lines = np.flatnonzero(grid.lines > 0.0)
     count = model.shapes.shape[3] - (grid.along - 1) * grid.stride
     components = (Z, X, Y)[: 3 if p.film.lateral else 2]
@@ -273,7 +286,7 @@ def _film(p: Parameters, grid: Grid, model: Reduced) -> film.Film:
         parity=np.array([*_parity(model), 1.0, 1.0, -1.0]),
         pitch=model.pitch,
         travel="position",
-        longest=p.longest,
+        longest=float(model.surface.x[-1] - model.surface.x[0]) - grid.length,
         stiffness=stiffness * area,
         damping=stiffness * p.film.retardation * area,
         shear=p.film.shear * area,
@@ -287,20 +300,11 @@ def _parity(model: Reduced) -> Array:
     """Of each mode: 1 where it lifts both sides of the plate alike, -1 where against each other."""
     signs = np.array([1.0, -1.0, 1.0])[:, None, None]
     both = np.einsum("mclp,mclp->m", model.shapes, signs * model.shapes[:, :, ::-1])
-    return np.sign(both)
+    return np.asarray(np.sign(both), dtype=np.float64)
 
 
-def _slider_outputs(a: Assembly, p: Parameters, own: film.Film) -> None:
-    assert p.film and p.slider
-    for name, coordinate, unit in (("slider", "z", "m"), ("pitch", "theta", "rad"), ("roll", "psi", "rad")):
-        a.outputs |= _motion(name, {coordinate: 1.0}, unit)
-    a.outputs |= {"position": Output({"position": 1.0}, "m"), "surface_speed": Output(dict(a.surface("film")), "m/s")}
-    if not p.film.opens:
-        a.outputs |= {
-            "normal_force": Output({"N:film": 1.0}, "N"),
-            "friction_force": Output({"T:film": 1.0}, "N"),
-        }
-        return
+def _contact(a: Assembly, p: Slid, own: film.Film) -> None:
+    """Outputs of the points, together and one by one."""
     a.outputs |= {
         "normal_force": Output({over("normal"): 1.0}, "N"),
         "friction_force": Output({over("friction"): 1.0}, "N"),

@@ -166,7 +166,7 @@ gather: Any = intrinsic(_gather)
 
 
 def _blend(typing: Any, low: Any, high: Any, share: Any, x: Any, now: Any, out: Any) -> Any:
-    """now = low + share (high - low) [n, lane], out[lane] = sum_j x[j] now[j, lane]; lanes as many as fill blocks."""
+    """Now = low + share (high - low) [n, lane], out[lane] = sum_j x[j] now[j, lane]; lanes as many as fill blocks."""
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         low, high, share, x, now, out = _arrays(context, builder, signature, arguments)
@@ -198,7 +198,7 @@ blend: Any = intrinsic(_blend)
 
 
 def _across(typing: Any, table: Any, weights: Any, out: Any) -> Any:
-    """out[j] = sum of table[j, lane] weights[lane]: lanes by themselves first, then by halves; as many as fill blocks."""
+    """out[j] = sum of table[j, lane] weights[lane]: each lane by itself, then by halves; as many as fill blocks."""
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         table, weights, out = _arrays(context, builder, signature, arguments)

@@ -4,11 +4,11 @@
 
 Between two kicks each coordinate moves on its own: a damped turn of its place and velocity. What the points press with
 rests on where they are, and their friction on how far they were carried since the step before, so that the composition
-is of second order (compare rig.solve.kick). Its largest error is that of the stiff film under the light slider: the film
-is therefore looked at h^2/12 further along the acceleration that its pressure gives the slider, which takes that error
-out of the potential of the two (Takahashi and Imada) and costs no product with the rows. The compression speed, where the film is damped, is taken from the last
-three places, for the velocity at the end of a step is not known before its kick. A force that is held over the step
-instead feeds the vibration at any step.
+is of second order (compare rig.solve.kick). Its largest error is that of the stiff film under the light slider. The
+film is therefore looked at h^2/12 further along the acceleration that its pressure gives the slider, which takes that
+error out of the potential of the two (Takahashi and Imada) and costs no product with the rows. The compression speed of
+a damped film is taken from the last three places, for the velocity at the end of a step is not known before its kick. A
+force that is held over the step instead feeds the vibration at any step.
 
 Energy: the friction of a step is the mean of its ends, so that what a point is given by the drive, f times the travel,
 is exactly what it loses in sliding, what its shear stores and what the structure gets. What does not close is what the
@@ -36,7 +36,7 @@ from rig.solve.system import System
 
 Array = NDArray[np.float64]
 TRAVEL, FIRST, POINTS, DIRECTIONS, DAMPED = range(5)
-"""Of Riding.where: state of the travel, of the first force on a coordinate; points, directions; 1: the film is damped."""
+"""Of Riding.where: state of the travel, of the first force on a coordinate; points; directions; 1: it is damped."""
 PITCH, LONGEST, STIFFNESS, DAMPING, SHEAR, FRICTIONAL = range(6)
 """Of Riding.numbers."""
 _EDGE = 1e-12
@@ -45,7 +45,8 @@ _EDGE = 1e-12
 
 class Side(NamedTuple):
     """Coordinates that move both sides of the line of travel alike, or against each other. A lane: of a pair of points
-    a direction."""
+    a direction.
+    """
 
     rows: Array  # [place, coordinate, lane]
     which: NDArray[np.int64]  # [coordinate] number
@@ -55,7 +56,7 @@ class Side(NamedTuple):
 
 
 class Riding(NamedTuple):
-    """Tables of a film and the structure under it, of length zero without one. m: signals that the film does not own."""
+    """Tables of a film and the structure under it, of length zero without one. m: signals that are not the film's."""
 
     alike: Side
     against: Side

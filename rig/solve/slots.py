@@ -152,15 +152,16 @@ class Slots:
 
     def _ride(self, modes: ModeSet) -> ModeSet:
         """Append the tables of the only mode set of a rig whose contacts travel: what rig.solve.ride does not ask for
-        stays of length zero."""
+        stays of length zero.
+        """
         t, rows = self.tables, signal_rows(self.system, modes, self.rows)[0]
-        told = {"signals": rows, "asks": np.zeros(len(rows)), "depth": 0, "guards": 0, "stuck": 0, "lands": 0}
-        self.tables = t._replace(
-            slot_of=np.zeros_like(t.slot_of),
-            wide=t.wide._replace(output=_put(t.wide.output, 0, blocks(rows))),
-            film=ride.tables(self.system, self.step / self._kicks, rows[: self.read]),
-            **{name: _put(getattr(t, name), 0, value) for name, value in told.items()},
-        )
+        new: dict[str, Any] = {"signals": rows, "asks": np.zeros(len(rows))}
+        new |= dict.fromkeys(("depth", "guards", "stuck", "lands"), 0)
+        stacked: dict[str, Any] = {name: _put(getattr(t, name), 0, new[name]) for name in new}
+        stacked["slot_of"] = np.zeros_like(t.slot_of)
+        stacked["wide"] = t.wide._replace(output=_put(t.wide.output, 0, blocks(rows)))
+        stacked["film"] = ride.tables(self.system, self.step / self._kicks, rows[: self.read])
+        self.tables = t._replace(**stacked)
         self.handle = Loan(self.tables)
         self.sets.append(modes)
         self.sticks.append(False)
