@@ -22,6 +22,7 @@ FLOORS = {
     "whole_rtf": 100.0,
     "twin": 1.15,
     "twin_exact": 1.5,
+    "twin_film": 1.8,
     "absent": 1.03,
     "scipy": 200.0,
     "open": 150.0,
@@ -139,7 +140,9 @@ def main() -> int:
     if "skipped" in ratios:
         say(f"  {ratios['skipped']}")
     else:
-        for name, unit, floor in (("quiet", "tick", "twin"), ("rk4", "step", "twin"), ("exact", "tick", "twin_exact")):
+        rows_of = (("quiet", "tick", "twin"), ("rk4", "step", "twin"), ("exact", "tick", "twin_exact"),
+                   ("film", "step", "twin_film"))  # fmt: skip
+        for name, unit, floor in rows_of:
             t = ratios[name]
             verdict = judged(f"C twin {name}", t["ratio"], floor, at_most=True)
             ours, theirs = t[f"ns_per_{unit}"], t[f"ns_per_{unit}_c"]

@@ -1,4 +1,4 @@
-"""The kernels against their C twins (twins.c), interleaved: each contender once a round, the best kept."""
+"""The kernels against their C twins (twins.c, film.c), interleaved: each contender once a round, the best kept."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import importlib
 import shutil
 import subprocess
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from rig.solve.motion import Motion
 from rig.solve.records import TICK
 from rig.solve.roots import BERNSTEIN
 from rig.solve.system import STICK
+from rig.study.bench import film
 from rig.study.bench.kernels import COULOMB, SECONDS, STEP_NS, event_times, interleaved, pendulum, run
 
 Array = NDArray[np.float64]
@@ -42,11 +44,13 @@ def twins() -> dict[str, Any]:
     system = pendulum(COULOMB)
     stack = stiff()
     with tempfile.TemporaryDirectory() as folder:
-        c = _compiled(compiler, folder, system.n)
+        compiled = partial(_compiled, compiler, folder)
+        c = compiled("twins.c", {"N": system.n})
         return {
             "quiet": _quiet(system, c),
             "rk4": _rk4(system, c),
-            "exact": _exact(stack, _compiled(compiler, folder, stack.n)),
+            "exact": _exact(stack, compiled("twins.c", {"N": stack.n})),
+            "film": film.ratio(compiled),
         }
 
 
@@ -56,11 +60,11 @@ def stiff() -> Any:
     return importlib.import_module(PLANTS[scene.plant]).assemble(scene.parameters, {}).system()
 
 
-def _compiled(compiler: str, folder: str, states: int) -> Any:
-    library = Path(folder) / f"twins{states}.so"
-    source = Path(__file__).with_name("twins.c")
-    options = ["-O3", "-march=native", f"-DN={states}", "-shared", "-fPIC"]
-    subprocess.run([compiler, *options, str(source), "-o", str(library), "-lm"], check=True)
+def _compiled(compiler: str, folder: str, source: str, constants: dict[str, int]) -> Any:
+    named = [f"-D{name}={value}" for name, value in constants.items()]
+    library = Path(folder) / f"{source}{''.join(named)}.so"
+    options = ["-O3", "-march=native", *named, "-shared", "-fPIC"]
+    subprocess.run([compiler, *options, str(Path(__file__).with_name(source)), "-o", str(library), "-lm"], check=True)
     return ctypes.CDLL(str(library))
 
 
