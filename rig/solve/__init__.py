@@ -18,6 +18,8 @@ plan, parts  which compiled code a rig needs, and where it begins
 exact        propagators per tick, guards certified, uncertified ticks opened
 dopri5, rk4  for laws that fall with speed, and for comparison
 kick         for contacts that open and close all the time
+film         contacts that travel, stick and slip each by itself: what they are
+riding, ride their tables, and the steps of kick with them
 smooth       friction without rest, to be seen failing
 ledger       energy, each term integrated on its own
 method       which of them carries a system on

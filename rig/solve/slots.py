@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.loan import Loan
-from rig.solve import expm, kick, laws, ride, wide
+from rig.solve import expm, kick, laws, riding, wide
 from rig.solve.formulation import ModeSet, assemble
 from rig.solve.lanes import blocks, zeros
 from rig.solve.ledger import NODES, TERMS, at_nodes, damping, gathered, loss_rows, powers, store, work
@@ -160,7 +160,7 @@ class Slots:
         stacked: dict[str, Any] = {name: _put(getattr(t, name), 0, new[name]) for name in new}
         stacked["slot_of"] = np.zeros_like(t.slot_of)
         stacked["wide"] = t.wide._replace(output=_put(t.wide.output, 0, blocks(rows)))
-        stacked["film"] = ride.tables(self.system, self.step / self._kicks, rows[: self.read])
+        stacked["film"] = riding.tables(self.system, self.step / self._kicks, rows[: self.read])
         self.tables = t._replace(**stacked)
         self.handle = Loan(self.tables)
         self.sets.append(modes)

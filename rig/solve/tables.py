@@ -11,11 +11,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve import kick, laws, products, ride, wide
+from rig.solve import kick, laws, products, riding, wide
 from rig.solve.kick import Flow
 from rig.solve.ledger import TERMS, supplied
 from rig.solve.products import Products
-from rig.solve.ride import Riding
+from rig.solve.riding import Riding
 from rig.solve.system import System
 from rig.solve.wide import Wide
 
@@ -180,6 +180,6 @@ def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables
         products=products.pack(s.products, n, P, K),
         wide=wide.empty(n, I, g, read, S) if n > UNROLLED else wide.empty(0, 0, 0, 0, 0),
         flow=kick.empty(s, g) if kicks and s.film is None else kick.empty(None, 0),
-        film=ride.empty(),
+        film=riding.empty(),
         step=np.array([step]),
     )

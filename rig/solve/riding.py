@@ -1,0 +1,171 @@
+"""Tables of a film and of the structure under it, as the steps of rig.solve.ride read them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.solve import expm, ledger
+from rig.solve.film import SUMS, Film, on
+from rig.solve.lanes import BLOCK, zeros
+from rig.solve.system import System
+
+Array = NDArray[np.float64]
+TRAVEL, FIRST, POINTS, DIRECTIONS, DAMPED = range(5)
+"""Of Riding.where: state of the travel, of the first force on a coordinate; points; directions; 1: it is damped."""
+PITCH, LONGEST, STIFFNESS, DAMPING, SHEAR, FRICTIONAL = range(6)
+"""Of Riding.numbers."""
+
+
+class Side(NamedTuple):
+    """Coordinates that move both sides of the line of travel alike, or against each other. A lane: of a pair of points
+    a direction.
+    """
+
+    rows: Array  # [place, coordinate, lane]
+    which: NDArray[np.int64]  # [coordinate] number
+    now: Array  # scratch [coordinate, lane] rows at this instant
+    values: Array  # scratch [coordinate]
+    felt: Array  # scratch [lane]
+
+
+class Riding(NamedTuple):
+    """Tables of a film and the structure under it, of length zero without one. m: signals that are not the film's."""
+
+    alike: Side
+    against: Side
+    numbers: Array  # see PITCH
+    where: NDArray[np.int64]  # see TRAVEL
+    places: Array  # [2, point] of the points on the slider
+    kick: Array  # [coordinate] h / 2 / mass
+    turn: Array  # [4, coordinate] flow of place and velocity over a step, less one
+    loss: Array  # [3, coordinate] what the damper takes over a step, of q^2, q v, v^2
+    damped: Array  # scratch [coordinate] what it has taken in the stretch so far
+    before: Array  # scratch [coordinate]
+    pushed: NDArray[np.int64]  # coordinates that signals push
+    column: Array  # [pushed, 2, m] what that moves them in a step
+    push: Array  # [pushed, m] force
+    signal: Array  # [m, m] flow of the signals over a step, less one
+    begins: NDArray[np.int64]  # [read + 1] where the entries of a quantity begin
+    entry: NDArray[np.int64]  # [entries] state
+    value: Array  # [entries]
+    summed: NDArray[np.int64]  # [1] 1: the sensors read sums over the points
+    seen: Array  # scratch [direction, point] where the points are
+    last: Array  # scratch, the step before
+    gives: Array  # scratch, forces along the rows
+    lost: Array  # scratch [3, point] of the stretch so far: mean friction times travel, times sliding; lost in the film
+    moved: Array  # scratch [m]
+    held: Array  # scratch [pushed]
+    riders: Array  # [rider, point] normal rows of the coordinates whose rows are the same everywhere: the slider's
+    advance: Array  # [rider] h^2 / 12 / mass
+    ahead: Array  # scratch [rider]
+    pressed: Array  # scratch [point]
+
+
+def empty() -> Riding:
+    """Tables of a rig without a film."""
+    z, none = np.zeros, np.zeros(0, dtype=np.int64)
+    return Riding(
+        alike=Side(z((0, 0, BLOCK)), none, z((0, BLOCK)), z(0), z(0)),
+        against=Side(z((0, 0, BLOCK)), none, z((0, BLOCK)), z(0), z(0)),
+        numbers=z(0),
+        where=none,
+        places=z((2, 0)),
+        kick=z(0),
+        turn=z((4, 0)),
+        loss=z((3, 0)),
+        damped=z(0),
+        before=z(0),
+        pushed=none,
+        column=z((0, 2, 0)),
+        push=z((0, 0)),
+        signal=z((0, 0)),
+        begins=none,
+        entry=none,
+        value=z(0),
+        summed=none,
+        seen=z((0, 0)),
+        last=z((0, 0)),
+        gives=z((0, 0)),
+        lost=z((3, 0)),
+        moved=z(0),
+        held=z(0),
+        riders=z((0, 0)),
+        advance=z(0),
+        ahead=z(0),
+        pressed=z(0),
+    )
+
+
+def tables(system: System, step: float, read: Array) -> Riding:
+    """The tables of a system with a film for steps of `step` s; `read` [quantity, n]: rows of what the sensors read."""
+    film = system.film
+    assert film is not None
+    nq, first = len(system.coordinates), system.names.index(on(system.coordinates[0]))
+    directions = film.directions
+    m = first - system.one
+    turn, loss = np.zeros((4, nq)), np.zeros((3, nq))
+    mass, force = np.diag(system.mass), system.force[:, system.one : first]
+    pushed = np.flatnonzero(force.any(axis=1))
+    signals = np.ascontiguousarray(system.signals[:m, system.one : first])
+    column = np.zeros((len(pushed), 2, m))
+    for i in range(nq):
+        A = np.zeros((2 + m, 2 + m))
+        A[0, 1] = 1.0
+        A[1, :2] = -system.stiffness[i, i] / mass[i], -system.damping[i, i] / mass[i]
+        A[1, 2:], A[2:, 2:] = force[i] / mass[i], signals
+        own = A[:2, :2].copy()
+        E = expm.ladder(own, step)
+        turn[:, i] = E[0].ravel()
+        form = np.array([[[0.0, 0.0], [0.0, system.damping[i, i]]]])
+        taken = ledger.work(ledger.at_nodes(own, np.eye(2), step / 2.0 ** (len(E) - 1)), form, step, E)[0, 0]
+        loss[:, i] = taken[0, 0], 2.0 * taken[0, 1], taken[1, 1]
+        for p in np.flatnonzero(pushed == i).tolist():
+            column[p] = expm.ladder(A, step)[0][:2, 2:]
+    entries = np.nonzero(read)
+    riders = np.flatnonzero((film.rows == film.rows[0]).all(axis=(0, 1, 3)))
+    room = -(-film.points // BLOCK) * BLOCK
+    normal = zeros((len(riders), room))
+    normal[:, : film.points] = film.everywhere(0.0)[0, riders]
+    sums = first + nq + np.arange(len(SUMS))
+    return Riding(
+        alike=_side(film, 1.0),
+        against=_side(film, -1.0),
+        numbers=np.array([film.pitch, film.longest, film.stiffness, film.damping, film.shear, film.mu]),
+        where=np.array([system.names.index(film.travel), first, film.points, directions, film.damping > 0.0]),
+        places=np.array([film.x, film.y]),
+        kick=0.5 * step / mass,
+        turn=turn,
+        loss=loss,
+        damped=zeros(nq),
+        before=zeros(nq),
+        pushed=pushed,
+        column=column,
+        push=np.ascontiguousarray(force[pushed]),
+        signal=expm.ladder(signals, step)[0],
+        begins=np.concatenate([[0], np.cumsum(np.count_nonzero(read, axis=1))]).astype(np.int64),
+        entry=entries[1].astype(np.int64),
+        value=read[entries],
+        summed=np.array([np.isin(entries[1], sums).any()], dtype=np.int64),
+        seen=zeros((directions, film.points)),
+        last=zeros((directions, film.points)),
+        gives=zeros((directions, film.points)),
+        lost=np.zeros((3, film.points)),
+        moved=np.zeros(m),
+        held=np.zeros(len(pushed)),
+        riders=normal,
+        advance=step * step / 12.0 / mass[riders],
+        ahead=zeros(len(riders)),
+        pressed=zeros(room),
+    )
+
+
+def _side(film: Film, parity: float) -> Side:
+    """The coordinates of one parity."""
+    which = np.flatnonzero(film.parity == parity)
+    lanes = film.directions * (film.points // 2)
+    rows = zeros((len(film.rows), len(which), -(-lanes // BLOCK) * BLOCK))
+    rows[:, :, :lanes] = film.rows[:, :, which].transpose(0, 2, 1, 3).reshape(*rows.shape[:2], -1)
+    return Side(rows, which, zeros(rows.shape[1:]), zeros(len(which)), zeros(rows.shape[2]))
