@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rig.kernel import inlined, inner, kernel
+from rig.solve import ride
 from rig.solve.emit import crowded
 from rig.solve.forces import dot, inputs
 from rig.solve.lanes import multiply
@@ -134,6 +135,9 @@ def evaluate(tables, loan, states, slots, values):
     t, w = tables, loan.work
     for i in range(states.shape[0]):
         s, x = np.int32(slots[i]), states[i]  # as slots are elsewhere
+        if t.film.begins.shape[0]:
+            ride.read(t.film, x, values[i])
+            continue
         asked = False
         for k in range(values.shape[1]):
             asked = asked or t.asks[s, k] != 0

@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 
 from rig.kernel import inlined, inner
-from rig.solve.emit import crowded, emit_chord
+from rig.solve.emit import crowded
 from rig.solve.film import CENTRE_X, CENTRE_Y, FRACTION, FRICTION, NORMAL, OPENINGS, SUMS
 from rig.solve.lanes import across, blend
 from rig.solve.records import PLACE, REACHED, TICK
@@ -33,6 +33,7 @@ from rig.solve.riding import (
     DIRECTIONS,
     FIRST,
     FRICTIONAL,
+    GROUP,
     LONGEST,
     PITCH,
     POINTS,
@@ -227,12 +228,29 @@ def total(own, x, opened):
 
 @inlined
 def read(own, x, values):
-    """values[quantity] = what the sensors read at x."""
+    """values[output] = the first outputs at x."""
+    begins, entry, value = own.begins, own.entry, own.value
     for s in range(values.shape[0]):
-        value = 0.0
-        for e in range(own.begins[s], own.begins[s + 1]):
-            value += own.value[e] * x[own.entry[e]]
-        values[s] = value
+        total = 0.0
+        for e in range(begins[s], begins[s + 1]):
+            total += value[e] * x[entry[e]]
+        values[s] = total
+
+
+@inlined
+def emit(own, values, steps, start, length, seg):
+    """One segment over so many steps: the polynomial through what was read at their ends."""
+    at, fit = seg.count[0], own.fits[steps - 1]
+    seg.count[0] = at + 1
+    for s in range(values.shape[1]):
+        coef = seg.coef[at, s]
+        for k in range(coef.shape[0]):
+            c = 0.0
+            if k <= steps:
+                for j in range(steps + 1):
+                    c += fit[k, j] * values[j, s]
+            coef[k] = c
+    seg.start[at], seg.length[at] = start, length
 
 
 @inlined
@@ -257,18 +275,19 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     n, nq, h = x.shape[0], own.kick.shape[0], t.step[0] / substeps
     travel, first, one = own.where[TRAVEL], own.where[FIRST], own.where[FIRST] - own.moved.shape[0]
     speeds, forces, kick = x[nq : 2 * nq], x[first : first + nq], own.kick
-    begin, end = w.values[0], w.values[1]
+    values, gathered = own.values, 0
     tick, done, opened = ic[TICK], int(fc[PLACE] * substeps + 0.5), 0
     within = look(own, x)
     if emitting:
-        read(own, x, begin)
+        read(own, x, values[0])
     while within and tick < ticks and not (emitting and crowded(t, 0, seg, ticks - tick)):
         travelled = x[travel]
         energy[3] += flow(own, x, one)
         travelled = x[travel] - travelled
         for direction in range(own.seen.shape[0]):
-            for i in range(own.seen.shape[1]):
-                own.last[direction, i] = own.seen[direction, i]
+            seen, last = own.seen[direction], own.last[direction]
+            for i in range(seen.shape[0]):
+                last[i] = seen[i]
         within = look(own, x)
         opened += press(own, x, travelled, h)
         push(own, forces)
@@ -279,13 +298,17 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             total(own, x, opened)
             opened = 0
         if emitting:
-            read(own, x, end)
-            emit_chord(begin, end, (tick - origin) * t.step[0] + (done - 1) * h, h, seg)
-            for s in range(begin.shape[0]):
-                begin[s] = end[s]
+            gathered += 1
+            read(own, x, values[gathered])
+            if gathered == GROUP or done == substeps:
+                emit(own, values, gathered, (tick - origin) * t.step[0] + (done - gathered) * h, gathered * h, seg)
+                for s in range(values.shape[1]):
+                    values[0, s] = values[gathered, s]
+                gathered = 0
         if done == substeps:
+            row = log.out[tick]
             for i in range(n):
-                log.out[tick, i] = x[i]
+                row[i] = x[i]
             log.modes[tick] = 0
             tick, done = tick + 1, 0
     if opened:

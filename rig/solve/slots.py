@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rig.loan import Loan
 from rig.solve import expm, kick, laws, riding, wide
 from rig.solve.formulation import ModeSet, assemble
-from rig.solve.lanes import blocks, zeros
+from rig.solve.lanes import zeros
 from rig.solve.ledger import NODES, TERMS, at_nodes, damping, gathered, loss_rows, powers, store, work
 from rig.solve.roots import DEGREE
 from rig.solve.signals import signal_rows
@@ -159,8 +159,7 @@ class Slots:
         new |= dict.fromkeys(("depth", "guards", "stuck", "lands"), 0)
         stacked: dict[str, Any] = {name: _put(getattr(t, name), 0, new[name]) for name in new}
         stacked["slot_of"] = np.zeros_like(t.slot_of)
-        stacked["wide"] = t.wide._replace(output=_put(t.wide.output, 0, blocks(rows)))
-        stacked["film"] = riding.tables(self.system, self.step / self._kicks, rows[: self.read])
+        stacked["film"] = riding.tables(self.system, self.step / self._kicks, rows, self.read)
         self.tables = t._replace(**stacked)
         self.handle = Loan(self.tables)
         self.sets.append(modes)
