@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from functools import lru_cache
 from typing import Annotated, NamedTuple, Self
 
 import numpy as np
@@ -187,7 +188,10 @@ class Parameters(Noisy):
 
     def reduced(self) -> Reduced:
         """The plate's modes."""
-        return plate_model.build(self.plate, self.foam, self.grid(), (self.probe.x, self.probe.y))
+        return _reduced(self.plate, self.foam, self.grid(), (self.probe.x, self.probe.y))
+
+
+_reduced = lru_cache(maxsize=4)(plate_model.build)  # a sweep asks for one model hundreds of times
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
@@ -268,11 +272,10 @@ def _film(p: Slid, grid: Grid, model: Reduced) -> film.Film:
     pairs_x, pairs_y = np.repeat(x, len(lines)), np.tile(grid.lines[lines], grid.along)
     modes = len(model.frequencies)
     rows = np.zeros((count, len(components), modes + len(SLIDER), len(pairs_x)))
-    for place in range(count):
-        at = place + np.arange(grid.along) * grid.stride
-        for direction, component in enumerate(components):
-            shapes = model.shapes[:, component][:, lines][:, :, at]
-            rows[place, direction, :modes] = shapes.transpose(0, 2, 1).reshape(modes, -1)
+    at = np.arange(count)[:, None] + np.arange(grid.along) * grid.stride
+    for direction, component in enumerate(components):
+        shapes = model.shapes[:, component][:, lines][:, :, at]  # mode, line, place, point along
+        rows[:, direction, :modes] = shapes.transpose(2, 0, 3, 1).reshape(count, modes, -1)
     rows[:, 0, modes:] = -np.ones_like(pairs_x), pairs_x, -pairs_y
     rows[:, 1, modes + SLIDER.index("theta")] = h
     if p.film.lateral:

@@ -229,6 +229,10 @@ class Assembly:
             lay(self, self.film)
         return matrices(self)
 
+    def sliding(self) -> System:
+        """The matrices without what the points of a film do in time: all that small motions about sliding need."""
+        return matrices(self)
+
 
 def add(target: Row, row: Row) -> None:
     """Add `row` to `target` in place."""

@@ -81,6 +81,15 @@ class Film:
         mirrored[2:] *= -1.0
         return np.concatenate([here, mirrored], axis=2)
 
+    def sliding(self, pressed: Array) -> dict[str, float]:
+        """States where all points slide and the contacts press with `pressed` [N]; one that would pull is open."""
+        P = np.maximum(pressed, 0.0)
+        normal = float(P.sum())
+        share = P / normal if normal else P
+        sums = normal, self.mu * normal, float(np.mean(P > 0.0)), float(self.x @ share), float(self.y @ share), 0.0
+        found = {over(name): value for name, value in zip(SUMS, sums)}
+        return found | {at("P", point): value for point, value in enumerate(P.tolist())}
+
     def of_points(self) -> list[str]:
         """What is kept of each point, in the order of the states."""
         kept = ["P", "f"] + ["g"] * (self.directions - 2)

@@ -140,13 +140,15 @@ def moving_states(system: System, A: Array) -> NDArray[np.int64]:
 def settling(system: System, A: Array, moving: NDArray[np.int64]) -> NDArray[np.int64]:
     """Signals outside of `moving` that come to rest by themselves: lags and filters, not commands or generators."""
     rest = np.setdiff1d(np.arange(system.one, system.n), moving)
-    linked = np.eye(len(rest), dtype=bool) | (A[np.ix_(rest, rest)] != 0.0)
+    own = A[np.ix_(rest, rest)]
+    linked = np.eye(len(rest), dtype=bool) | (own != 0.0)
     for _ in range(max(len(rest).bit_length(), 1)):
-        linked = linked @ linked
+        steps = linked.astype(np.float64)  # a product of booleans is slow
+        linked = steps @ steps > 0.0
     loops = linked & linked.T
     stable = [
-        bool(np.linalg.eigvals(A[np.ix_(rest[loop], rest[loop])]).real.max() < 0.0)  # the loop that the signal is in
-        for loop in loops
+        (own[i, i] if loop.sum() == 1 else np.linalg.eigvals(own[np.ix_(loop, loop)]).real.max()) < 0.0
+        for i, loop in enumerate(loops)  # the loop that the signal is in
     ]
     return np.asarray(rest[np.array(stable, dtype=bool)], dtype=np.int64)
 

@@ -9,7 +9,8 @@ as switched off there; what it does at its stated amplitude is told beside it, a
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
@@ -31,6 +32,7 @@ from rig.study.columns import columns
 _REST = 1e-11  # of the sum of its terms, of the largest rate: what rounding leaves of a zero
 _LEAST = 0.01  # of the energy: what is told of a shape that is long, and how many at most
 _LONG, _MOST = 4, 6
+_PLACE = re.compile(r"_\d+_\d+$")  # of a point of contact, along and across
 Array = NDArray[np.float64]
 GENERATOR = ("dither.sin", "dither.cos")
 
@@ -138,7 +140,7 @@ class Modes:
         if not self.sliding.exists:
             lines += [f"  nothing slides steadily with these values: {self.sliding.why}"]
         else:
-            lines += [f"  {name} = {v:.6g} {self.units[name]}" for name, v in self.sliding.equilibrium.items()]
+            lines += self._outputs()
             lines += [f"  friction coefficient at {name} = {v:.6g}" for name, v in self.sliding.coefficient.items()]
         if self.sliding.exists or self.sliding.counts:
             rows = [(k, f"{g:.6g}", f"{f:.6g}", f"{d:.4g}", s) for k, g, f, d, s in self.table()]
@@ -160,6 +162,17 @@ class Modes:
         lines += ["", *(f"  {f.level}: {f.what}\n    {f.remedy}" for f in self.findings)] if self.findings else []
         return "\n".join(lines)
 
+    def _outputs(self) -> Iterator[str]:
+        """The equilibrium; of a row of places (`pressure_3_2`) the range."""
+        families: dict[str, list[float]] = {}
+        for name, v in self.sliding.equilibrium.items():
+            if (place := _PLACE.search(name)) is None:
+                yield f"  {name} = {v:.6g} {self.units[name]}"
+            else:
+                families.setdefault(f"{name[: place.start()]} [{self.units[name]}]", []).append(v)
+        for name, several in families.items():
+            yield f"  {name} of {len(several)} points: {min(several):.6g} to {max(several):.6g}"
+
 
 def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assembly, Steady]:
     """The rig of `scene` and its sliding equilibrium, dither off, controllers left out.
@@ -168,7 +181,7 @@ def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assem
     """
     given = scene.moved if moved is None else moved
     assembly: Assembly = plant_module(scene.plant).assemble(scene.parameters, given)
-    system = assembly.system()
+    system = assembly.sliding()
     if GENERATOR[0] in system.names:
         quiet = system.start.copy()
         quiet[[system.names.index(name) for name in GENERATOR]] = 0.0
@@ -188,7 +201,7 @@ def modes(scene: Scene) -> Modes:
         mode=system.describe(at.modes.key),
         sliding=_sliding(assembly, at),
         units={name: output.unit for name, output in assembly.outputs.items()},
-        findings=tuple(findings(scene, system)),
+        findings=tuple(findings(scene, system if assembly.film is None else None)),
         free=assembly.free,
         limits=assembly.limits,
     )
@@ -207,10 +220,13 @@ def modes(scene: Scene) -> Modes:
 
 def _sliding(assembly: Assembly, at: Steady) -> Sliding:
     system = at.system
-    over_x, over_t = signal_rows(system, at.modes, [output.row for output in assembly.outputs.values()])
+    film = assembly.film and assembly.film.sliding(at.modes.normal @ at.x + at.modes.normal_t @ at.T)
+    pressed = {n: o.row for n, o in assembly.outputs.items() if film and film.keys() >= o.row.keys() and o.row}
+    outputs = {name: output for name, output in assembly.outputs.items() if name not in pressed}
+    over_x, over_t = signal_rows(system, at.modes, [output.row for output in outputs.values()])
     values = over_x @ at.x + over_t @ at.T
     rounding = _REST * (np.abs(over_x) @ np.abs(at.x) + np.abs(over_t) @ np.abs(at.T))
-    units = np.array([output.unit for output in assembly.outputs.values()])
+    units = np.array([output.unit for output in outputs.values()])
     largest = np.array([np.abs(values[units == unit]).max() for unit in units])
     values[np.abs(values) <= np.maximum(rounding, _REST * largest)] = 0.0
     rates, shapes = at.eigenvectors()
@@ -220,7 +236,8 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
         exists=at.exists,
         why="" if at.exists else missing(at),
         counts=at.counts,
-        equilibrium=dict(zip(assembly.outputs, values.tolist())),
+        equilibrium=dict(zip(outputs, values.tolist()))
+        | {name: sum(share * film[of] for of, share in row.items()) for name, row in pressed.items() if film},
         coefficient={
             p.name: abs(float(T)) / float(N) if N > 0.0 else math.nan
             for p, T, N in zip(system.patches, at.friction, at.load)
