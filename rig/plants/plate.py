@@ -229,6 +229,8 @@ def _slide(a: Assembly, p: Slid, grid: Grid, model: Reduced, names: list[str], m
     pressed = load.add(a, p.load, moved)
     a.push("z", {state: -value for state, value in pressed.items()})
     a.signal("position", speed if block.travels else {}, block.position, "drive")
+    if not block.travels:
+        a.signal("slid", speed, 0.0, "drive")
     own = _film(p, grid, model)
     here = own.everywhere(block.position)
     every = [*names, *SLIDER]
@@ -289,6 +291,7 @@ def _film(p: Slid, grid: Grid, model: Reduced) -> film.Film:
         parity=np.array([*_parity(model), 1.0, 1.0, -1.0]),
         pitch=model.pitch,
         travel="position",
+        slid="position" if p.slider.travels else "slid",
         longest=float(model.surface.x[-1] - model.surface.x[0]) - grid.length,
         stiffness=stiffness * area,
         damping=stiffness * p.film.retardation * area,

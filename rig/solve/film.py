@@ -38,7 +38,7 @@ _LOOKED_AT = 9
 
 @dataclass(frozen=True)
 class Film:
-    """The points of a film; `travel`: the signal that says how far the slider is.
+    """The points of a film; `travel`: the signal that says where the slider is, `slid`: how far the points have slid.
 
     The rig is its own mirror image on both sides of the line of travel, so that half of the points says it all: the
     first half, and then their images. A coordinate moves both sides alike (`parity` 1; across the travel against each
@@ -54,6 +54,7 @@ class Film:
     parity: Array
     pitch: float
     travel: str
+    slid: str
     longest: float
     stiffness: float
     damping: float
@@ -152,11 +153,12 @@ def ridden(system: System) -> System:
 def fastest(system: System, h: float) -> float:
     """The highest angular frequency [rad/s] with every point closed and stuck, wherever the slider is.
 
-    A damped film that is seen at steps of `h` [s] counts as stiffer by what its last three places give.
+    A damped film that is seen at steps of `h` [s] counts as stiffer by what its last three places give where they
+    alternate.
     """
     film, highest = system.film, 0.0
     assert film is not None
-    stiffness = film.stiffness + 1.5 * film.damping / h
+    stiffness = film.stiffness + 4.0 * film.damping / h
     root = 1.0 / np.sqrt(np.diag(system.mass))
     for place in np.linspace(0.0, film.longest, _LOOKED_AT).tolist():
         normal, *sticking = film.everywhere(place)

@@ -8,6 +8,7 @@ processor has no registers for, the compiler splits: sums and their rounding sta
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,14 +19,14 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 BLOCK = 16
-_LANE = 8
+LANE = 8
 
 
 def zeros(shape: int | tuple[int, ...]) -> Array:
     """Zeros that begin where a line of the processor's cache does: half the time of vectors that lie across two."""
     count = int(np.prod(shape))
-    room = np.zeros(count + _LANE)
-    first = -(room.ctypes.data // room.itemsize) % _LANE
+    room = np.zeros(count + LANE)
+    first = -(room.ctypes.data // room.itemsize) % LANE
     return room[first : first + count].reshape(shape)
 
 
@@ -38,12 +39,12 @@ def blocks(rows: Array) -> Array:
 
 
 class _Lanes:
-    """Vectors of _LANE numbers in the code of an intrinsic: loaded and stored anywhere, a b + c rounded once."""
+    """Vectors of LANE numbers in the code of an intrinsic: loaded and stored anywhere, a b + c rounded once."""
 
     def __init__(self, context: Any, builder: Any) -> None:
         self._context, self._builder = context, builder
-        self._kind = ir.VectorType(ir.DoubleType(), _LANE)
-        self.zero = ir.Constant(self._kind, [0.0] * _LANE)
+        self._kind = ir.VectorType(ir.DoubleType(), LANE)
+        self.zero = ir.Constant(self._kind, [0.0] * LANE)
 
     def whole(self, value: int) -> Any:
         """A constant of the size of an index."""
@@ -68,13 +69,13 @@ class _Lanes:
 
     def alike(self, number: Any) -> Any:
         """One number in all lanes."""
-        none, everywhere = ir.Constant(self._kind, ir.Undefined), ir.VectorType(ir.IntType(32), _LANE)
+        none, everywhere = ir.Constant(self._kind, ir.Undefined), ir.VectorType(ir.IntType(32), LANE)
         alone = self._builder.insert_element(none, number, ir.Constant(ir.IntType(32), 0))
-        return self._builder.shuffle_vector(alone, none, ir.Constant(everywhere, [0] * _LANE))
+        return self._builder.shuffle_vector(alone, none, ir.Constant(everywhere, [0] * LANE))
 
     def sum(self, lanes: Any) -> Any:
         """All lanes together: one half and the other, until one is left."""
-        size = _LANE
+        size = LANE
         while size > 1:
             size //= 2
             kind = ir.VectorType(ir.IntType(32), size)
@@ -106,7 +107,7 @@ def _multiply(typing: Any, table: Any, x: Any, first: Any, count: Any, out: Any)
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         table, x, first, count, out = _arrays(context, builder, signature, arguments)
-        lanes, of_block = _Lanes(context, builder), BLOCK // _LANE
+        lanes, of_block = _Lanes(context, builder), BLOCK // LANE
         length = builder.extract_value(x.shape, 0)
         size = builder.mul(length, lanes.whole(BLOCK))
 
@@ -120,11 +121,11 @@ def _multiply(typing: Any, table: Any, x: Any, first: Any, count: Any, out: Any)
                 row = builder.add(begin, builder.mul(loop.index, lanes.whole(BLOCK)))
                 for k, total in enumerate(sums):
                     other = builder.add(row, builder.mul(size, lanes.whole(k // of_block)))
-                    values = lanes.load(table.data, builder.add(other, lanes.whole(_LANE * (k % of_block))))
+                    values = lanes.load(table.data, builder.add(other, lanes.whole(LANE * (k % of_block))))
                     builder.store(lanes.more(factor, values, builder.load(total)), total)
             begin = builder.mul(block, lanes.whole(BLOCK))
             for k, total in enumerate(sums):
-                lanes.store(builder.load(total), out.data, builder.add(begin, lanes.whole(_LANE * k)))
+                lanes.store(builder.load(total), out.data, builder.add(begin, lanes.whole(LANE * k)))
 
         pairs = builder.lshr(count, lanes.whole(1))
         with cgutils.for_range(builder, pairs) as loop:  # type: ignore[no-untyped-call]
@@ -148,7 +149,7 @@ def _gather(typing: Any, total: Any, x: Any, weight: Any) -> Any:
         rows, width = (builder.extract_value(total.shape, axis) for axis in range(2))
         with cgutils.for_range(builder, builder.udiv(width, lanes.whole(BLOCK))) as block:  # type: ignore[no-untyped-call]
             begin = builder.mul(block.index, lanes.whole(BLOCK))
-            places = [builder.add(begin, lanes.whole(_LANE * k)) for k in range(BLOCK // _LANE)]
+            places = [builder.add(begin, lanes.whole(LANE * k)) for k in range(BLOCK // LANE)]
             columns = [lanes.load(x.data, at) for at in places]
             with cgutils.for_range(builder, rows) as row:  # type: ignore[no-untyped-call]
                 own = builder.load(builder.gep(x.data, [row.index]))
@@ -165,60 +166,83 @@ def _gather(typing: Any, total: Any, x: Any, weight: Any) -> Any:
 gather: Any = intrinsic(_gather)
 
 
-def _blend(typing: Any, low: Any, high: Any, share: Any, x: Any, now: Any, out: Any) -> Any:
-    """Now = low + share (high - low) [n, lane], out[lane] = sum_j x[j] now[j, lane]; lanes as many as fill blocks."""
+def _blend(typing: Any, low: Any, rise: Any, share: Any, x: Any, now: Any, out: Any) -> Any:
+    """Rows now = low + share rise [n, lane], out[lane] = sum_j x[j] now[j, lane]; as many lanes as fill vectors of LANE."""
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        low, high, share, x, now, out = _arrays(context, builder, signature, arguments)
+        low, rise, share, x, now, out = _arrays(context, builder, signature, arguments)
         lanes = _Lanes(context, builder)
         count, width = (builder.extract_value(low.shape, axis) for axis in range(2))
         part = lanes.alike(share)
-        with cgutils.for_range(builder, builder.udiv(width, lanes.whole(BLOCK))) as block:  # type: ignore[no-untyped-call]
-            first = builder.mul(block.index, lanes.whole(BLOCK))
-            sums = [lanes.place() for _ in range(BLOCK // _LANE)]
+
+        def several(first: Any, vectors: int) -> None:
+            sums = [lanes.place() for _ in range(vectors)]
             for total in sums:
                 builder.store(lanes.zero, total)
             with cgutils.for_range(builder, count) as row:  # type: ignore[no-untyped-call]
                 factor = lanes.alike(builder.load(builder.gep(x.data, [row.index])))
                 begin = builder.add(first, builder.mul(row.index, width))
                 for k, total in enumerate(sums):
-                    at = builder.add(begin, lanes.whole(_LANE * k))
-                    below = lanes.load(low.data, at)
-                    value = lanes.more(part, builder.fsub(lanes.load(high.data, at), below), below)
+                    at = builder.add(begin, lanes.whole(LANE * k))
+                    value = lanes.more(part, lanes.load(rise.data, at), lanes.load(low.data, at))
                     lanes.store(value, now.data, at)
                     builder.store(lanes.more(factor, value, builder.load(total)), total)
             for k, total in enumerate(sums):
-                lanes.store(builder.load(total), out.data, builder.add(first, lanes.whole(_LANE * k)))
+                lanes.store(builder.load(total), out.data, builder.add(first, lanes.whole(LANE * k)))
+
+        _in_blocks(builder, lanes, width, several)
         return context.get_dummy_value()
 
-    return types.none(low, high, types.float64, x, now, out), lay
+    return types.none(low, rise, types.float64, x, now, out), lay
 
 
 blend: Any = intrinsic(_blend)
 
 
+def _in_blocks(builder: Any, lanes: _Lanes, width: Any, several: Callable[[Any, int], None]) -> None:
+    """Code of `several` for all lanes: from one on, so many vectors; blocks first, then what is left."""
+    blocks = builder.udiv(width, lanes.whole(BLOCK))
+    with cgutils.for_range(builder, blocks) as block:  # type: ignore[no-untyped-call]
+        several(builder.mul(block.index, lanes.whole(BLOCK)), BLOCK // LANE)
+    done = builder.mul(blocks, lanes.whole(BLOCK))
+    with builder.if_then(builder.icmp_unsigned("!=", done, width)):
+        several(done, 1)
+
+
 def _across(typing: Any, table: Any, weights: Any, out: Any) -> Any:
-    """out[j] = sum of table[j, lane] weights[lane]: each lane by itself, then by halves; as many as fill blocks."""
+    """out[j] = sum of table[j, lane] weights[lane]: each lane by itself, then by halves; as many as fill vectors."""
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         table, weights, out = _arrays(context, builder, signature, arguments)
         lanes = _Lanes(context, builder)
         count, width = (builder.extract_value(table.shape, axis) for axis in range(2))
-        with cgutils.for_range(builder, count) as row:  # type: ignore[no-untyped-call]
-            sums = [lanes.place() for _ in range(BLOCK // _LANE)]
-            for total in sums:
+
+        def rows(first: Any, together: int) -> None:
+            sums = [[lanes.place() for _ in range(BLOCK // LANE)] for _ in range(together)]
+            for total in (one for row in sums for one in row):
                 builder.store(lanes.zero, total)
-            begin = builder.mul(row.index, width)
-            with cgutils.for_range(builder, builder.udiv(width, lanes.whole(BLOCK))) as block:  # type: ignore[no-untyped-call]
-                first = builder.mul(block.index, lanes.whole(BLOCK))
-                for k, total in enumerate(sums):
-                    at = builder.add(first, lanes.whole(_LANE * k))
-                    value = lanes.load(table.data, builder.add(begin, at))
-                    builder.store(lanes.more(lanes.load(weights.data, at), value, builder.load(total)), total)
-            whole = builder.load(sums[0])
-            for total in sums[1:]:
-                whole = builder.fadd(whole, builder.load(total))
-            builder.store(lanes.sum(whole), builder.gep(out.data, [row.index]))
+            begins = [builder.mul(builder.add(first, lanes.whole(i)), width) for i in range(together)]
+
+            def several(lane: Any, vectors: int) -> None:
+                for k in range(vectors):
+                    at = builder.add(lane, lanes.whole(LANE * k))
+                    weight = lanes.load(weights.data, at)
+                    for begin, row in zip(begins, sums):
+                        value = lanes.load(table.data, builder.add(begin, at))
+                        builder.store(lanes.more(weight, value, builder.load(row[k])), row[k])
+
+            _in_blocks(builder, lanes, width, several)
+            for i, row in enumerate(sums):
+                whole = builder.load(row[0])
+                for total in row[1:]:
+                    whole = builder.fadd(whole, builder.load(total))
+                builder.store(lanes.sum(whole), builder.gep(out.data, [builder.add(first, lanes.whole(i))]))
+
+        pairs = builder.lshr(count, lanes.whole(1))
+        with cgutils.for_range(builder, pairs) as pair:  # type: ignore[no-untyped-call]
+            rows(builder.mul(pair.index, lanes.whole(2)), 2)
+        with builder.if_then(builder.icmp_unsigned("!=", builder.and_(count, lanes.whole(1)), lanes.whole(0))):
+            rows(builder.sub(count, lanes.whole(1)), 1)
         return context.get_dummy_value()
 
     return types.none(table, weights, out), lay

@@ -38,12 +38,22 @@ from rig.solve.riding import (
     PITCH,
     POINTS,
     SHEAR,
+    SLID,
     STIFFNESS,
     TRAVEL,
 )
 
 _EDGE = 1e-12
 """What rounding may leave of a slider that stands at the edge [m]."""
+
+
+@inner
+def _climb(side, low):
+    """Put the rise from one place to the next into side.rise."""
+    here, there = side.rows[low], side.rows[low + 1]
+    for j in range(here.shape[0]):
+        for lane in range(here.shape[1]):
+            side.rise[j, lane] = there[j, lane] - here[j, lane]
 
 
 @inlined
@@ -70,6 +80,10 @@ def look(own, x):
     travel = x[own.where[TRAVEL]]
     place = travel / own.numbers[PITCH]
     low = min(int(max(place, 0.0)), own.alike.rows.shape[0] - 2)
+    if low != own.below[0]:
+        _climb(own.alike, low)
+        _climb(own.against, low)
+        own.below[0] = low
     _felt(own.alike, x, low, place - low)
     _felt(own.against, x, low, place - low)
     pairs = own.seen.shape[1] // 2
@@ -150,6 +164,7 @@ def press(own, x, travelled, h):
     points, directions = own.where[POINTS], own.where[DIRECTIONS]
     first = own.where[FIRST] + own.kick.shape[0] + len(SUMS)
     k, shear, mu = own.numbers[STIFFNESS], own.numbers[SHEAR], own.numbers[FRICTIONAL]
+    give = 1.0 / shear
     normal, friction = x[first : first + points], x[first + points : first + 2 * points]
     deep, place, carried, was = own.pressed, own.seen[0], own.seen[1], own.last[1]
     up, along, given, slid_off = own.gives[0], own.gives[1], own.lost[0], own.lost[1]
@@ -187,7 +202,7 @@ def press(own, x, travelled, h):
         for i in range(points):
             given[i] += 0.5 * (friction[i] + along[i]) * travelled
         for i in range(points):
-            slid = travelled - (carried[i] - was[i]) - (along[i] - friction[i]) / shear
+            slid = travelled - (carried[i] - was[i]) - give * (along[i] - friction[i])
             slid_off[i] += 0.5 * (friction[i] + along[i]) * slid
         for i in range(points):
             friction[i] = along[i]
@@ -202,8 +217,8 @@ def press(own, x, travelled, h):
             part = most / size if size > most else 1.0
             new, new_aside = part * new, part * new_aside
             given[i] += 0.5 * (f + new) * travelled
-            slid_off[i] += 0.5 * (f + new) * (slid - (new - f) / shear)
-            slid_off[i] += 0.5 * (g + new_aside) * (slid_aside - (new_aside - g) / shear)
+            slid_off[i] += 0.5 * (f + new) * (slid - give * (new - f))
+            slid_off[i] += 0.5 * (g + new_aside) * (slid_aside - give * (new_aside - g))
             friction[i], lateral[i], along[i], across_it[i] = new, new_aside, new, new_aside
     return opened
 
@@ -273,7 +288,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     own, ic, fc, x, energy = t.film, state.ic, state.fc, state.x, state.energy
     substeps, emitting, origin = plan.substeps, plan.emitting, ic[REACHED]
     n, nq, h = x.shape[0], own.kick.shape[0], t.step[0] / substeps
-    travel, first, one = own.where[TRAVEL], own.where[FIRST], own.where[FIRST] - own.moved.shape[0]
+    slid, first, one = own.where[SLID], own.where[FIRST], own.where[FIRST] - own.moved.shape[0]
     speeds, forces, kick = x[nq : 2 * nq], x[first : first + nq], own.kick
     values, gathered = own.values, 0
     tick, done, opened = ic[TICK], int(fc[PLACE] * substeps + 0.5), 0
@@ -281,9 +296,9 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     if emitting:
         read(own, x, values[0])
     while within and tick < ticks and not (emitting and crowded(t, 0, seg, ticks - tick)):
-        travelled = x[travel]
+        travelled = x[slid]
         energy[3] += flow(own, x, one)
-        travelled = x[travel] - travelled
+        travelled = x[slid] - travelled
         for direction in range(own.seen.shape[0]):
             seen, last = own.seen[direction], own.last[direction]
             for i in range(seen.shape[0]):

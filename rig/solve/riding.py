@@ -9,12 +9,13 @@ from numpy.typing import NDArray
 
 from rig.solve import expm, ledger
 from rig.solve.film import SUMS, Film, on
-from rig.solve.lanes import BLOCK, zeros
+from rig.solve.lanes import LANE, zeros
 from rig.solve.system import System
 
 Array = NDArray[np.float64]
-TRAVEL, FIRST, POINTS, DIRECTIONS, DAMPED = range(5)
-"""Of Riding.where: state of the travel, of the first force on a coordinate; points; directions; 1: it is damped."""
+TRAVEL, SLID, FIRST, POINTS, DIRECTIONS, DAMPED = range(6)
+"""Of Riding.where: states of the travel, of the way slid, of the first force on a coordinate; points; directions; 1 for
+a damped film."""
 PITCH, LONGEST, STIFFNESS, DAMPING, SHEAR, FRICTIONAL = range(6)
 """Of Riding.numbers."""
 GROUP = 5
@@ -29,6 +30,7 @@ class Side(NamedTuple):
 
     rows: Array  # [place, coordinate, lane]
     which: NDArray[np.int64]  # [coordinate] number
+    rise: Array  # scratch [coordinate, lane] from the place below to the next one
     now: Array  # scratch [coordinate, lane] rows at this instant
     values: Array  # scratch [coordinate]
     felt: Array  # scratch [lane]
@@ -41,6 +43,7 @@ class Riding(NamedTuple):
     against: Side
     numbers: Array  # see PITCH
     where: NDArray[np.int64]  # see TRAVEL
+    below: NDArray[np.int64]  # scratch [1] the place that the rise begins at; -1: none yet
     places: Array  # [2, point] of the points on the slider
     kick: Array  # [coordinate] h / 2 / mass
     turn: Array  # [4, coordinate] flow of place and velocity over a step, less one
@@ -73,10 +76,11 @@ def empty() -> Riding:
     """Tables of a rig without a film."""
     z, none = np.zeros, np.zeros(0, dtype=np.int64)
     return Riding(
-        alike=Side(z((0, 0, BLOCK)), none, z((0, BLOCK)), z(0), z(0)),
-        against=Side(z((0, 0, BLOCK)), none, z((0, BLOCK)), z(0), z(0)),
+        alike=Side(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z(0), z(0)),
+        against=Side(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z(0), z(0)),
         numbers=z(0),
         where=none,
+        below=none,
         places=z((2, 0)),
         kick=z(0),
         turn=z((4, 0)),
@@ -133,7 +137,7 @@ def tables(system: System, step: float, outputs: Array, read: int) -> Riding:
             column[p] = expm.ladder(A, step)[0][:2, 2:]
     entries = np.nonzero(outputs)
     riders = np.flatnonzero((film.rows == film.rows[0]).all(axis=(0, 1, 3)))
-    room = -(-film.points // BLOCK) * BLOCK
+    room = -(-film.points // LANE) * LANE
     normal = zeros((len(riders), room))
     normal[:, : film.points] = film.everywhere(0.0)[0, riders]
     sums = first + nq + np.arange(len(SUMS))
@@ -141,7 +145,10 @@ def tables(system: System, step: float, outputs: Array, read: int) -> Riding:
         alike=_side(film, 1.0),
         against=_side(film, -1.0),
         numbers=np.array([film.pitch, film.longest, film.stiffness, film.damping, film.shear, film.mu]),
-        where=np.array([system.names.index(film.travel), first, film.points, directions, film.damping > 0.0]),
+        where=np.array(
+            [*map(system.names.index, (film.travel, film.slid)), first, film.points, directions, film.damping > 0.0]
+        ),
+        below=np.array([-1]),
         places=np.array([film.x, film.y]),
         kick=0.5 * step / mass,
         turn=turn,
@@ -184,6 +191,6 @@ def _side(film: Film, parity: float) -> Side:
     """The coordinates of one parity."""
     which = np.flatnonzero(film.parity == parity)
     lanes = film.directions * (film.points // 2)
-    rows = zeros((len(film.rows), len(which), -(-lanes // BLOCK) * BLOCK))
+    rows = zeros((len(film.rows), len(which), -(-lanes // LANE) * LANE))
     rows[:, :, :lanes] = film.rows[:, :, which].transpose(0, 2, 1, 3).reshape(*rows.shape[:2], -1)
-    return Side(rows, which, zeros(rows.shape[1:]), zeros(len(which)), zeros(rows.shape[2]))
+    return Side(rows, which, zeros(rows.shape[1:]), zeros(rows.shape[1:]), zeros(len(which)), zeros(rows.shape[2]))

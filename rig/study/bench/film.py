@@ -11,7 +11,7 @@ import numpy as np
 from rig.scenes.loader import load
 from rig.solve.film import SUMS
 from rig.solve.motion import Motion
-from rig.solve.ride import FIRST, FRICTIONAL, PITCH, POINTS, SHEAR, STIFFNESS, TRAVEL
+from rig.solve.riding import FIRST, FRICTIONAL, PITCH, POINTS, SHEAR, STIFFNESS, TRAVEL
 from rig.study.bench.kernels import interleaved
 
 SCENE = "plate"
