@@ -167,7 +167,7 @@ gather: Any = intrinsic(_gather)
 
 
 def _blend(typing: Any, low: Any, rise: Any, share: Any, x: Any, now: Any, out: Any) -> Any:
-    """Rows now = low + share rise [n, lane], out[lane] = sum_j x[j] now[j, lane]; as many lanes as fill vectors of LANE."""
+    """Rows now = low + share rise [n, lane], out[lane] = sum_j x[j] now[j, lane]; as many as fill vectors of LANE."""
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         low, rise, share, x, now, out = _arrays(context, builder, signature, arguments)

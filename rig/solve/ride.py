@@ -62,7 +62,7 @@ def _felt(side, x, low, share):
     which, values = side.which, side.values
     for j in range(which.shape[0]):
         values[j] = x[which[j]]
-    blend(side.rows[low], side.rows[low + 1], share, side.values, side.now, side.felt)
+    blend(side.rows[low], side.rise, share, values, side.now, side.felt)
 
 
 @inlined
