@@ -1,11 +1,11 @@
 /* C twin of rig.solve.ride: friction along the travel alone, no damping of the film, no instruments. Every sum has the
    kernel's order, so that the results have its bits; loops are cut as they are fastest in C.
    Compiled with -O3 -march=native and these constants, which the kernel has as shapes: NQ coordinates, NA of them that
-   move both sides alike and NO against each other, M signals, R riders; PAIRS of points, WIDTH lanes of a row. */
+   move both sides alike and NO against each other, M signals, R riders; PAIRS of points, WIDTH lanes of a row,
+   ROOM for the points in one of a rider. */
 #include <stdint.h>
 
 #define POINTS (2 * PAIRS)
-#define ROOM ((POINTS + 15) / 16 * 16)
 #define LANES 4
 #define USED ((POINTS + LANES - 1) / LANES) /* vectors of a row that are not filling */
 #define CUTS ((USED + 5) / 6)
@@ -108,7 +108,7 @@ static double flow(const Film *f, double *x, double *signals, const double *forc
 
 static int press(const Film *f, double *restrict normal, double *restrict friction, double travelled,
                  double *restrict given, double *restrict slid_off) {
-    const double k = f->stiffness, shear = f->shear, mu = f->mu;
+    const double k = f->stiffness, shear = f->shear, mu = f->mu, give = 1.0 / shear;
     double ahead[R], *place = seen[0], *carried = seen[1], *was = last[1];
     int64_t opened = 0;
     for (int i = 0; i < POINTS; i++) deep[i] = place[i] > 0.0 ? place[i] : 0.0;
@@ -131,7 +131,7 @@ static int press(const Film *f, double *restrict normal, double *restrict fricti
     }
     for (int i = 0; i < POINTS; i++) given[i] += 0.5 * (friction[i] + gives[1][i]) * travelled;
     for (int i = 0; i < POINTS; i++) {
-        double slid = travelled - (carried[i] - was[i]) - (gives[1][i] - friction[i]) / shear;
+        double slid = travelled - (carried[i] - was[i]) - give * (gives[1][i] - friction[i]);
         slid_off[i] += 0.5 * (friction[i] + gives[1][i]) * slid;
     }
     for (int i = 0; i < POINTS; i++) friction[i] = gives[1][i];

@@ -32,14 +32,14 @@ class _Film(ctypes.Structure):
     ]
 
 
-def ratio(compiled: Callable[[str, dict[str, int]], Any]) -> dict[str, Any]:
-    """Time of the kernel over that of the twin, with energy ledger, and how far their states are apart after TICKS.
+def ratio(compiled: Callable[[str, dict[str, int]], Any], ticks: int = TICKS) -> dict[str, Any]:
+    """Time of the kernel over that of the twin, with energy ledger; how far places and velocities are apart at the end.
 
     `compiled`: a library of a C file of this folder, with constants by name.
     """
     scene = load(SCENE, SLIDING)
     substeps = scene.clock.substeps(scene.step_ns)
-    motion = Motion(scene.assemble().system(), scene.step_ns, "kick", substeps=substeps, longest=TICKS)
+    motion = Motion(scene.assemble().system(), scene.step_ns, "kick", substeps=substeps, longest=ticks)
     motion.advance(1)
     own = motion.slots.tables.film
     numbers, where, signals = own.numbers, own.where, own.moved.shape[0]
@@ -60,14 +60,15 @@ def ratio(compiled: Callable[[str, dict[str, int]], Any]) -> dict[str, Any]:
         "R": own.riders.shape[0],
         "PAIRS": int(where[POINTS]) // 2,
         "WIDTH": own.alike.rows.shape[2],
+        "ROOM": own.riders.shape[1],
     }
     c = compiled("film.c", constants)
     begun, x0 = motion.save(), motion.state.x.copy()
-    x, energy, steps = x0.copy(), np.zeros(4), TICKS * substeps
+    x, energy, steps = x0.copy(), np.zeros(4), ticks * substeps
 
     def numba_run() -> None:
         motion.go_back(begun)
-        motion.advance(TICKS)
+        motion.advance(ticks)
 
     def c_run() -> None:
         x[:] = x0

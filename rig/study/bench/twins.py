@@ -44,13 +44,13 @@ def twins() -> dict[str, Any]:
     system = pendulum(COULOMB)
     stack = stiff()
     with tempfile.TemporaryDirectory() as folder:
-        compiled = partial(_compiled, compiler, folder)
-        c = compiled("twins.c", {"N": system.n})
+        build = partial(compiled, compiler, folder)
+        c = build("twins.c", {"N": system.n})
         return {
             "quiet": _quiet(system, c),
             "rk4": _rk4(system, c),
-            "exact": _exact(stack, compiled("twins.c", {"N": stack.n})),
-            "film": film.ratio(compiled),
+            "exact": _exact(stack, build("twins.c", {"N": stack.n})),
+            "film": film.ratio(build),
         }
 
 
@@ -60,7 +60,8 @@ def stiff() -> Any:
     return importlib.import_module(PLANTS[scene.plant]).assemble(scene.parameters, {}).system()
 
 
-def _compiled(compiler: str, folder: str, source: str, constants: dict[str, int]) -> Any:
+def compiled(compiler: str, folder: str, source: str, constants: dict[str, int]) -> Any:
+    """The library of a C file of this room, made in `folder` with constants by name."""
     named = [f"-D{name}={value}" for name, value in constants.items()]
     library = Path(folder) / f"{source}{''.join(named)}.so"
     options = ["-O3", "-march=native", *named, "-shared", "-fPIC"]
