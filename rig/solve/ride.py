@@ -43,8 +43,8 @@ from rig.solve.riding import (
     TRAVEL,
 )
 
-_EDGE = 1e-12
-"""What rounding may leave of a slider that stands at the edge [m]."""
+_EDGE = 1e-11
+"""What rounding may leave of a slider that has come to the edge [m]."""
 
 
 @inner
@@ -152,6 +152,7 @@ def flow(own, x, one):
         speeds[i] += faster
     for j in range(m):
         signals[j] += moved[j]
+        own.begun[1, j] += moved[j]
     return work
 
 
@@ -296,6 +297,9 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     if emitting:
         read(own, x, values[0])
     while within and tick < ticks and not (emitting and crowded(t, 0, seg, ticks - tick)):
+        if done == 0:
+            for j in range(own.moved.shape[0]):
+                own.begun[0, j], own.begun[1, j] = x[one + j], 0.0
         travelled = x[slid]
         energy[3] += flow(own, x, one)
         travelled = x[slid] - travelled
@@ -309,6 +313,9 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         for i in range(nq):
             speeds[i] += kick[i] * forces[i]
         done += 1
+        if done == substeps:  # signals are rounded once a tick: millions of steps in one direction would add up
+            for j in range(own.moved.shape[0]):
+                x[one + j] = own.begun[0, j] + own.begun[1, j]
         if done == substeps or (emitting and own.summed[0]):
             total(own, x, opened)
             opened = 0

@@ -63,6 +63,7 @@ class Riding(NamedTuple):
     gives: Array  # scratch, forces along the rows
     lost: Array  # scratch [3, point] of the stretch so far: mean friction times travel, times sliding; lost in the film
     moved: Array  # scratch [m]
+    begun: Array  # scratch [2, m] signals at the begin of the tick, and how far they have moved since
     held: Array  # scratch [pushed]
     riders: Array  # [rider, point] normal rows of the coordinates whose rows are the same everywhere: the slider's
     advance: Array  # [rider] h^2 / 12 / mass
@@ -100,6 +101,7 @@ def empty() -> Riding:
         gives=z((0, 0)),
         lost=z((3, 0)),
         moved=z(0),
+        begun=z((2, 0)),
         held=z(0),
         riders=z((0, 0)),
         advance=z(0),
@@ -168,6 +170,7 @@ def tables(system: System, step: float, outputs: Array, read: int) -> Riding:
         gives=zeros((directions, film.points)),
         lost=np.zeros((3, film.points)),
         moved=np.zeros(m),
+        begun=np.zeros((2, m)),
         held=np.zeros(len(pushed)),
         riders=normal,
         advance=step * step / 12.0 / mass[riders],
