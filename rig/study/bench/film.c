@@ -79,7 +79,7 @@ static void look(const Film *f, const double *x, double travel, int64_t *risen) 
 }
 
 /* Kick the coordinates by half a step, carry them and the signals over a whole one. Returns the work of the signals. */
-static double flow(const Film *f, double *x, double *signals, const double *forces, double *damped) {
+static double flow(const Film *f, double *x, double *signals, double *since, const double *forces, double *damped) {
     double *places = x, *speeds = x + NQ, moved[M], held = places[f->pushed], work = 0.0;
     const double *qq = f->loss, *qv = qq + NQ, *vv = qv + NQ;
     const double *by_place = f->turn, *by_speed = by_place + NQ, *turned = by_speed + NQ, *slowed = turned + NQ;
@@ -103,6 +103,7 @@ static double flow(const Film *f, double *x, double *signals, const double *forc
     places[f->pushed] += further;
     speeds[f->pushed] += faster;
     for (int j = 0; j < M; j++) signals[j] += moved[j];
+    for (int j = 0; j < M; j++) since[j] += moved[j];
     return work;
 }
 
@@ -153,14 +154,16 @@ static void push(const Film *f, double *forces) {
 
 /* x: places, speeds [NQ], signals [M], forces [NQ], `sums` numbers, then of the points normal force and friction.
    energy [4]: to the points, lost in sliding, in dampers, of the load. Returns how many points have opened. */
-int64_t film_run(const Film *f, int64_t steps, int64_t sums, double *x, double *energy) {
+int64_t film_run(const Film *f, int64_t ticks, int64_t substeps, int64_t sums, double *x, double *energy) {
     double *signals = x + 2 * NQ, *forces = signals + M, *normal = forces + NQ + sums, *friction = normal + POINTS;
-    double damped[NQ] = {0}, given[POINTS] = {0}, slid_off[POINTS] = {0};
+    double damped[NQ] = {0}, given[POINTS] = {0}, slid_off[POINTS] = {0}, begun[M] = {0}, since[M] = {0};
     int64_t opened = 0, risen = -1;
     look(f, x, signals[f->travel], &risen);
-    for (int64_t n = 0; n < steps; n++) {
+    for (int64_t n = 0; n < ticks * substeps; n++) {
+        if (n % substeps == 0)
+            for (int j = 0; j < M; j++) begun[j] = signals[j], since[j] = 0.0;
         double travelled = signals[f->travel];
-        energy[3] += flow(f, x, signals, forces, damped);
+        energy[3] += flow(f, x, signals, since, forces, damped);
         travelled = signals[f->travel] - travelled;
         for (int d = 0; d < 2; d++)
             for (int i = 0; i < POINTS; i++) last[d][i] = seen[d][i];
@@ -168,6 +171,8 @@ int64_t film_run(const Film *f, int64_t steps, int64_t sums, double *x, double *
         opened += press(f, normal, friction, travelled, given, slid_off);
         push(f, forces);
         for (int i = 0; i < NQ; i++) x[NQ + i] += f->kick[i] * forces[i];
+        if (n % substeps == substeps - 1)
+            for (int j = 0; j < M; j++) signals[j] = begun[j] + since[j];
     }
     for (int i = 0; i < NQ; i++) energy[2] += damped[i];
     for (int i = 0; i < POINTS; i++) {

@@ -73,7 +73,8 @@ def ratio(compiled: Callable[[str, dict[str, int]], Any], ticks: int = TICKS) ->
     def c_run() -> None:
         x[:] = x0
         written = (ctypes.c_void_p(a.ctypes.data) for a in (x, energy))
-        c.film_run(ctypes.byref(film), ctypes.c_int64(steps), ctypes.c_int64(len(SUMS)), *written)
+        counts = (ctypes.c_int64(n) for n in (ticks, substeps, len(SUMS)))
+        c.film_run(ctypes.byref(film), *counts, *written)
 
     best = interleaved({"numba": numba_run, "c": c_run})
     states = 2 * own.kick.shape[0]
