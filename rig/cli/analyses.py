@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from csv import writer as writes
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, TypeVar
 
@@ -45,6 +46,12 @@ First = Annotated[str | None, typer.Option("--from", metavar="TIME", help="Leave
 Last = Annotated[str | None, typer.Option("--to", metavar="TIME", help="Leave out what came after.")]
 Picture = Annotated[
     Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw it (PNG, SVG, PDF).")
+]
+Times = Annotated[
+    str,
+    typer.Option(
+        "--at", metavar="TIMES", help='Instants, with commas: "0.5, 0.56 s, 600 ms"; else those that tell most.'
+    ),
 ]
 Table = Annotated[Path | None, typer.Option("--csv", metavar="FILE", callback=new, help="Write all numbers as CSV.")]
 T = TypeVar("T")
@@ -138,6 +145,33 @@ def spectrum(
         draw(found, turned, figure)
 
 
+def pressure(
+    log: Log, at: Times = "", figure: Picture = None, csv: Table = None, force: Force = False, as_json: Json = False
+) -> None:
+    """Maps of the pressure under a slider at chosen instants: where a film is open, where it presses most."""
+    from rig.study.recorded import pressure as find
+    from rig.study.recorded.figure import draw_pressure as draw
+
+    faults = _Faults()
+    times = [faults(partial(seconds, one, "--at", 0.0), None) for one in at.split(",") if one.strip()]
+    faults.tell()
+    run = opened(log)
+    if not run.time.size:
+        raise LogError(f"{log}: the recording ends before its first sample")
+    found = find(run, [one for one in times if one is not None])
+    if as_json:
+        tell.report(found.to_json() | {"figure": figure, "csv": csv})
+    else:
+        tell.line(found.text())
+    if csv is not None:
+        with csv.open("w", newline="") as file:
+            writer = writes(file, lineterminator="\n")
+            writer.writerow(["time [s]", "x [m]", "y [m]", "pressure [Pa]"])
+            writer.writerows([f"{value:.9g}" for value in row] for row in found.csv())
+    if figure is not None:
+        draw(found, figure)
+
+
 def asked(
     faults: _Faults, log: Path, window: str | None, first: str | None, last: str | None
 ) -> tuple[Run, float | None, float, float]:
@@ -162,5 +196,6 @@ def span(faults: _Faults, first: str | None, last: str | None) -> tuple[float, f
 
 COMMANDS = {
     "spectrum": (spectrum, "rig spectrum recordings/golden/pendulum.mcap --orders drive --figure spectrum.png"),
+    "pressure": (pressure, "rig pressure plate.mcap --at '0.5 s, 0.56 s, 0.6 s' --figure pressure.png"),
     "hysteresis": (hysteresis, "rig hysteresis recordings/runs/belt_hysteresis-20260101-120000.mcap --window '1 s'"),
 }

@@ -1,4 +1,7 @@
-"""The arrangement of the window: picture and phase portrait left, curves and strips right, health and events below."""
+"""The arrangement of the window: picture and phase portrait left, curves and strips right, health and events below.
+
+A rig whose contact is a film of points has the map of its pressure in place of the portrait, and more curves.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from rig.view.channels import Plot
 from rig.view.drawing import TIMELINE, Drawing
+from rig.view.plate import Cells
 
 if TYPE_CHECKING:
     import rerun.blueprint as rrb
@@ -18,14 +22,16 @@ def blueprint(drawing: Drawing, plots: list[Plot], live: bool) -> rrb.Blueprint:
     """The window of a rig; a live run is followed through its last seconds, a recording is shown whole."""
     import rerun.blueprint as rrb
 
+    most = 4 if drawing.points else 2
+    large, more = plots[:most], _more(drawing, plots[most:], live)
     right = rrb.Vertical(
-        _curves(plots[0], live),
-        _curves(plots[1], live) if len(plots) > 1 else _strips(live),
-        _strips(live),
-        rrb.Horizontal(_health(live), _more(drawing, plots[2:], live)) if live else _more(drawing, plots[2:], live),
-        row_shares=[3, 3, 2.0, 2.2],
+        *(_curves(plot, live) for plot in large),
+        _strips(drawing, live),
+        rrb.Horizontal(_health(live), more) if live else more,
+        row_shares=[*[6.0 / len(large)] * len(large), 1.2 if drawing.points else 2.0, 2.2],
     )
-    left: list[rrb.View] = [view for view in (_picture(drawing), _portrait()) if view is not None]
+    second = _map(drawing) or _portrait()
+    left: list[rrb.View] = [view for view in (_picture(drawing), second) if view is not None]
     left.append(_events())
     return rrb.Blueprint(
         rrb.Horizontal(rrb.Vertical(*left, row_shares=[3, 3, 2.0][: len(left)]), right, column_shares=[2, 3]),
@@ -73,10 +79,11 @@ def _more(drawing: Drawing, plots: list[Plot], live: bool) -> rrb.Tabs:
     return rrb.Tabs(*([commands, *views] if drawing.controllers else [*views, commands]), active_tab=0)
 
 
-def _strips(live: bool) -> rrb.StateTimelineView:
+def _strips(drawing: Drawing, live: bool) -> rrb.StateTimelineView:
     import rerun.blueprint as rrb
 
-    return rrb.StateTimelineView(origin="/strip", name="contact, protocol, controllers", time_view=_axis(live))
+    name = "contact, protocol, controllers" if drawing.worded else "protocol, controllers"
+    return rrb.StateTimelineView(origin="/strip", name=name, time_view=_axis(live))
 
 
 def _health(live: bool) -> rrb.Tabs:
@@ -106,6 +113,17 @@ def _picture(drawing: Drawing) -> rrb.Spatial3DView | None:
         return None
     eye = rrb.EyeControls3D(position=drawing.picture.eye, look_target=drawing.picture.target, eye_up=(0.0, 0.0, 1.0))
     return rrb.Spatial3DView(origin="/rig", name="the rig", eye_controls=eye, background=_DARK, line_grid=False)
+
+
+def _map(drawing: Drawing) -> rrb.Spatial3DView | None:
+    """From straight above, the front of the slider to the right."""
+    import rerun.blueprint as rrb
+
+    if not drawing.points or drawing.picture is None:
+        return None
+    eye = rrb.EyeControls3D(position=Cells.eye, look_target=Cells.target, eye_up=(0.0, 1.0, 0.0))
+    name = "pressure of the film from above; red: its centre"
+    return rrb.Spatial3DView(origin="/film", name=name, eye_controls=eye, background=_DARK, line_grid=False)
 
 
 def _portrait() -> rrb.Spatial2DView:

@@ -6,6 +6,8 @@ import json
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from rig.record.points import numbered
+
 
 class Channel(NamedTuple):
     """A sensor: the plant output it reads, and the factor that turns its reading into that quantity."""
@@ -23,13 +25,24 @@ class Plot(NamedTuple):
 
 
 _GROUPS = (
+    ("acceleration", ("slider_acceleration", "plate_acceleration")),
+    ("contact fraction", ("contact_fraction",)),
+    ("pressure centre", ("pressure_centre_x", "pressure_centre_y")),
     ("velocity", ("velocity", "surface_speed")),
     ("forces", ("friction_force", "normal_force")),
     ("displacement", ("displacement",)),
     ("acceleration", ("acceleration",)),
     ("angle", ("angle",)),
     ("angular speed", ("angular_velocity", "disc_speed")),
+    ("pitch and roll acceleration", ("pitch_acceleration", "roll_acceleration")),
+    ("displacement of slider and plate", ("slider_displacement", "plate_displacement")),
+    ("pitch and roll", ("pitch_displacement", "roll_displacement")),
+    ("velocity of slider and plate", ("slider_velocity", "plate_velocity")),
+    ("pitch and roll velocity", ("pitch_velocity", "roll_velocity")),
 )
+
+_DRIVEN = ("surface_speed",)
+"""Alone it says little: it gets a plot behind the others."""
 
 
 def channels(scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> dict[str, Channel]:
@@ -51,13 +64,17 @@ def channels(scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str])
 
 
 def plots(scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> list[Plot]:
-    """The plots of a rig; what belongs to no group gets a plot by itself."""
+    """The plots of a rig; what belongs to no group gets a plot by itself.
+
+    Outputs of one quantity at many points have none: a map shows them.
+    """
     placed = channels(scene, outputs, sensors)
     found = []
-    rest = list(outputs)
+    at_points = {name for members in numbered(outputs).values() for name in members}
+    rest = [name for name in outputs if name not in at_points]
     for title, members in _GROUPS:
         inside = tuple(name for name in members if name in rest)
-        if inside:
+        if inside and inside != _DRIVEN:
             rest = [name for name in rest if name not in inside]
             measured = tuple(name for name, channel in placed.items() if channel.reads in inside)
             found.append(Plot(f"{title} [{outputs[inside[0]]}]", inside, measured))

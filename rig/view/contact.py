@@ -7,6 +7,7 @@ stick   no slip                slip+   w > 0, the surface runs ahead        slip
 from __future__ import annotations
 
 import json
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,28 +15,32 @@ from numpy.typing import NDArray
 from rig.solve.assembly import Assembly
 from rig.solve.system import OPEN, SLIP_MINUS, SLIP_PLUS, STICK, System
 
+if TYPE_CHECKING:
+    from rig.scenes.scene import Scene
+
 NAMES = ("stick", "slip+", "slip-", "open")
 COLOURS = ("#3b6fb6", "#e08b3c", "#b4508a", "#9a9a9a")
 _OF_PATCH = {STICK: 0, SLIP_PLUS: 1, SLIP_MINUS: 2}
 _LIFTED = 3
 
 
-def assembly_of(scene: str) -> Assembly | None:
-    """The rig of a scene (JSON text); None if the text describes none, as in a recording by others."""
+def read(scene: str) -> tuple[Scene, Assembly] | None:
+    """A scene (JSON text) and its rig; None if the text describes none, as in a recording by others."""
     from rig.scenes.scene import Scene
 
     try:
-        assembly = Scene.from_json(scene).assemble()
+        found = Scene.from_json(scene)
+        assembly = found.assemble()
     except (KeyError, TypeError, ValueError, json.JSONDecodeError):
         return None
     assert isinstance(assembly, Assembly)
-    return assembly
+    return found, assembly
 
 
 def system_of(scene: str) -> System | None:
-    """The same as matrices."""
-    assembly = assembly_of(scene)
-    return assembly.system() if assembly else None
+    """The rig of a scene as matrices."""
+    found = read(scene)
+    return found[1].system() if found else None
 
 
 class Modes:

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.view import contact
+from rig.record.points import numbered
+from rig.view import contact, plate
 from rig.view.channels import channels
 from rig.view.parts import Columns
 from rig.view.picture import picture_of
@@ -33,6 +34,11 @@ FRAME_NS = 20_000_000
 COLOURS = {
     "velocity": "#4f93e6", "surface_speed": "#e0a03c", "friction_force": "#e2564c", "normal_force": "#7fbf7f",
     "displacement": "#6bb3c9", "acceleration": "#b58be0", "slip_speed": "#c9b06b",
+    "slider_acceleration": "#b58be0", "slider_displacement": "#6bb3c9", "slider_velocity": "#4f93e6",
+    "plate_acceleration": "#e0a03c", "plate_displacement": "#e0a03c", "plate_velocity": "#e0a03c",
+    "contact_fraction": "#5ec9a0", "pressure_centre_x": "#4f93e6", "pressure_centre_y": "#e0a03c",
+    "pitch_acceleration": "#4f93e6", "pitch_displacement": "#4f93e6", "pitch_velocity": "#4f93e6",
+    "roll_acceleration": "#e0a03c", "roll_displacement": "#e0a03c", "roll_velocity": "#e0a03c",
 }  # fmt: skip
 HEALTH = {
     "rate": "rate", "lateness_us": "lateness p99 [us]", "worst_us": "worst lateness [us]", "late": "late frames",
@@ -51,13 +57,21 @@ class Drawing:
     """The entities of a rig with these outputs and sensors (name -> unit)."""
 
     def __init__(self, scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> None:
-        assembly = contact.assembly_of(scene)
-        system = assembly.system() if assembly else None
-        rows = {name: output.row for name, output in assembly.outputs.items()} if assembly else {}
+        found = contact.read(scene)
+        system = found[1].system() if found else None
+        rows = {name: output.row for name, output in found[1].outputs.items()} if found else {}
+        at_points = {name for members in numbered(outputs).values() for name in members}
         self.scene = scene
         self.outputs, self.sensors = dict(outputs), dict(sensors)
         self.channels = channels(scene, outputs, sensors)
-        self.picture = picture_of(system, outputs, rows.get("displacement"))
+        self.curves = [name for name in outputs if name not in at_points]
+        """Outputs that are drawn as curves; of one quantity at many points there is a map."""
+        self.points = bool(at_points)
+        """Whether the contact is a film of points."""
+        self.worded = not at_points and (system is None or bool(system.patches))
+        """Whether a word tells the state of the contact: not that of many points, nor of bonded ones."""
+        over_plate = plate.picture(found[0], system) if found and system else None
+        self.picture = over_plate or picture_of(system, outputs, rows.get("displacement"))
         self._modes = contact.Modes(system)
         self._mode = -1
         self._frame_ns = -FRAME_NS
@@ -84,7 +98,7 @@ class Drawing:
         """Send names and colours of all curves, and the picture's geometry."""
         import rerun as rr
 
-        for name in self.outputs:
+        for name in self.curves:
             colour = contact.rgb(COLOURS.get(name, "#9fb0c4"))
             line = rr.SeriesLines(names=_plain(name), colors=[colour], widths=1.6, aggregation_policy=_BAND)
             rec.log(f"plant/{name}", line, static=True)
@@ -99,8 +113,9 @@ class Drawing:
             rec.log(f"health/{name}", rr.SeriesLines(names=said, widths=1.6), static=True)
         rec.log("health/dropped", rr.SeriesLines(names="dropped by this viewer", widths=1.6), static=True)
         colours = [contact.rgb(colour) for colour in contact.COLOURS]
-        lanes = rr.StateConfiguration(values=contact.NAMES, labels=contact.NAMES, colors=colours)
-        rec.log("strip/contact", lanes, static=True)
+        if self.worded:
+            lanes = rr.StateConfiguration(values=contact.NAMES, labels=contact.NAMES, colors=colours)
+            rec.log("strip/contact", lanes, static=True)
         for name in self.controllers:
             states = rr.StateConfiguration(values=list(_SWITCH), labels=list(_SWITCH), colors=list(_SWITCH.values()))
             rec.log(f"strip/{name}", states, static=True)
@@ -117,9 +132,9 @@ class Drawing:
     ) -> list[Columns]:
         """States of the plant; curves of every so many rows, at most so many frames of the picture."""
         modes = self._modes.indices(keys)
-        found = [_curve(f"plant/{name}", t_ns[::every], v[::every]) for name, v in signals.items()]
+        found = [_curve(f"plant/{name}", t_ns[::every], signals[name][::every]) for name in self.curves]
         changed = np.flatnonzero(np.diff(modes, prepend=self._mode))
-        if changed.size:
+        if changed.size and self.worded:
             words = [contact.NAMES[mode] for mode in modes[changed]]
             found.append(self._strip("contact", t_ns[changed], words))
         self._mode = int(modes[-1])

@@ -5,6 +5,8 @@ velocity of the body and of the surface
 friction and normal force                               close-up of some periods
 voltage of the stack, if there is one
 contact mode                                            what the run was, and how well it went
+
+The plate under a slider has one of its own: rig.view.plate_figure.
 """
 
 from __future__ import annotations
@@ -15,20 +17,29 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rig.record.run import Integers, Reals, Run
-from rig.view import contact, story
-from rig.view.caption import caption, scene_of
-from rig.view.channels import channels
+from rig.view import contact, plate_figure, story
+from rig.view.caption import caption
+from rig.view.curves import (
+    BODY,
+    COLUMNS,
+    FRICTION,
+    NORMAL,
+    SURFACE,
+    VOLTAGE,
+    curves,
+    heading,
+    legend,
+    name_circuits,
+    phases,
+    shade,
+)
 from rig.view.put import put
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_COLUMNS = 2400
-_BODY, _SURFACE, _FRICTION, _NORMAL = "#1d4f91", "#d1802f", "#b5322f", "#5a5a5a"
-_VOLTAGE = "#7a5fb0"
 _STACK = "stack_voltage"
-_MEASURED = 0.35
 _FASTER = 5.0
 _SMALL = 5e-5  # m: below it a portrait is told in micrometres
 _SECTIONS = ("#1d4f91", "#c03a76", "#2a9d77", "#d1802f", "#7a5fb0")
@@ -60,7 +71,7 @@ def draw(run: Run, path: Path | str) -> None:
     with mpl.rc_context(STYLE):  # type: ignore[arg-type]
         figure = Figure(figsize=(12.8, 8.4), dpi=125, facecolor="white")
         FigureCanvasAgg(figure)
-        _compose(figure, run)
+        (plate_figure.compose if "plate_acceleration" in run.signals else _compose)(figure, run)
         put(figure, path)
 
 
@@ -74,97 +85,33 @@ def _compose(figure: Figure, run: Run) -> None:
     times = figure.add_subplot(grid[1, 0])
     system = contact.system_of(run.scene)
     modes = contact.Modes(system).indices(run.mode)
-    _phases(figure.add_subplot(grid[0, 0], sharex=times), run)
+    phases(figure.add_subplot(grid[0, 0], sharex=times), run)
     _velocity(times, run)
-    curves = [times, *(figure.add_subplot(grid[row, 0], sharex=times) for row in range(2, len(heights) - 1))]
-    _forces(curves[1], run)
-    if len(curves) > 2:
-        _curves(curves[2], run, ((_STACK, _VOLTAGE),))
-        curves[2].set_ylabel(f"voltage [{run.units.get(_STACK, '')}]")
+    panels = [times, *(figure.add_subplot(grid[row, 0], sharex=times) for row in range(2, len(heights) - 1))]
+    _forces(panels[1], run)
+    if len(panels) > 2:
+        curves(panels[2], run, ((_STACK, VOLTAGE),))
+        panels[2].set_ylabel(f"voltage [{run.units.get(_STACK, '')}]")
     strip = figure.add_subplot(grid[-1, 0], sharex=times)
     _strip(strip, run, modes)
     closed = story.circuits(run, system)
-    for axes in curves:
+    for axes in panels:
         axes.tick_params(labelbottom=False)
-        _shade(axes, run, closed)
-    _name(curves[-1], closed)
+        shade(axes, run, closed)
+    name_circuits(panels[-1], closed)
     _portrait(figure.add_subplot(right[0]), run)
     _close_up(figure.add_subplot(right[1]), run, modes)
     caption(figure.add_subplot(right[2]), run, modes)
-    figure.align_ylabels(curves)
-    about = scene_of(run)
-    figure.text(0.076, 0.968, about.get("title") or about.get("name") or "run", fontsize=15, fontweight="bold")
-    if run.fault:
-        first = run.fault.partition("\n")[0]
-        figure.text(0.985, 0.968, first[:110], color="#b5322f", ha="right", fontsize=10.5)
-
-
-def thinned(t: Reals, v: Reals, columns: int = _COLUMNS) -> tuple[Reals, Reals]:
-    """A line that looks like (t, v) when it is drawn over `columns` columns: lowest and highest of each."""
-    if t.size <= 4 * columns:
-        return t, v
-    size = -(-t.size // columns)
-    count = t.size // size
-    table = v[: count * size].reshape(count, size)
-    filled = np.where(np.isnan(table), np.inf, table).min(axis=1), np.where(np.isnan(table), -np.inf, table).max(axis=1)
-    ends = np.stack(filled, axis=1)
-    ends[~np.isfinite(ends)] = np.nan
-    return np.repeat(t[: count * size : size], 2), ends.ravel()
-
-
-def _line(axes: Axes, t: Reals, v: Reals, **style: Any) -> None:
-    axes.plot(*thinned(t, v), **style)
-
-
-def _measured(run: Run, reads: str) -> list[tuple[str, Reals, Reals]]:
-    """Sensors of an output: name, times, values in its unit."""
-    sensors = {name: run.units.get(f"meas/{name}", "") for name in run.measurements}
-    placed = channels(run.scene_text(), {name: run.units.get(name, "") for name in run.signals}, sensors)
-    return [
-        (
-            name,
-            np.multiply(run.measurements[name].t_ns, 1e-9, dtype=np.float64),
-            run.measurements[name].v * channel.factor,
-        )
-        for name, channel in placed.items()
-        if channel.reads == reads
-    ]
-
-
-def _label(name: str) -> str:
-    return name.replace("_", " ")
-
-
-def _legend(axes: Axes, columns: int) -> None:
-    """Above the curves, where none can hide behind it."""
-    low, high = axes.get_ylim()
-    axes.set_ylim(low, high + 0.16 * (high - low))
-    legend = axes.legend(loc="upper left", ncols=columns, borderaxespad=0.2, handlelength=1.6, columnspacing=1.4)
-    for handle in legend.get_lines():
-        handle.set_linewidth(2.2)
-
-
-def _curves(axes: Axes, run: Run, outputs: tuple[tuple[str, str], ...]) -> None:
-    count = 0
-    for output, colour in outputs:
-        if output not in run.signals:
-            continue
-        for name, t, v in _measured(run, output):
-            label = f"{_label(name)} (measured)"
-            _line(axes, t, v, color=colour, alpha=_MEASURED, lw=2.6, label=label, zorder=2)
-            count += 1
-        _line(axes, run.time, run.signals[output], color=colour, label=_label(output), zorder=3)
-        count += 1
-    if count:
-        _legend(axes, min(count, 4))
+    figure.align_ylabels(panels)
+    heading(figure, run)
 
 
 def _velocity(axes: Axes, run: Run) -> None:
     fast = _beyond(run)
-    _curves(axes, run, (("surface_speed", _SURFACE), ("velocity", _BODY))[fast:])
+    curves(axes, run, (("surface_speed", SURFACE), ("velocity", BODY))[fast:])
     if fast:
         speed = f"surface speed: {_largest(run, 'surface_speed'):.3g} {run.units.get('surface_speed', '')}"
-        axes.text(0.995, 0.97, speed, transform=axes.transAxes, ha="right", va="top", fontsize=9.5, color=_SURFACE)
+        axes.text(0.995, 0.97, speed, transform=axes.transAxes, ha="right", va="top", fontsize=9.5, color=SURFACE)
     axes.set_ylabel(f"velocity [{run.units.get('velocity', '')}]")
     axes.set_xlim(0.0, story.end_of(run) or 1.0)
 
@@ -180,54 +127,8 @@ def _beyond(run: Run) -> bool:
 
 
 def _forces(axes: Axes, run: Run) -> None:
-    _curves(axes, run, (("normal_force", _NORMAL), ("friction_force", _FRICTION)))
+    curves(axes, run, (("normal_force", NORMAL), ("friction_force", FRICTION)))
     axes.set_ylabel(f"force [{run.units.get('friction_force', '')}]")
-
-
-def _shade(axes: Axes, run: Run, closed: list[story.Span]) -> None:
-    """Where controllers work, where a circuit is closed, and where something was marked."""
-    for span in story.controlled(run):
-        axes.axvspan(span.begin, span.end, color="#2a9d77", alpha=0.09, lw=0, zorder=0)
-    for span in closed:
-        axes.axvspan(span.begin, span.end, color=_VOLTAGE, alpha=0.13, lw=0, zorder=0)
-    for mark in story.marks(run):
-        axes.axvline(mark.time, color="#777777", lw=0.8, ls=(0, (4, 3)), zorder=1)
-
-
-def _name(axes: Axes, closed: list[story.Span]) -> None:
-    """What the closed circuits are, at the foot of the curves, where there is room."""
-    whole = axes.get_xlim()[1]
-    for span in closed:
-        if text := _fitting(span.text, 140.0 / whole * (span.end - span.begin) - 1):
-            axes.text((span.begin + span.end) / 2, 0.04, text, transform=axes.get_xaxis_transform(), ha="center",
-                      fontsize=8.5, color=_VOLTAGE)  # fmt: skip
-
-
-def _fitting(text: str, width: float) -> str:
-    """`text` cut to `width` in characters; empty if little would be left."""
-    if len(text) <= width:
-        return text
-    return text[: int(width) - 1].rstrip() + "…" if width >= 6 else ""
-
-
-def _phases(axes: Axes, run: Run) -> None:
-    """Two lines of words above the curves: marks, and the steps of the protocol as a band."""
-    end = story.end_of(run) or 1.0
-    letters = 140.0 / end  # characters that fit into a second
-    axes.set_ylim(0.0, 2.0)
-    axes.grid(False)
-    axes.set_axis_off()
-    for i, span in enumerate(story.phases(run)):
-        axes.axvspan(span.begin, span.end, 0.02, 0.46, color="#e9edf3" if i % 2 else "#d9e0ea", lw=0)
-        room = letters * (span.end - span.begin) - 1
-        shorter = (span.text, "to" + span.text.partition(" to")[2])
-        text = next((t for t in shorter if len(t) <= room and t != "to"), _fitting(span.text, room))
-        axes.text((span.begin + span.end) / 2, 0.48, text, ha="center", va="center", fontsize=8.5, color="#333333")
-    marks = story.marks(run)
-    for mark, after in zip(marks, [m.time for m in marks[1:]] + [end]):
-        axes.plot([mark.time, mark.time], [0.0, 1.9], color="#777777", lw=0.8, ls=(0, (4, 3)), clip_on=False)
-        room = letters * (max(after - mark.time, end * 0.12 if after == end else 0.0)) - 1
-        axes.text(mark.time + 0.004 * end, 1.45, _fitting(mark.text, room), va="center", fontsize=9.5, color="#111111")
 
 
 def _strip(axes: Axes, run: Run, modes: Integers) -> None:
@@ -240,7 +141,7 @@ def _strip(axes: Axes, run: Run, modes: Integers) -> None:
         axes.text(0.5, 0.5, "not recorded", transform=axes.transAxes, ha="center", va="center", color="#777777")
         return
     palette = np.array([contact.rgb(colour) for colour in contact.COLOURS]) / 255.0
-    columns = min(_COLUMNS, modes.size)
+    columns = min(COLUMNS, modes.size)
     starts = np.arange(columns) * modes.size // columns
     counts = np.diff([*starts, modes.size])
     mixed = np.add.reduceat(palette[modes], starts, axis=0) / counts[:, None]
@@ -274,7 +175,7 @@ def _portrait(axes: Axes, run: Run) -> None:
             axes.plot(x[inside], v[inside], color=colour, lw=0.8, alpha=0.85,
                       label=label if first[section.text] else None)  # fmt: skip
             first[section.text] = False
-        _legend(axes, len(names))
+        legend(axes, len(names))
     else:
         _by_time(axes, run, x, v)
 
@@ -314,7 +215,7 @@ def _close_up(axes: Axes, run: Run, modes: Integers) -> None:
         t = np.append(run.time[inside], end)
         for low, high in edges.reshape(-1, 2):
             axes.axvspan(scale * t[low], scale * t[high], color=contact.COLOURS[0], alpha=0.16, lw=0)
-    for name, colour in (("surface_speed", _SURFACE), ("velocity", _BODY))[_beyond(run) :]:
+    for name, colour in (("surface_speed", SURFACE), ("velocity", BODY))[_beyond(run) :]:
         if name in run.signals:
             axes.plot(scale * run.time[inside], run.signals[name][inside], color=colour, lw=1.4)
     axes.set_xlim(scale * begin, scale * end)

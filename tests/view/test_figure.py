@@ -14,7 +14,8 @@ from rig.record.run import Commands, Run, Samples
 from rig.record.save import save
 from rig.scenes import shelf
 from rig.view import contact, story
-from rig.view.figure import draw, thinned
+from rig.view.curves import thinned
+from rig.view.figure import draw
 from rig.view.log import view_log
 
 NOTHING = Samples(np.empty(0, np.int64), np.empty(0))

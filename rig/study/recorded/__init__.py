@@ -6,6 +6,7 @@ windows      moving RMS and mean
 hysteresis   moving RMS of a vibration over the drive speed, up and down
 spectrum     power spectral density and spectrogram
 orders       the same over the turn of a disc or the way of a belt
+pressure     maps of the pressure of a film at chosen instants
 figure       pictures of these
 """
 
@@ -13,7 +14,19 @@ from __future__ import annotations
 
 from rig.study.recorded.hysteresis import Hysteresis, hysteresis
 from rig.study.recorded.orders import Orders, orders
+from rig.study.recorded.pressure import Pressure, pressure
 from rig.study.recorded.series import Series, series
 from rig.study.recorded.spectrum import Spectrum, spectrum
 
-__all__ = ["Hysteresis", "Orders", "Series", "Spectrum", "hysteresis", "orders", "series", "spectrum"]
+__all__ = [
+    "Hysteresis",
+    "Orders",
+    "Pressure",
+    "Series",
+    "Spectrum",
+    "hysteresis",
+    "orders",
+    "pressure",
+    "series",
+    "spectrum",
+]

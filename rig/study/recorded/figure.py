@@ -12,9 +12,12 @@ import numpy as np
 
 from rig.study.recorded.hysteresis import Hysteresis
 from rig.study.recorded.orders import Orders
+from rig.study.recorded.pressure import Pressure
 from rig.study.recorded.series import squared
 from rig.study.recorded.spectrum import Density, Line, Map, Spectrum
-from rig.view.figure import STYLE, thinned
+from rig.view.curves import thinned
+from rig.view.figure import STYLE
+from rig.view.maps import draw_map, draw_scale
 from rig.view.put import put
 
 if TYPE_CHECKING:
@@ -124,3 +127,26 @@ def _map(axes: Axes, found: Map, density: Density, unit: str) -> None:
     axes.grid(visible=False)
     bar = axes.figure.colorbar(mesh, ax=axes, label=unit, pad=0.01)
     bar.outline.set_visible(False)  # type: ignore[operator]
+
+
+def draw_pressure(found: Pressure, path: Path) -> None:
+    """Draw the maps, all on one scale, into the file `path`."""
+    across = 3 if len(found.maps) in (3, 5, 6, 9) else min(len(found.maps), 4)
+    down = -(-len(found.maps) // across)
+    with sheet(path, f"{found.scene}: pressure of the film", (1.2 + 3.0 * across, 1.9 + 2.4 * down)) as figure:
+        drawn = figure.subplots(down, across, squeeze=False)
+        largest = max(one.largest for one in found.maps)
+        scale = found.points.scale
+        for number, axes in enumerate(drawn.flat):
+            if number >= len(found.maps):
+                axes.set_axis_off()
+                continue
+            one = found.maps[number]
+            draw_map(axes, found.points, one.pressures, scale, one.centre)
+            head = f"({chr(ord('a') + number)}) {one.time:.5g} s, {100 * one.fraction:.0f} % in contact"
+            axes.set_title("\n".join(filter(None, (head, one.why))), fontsize=9.5)
+            if number + across >= len(found.maps):
+                axes.set_xlabel("x on the slider [mm]")
+            if number % across == 0:
+                axes.set_ylabel("y [mm]")
+        draw_scale(drawn[0, 0], scale, largest > scale, ax=drawn, location="bottom", aspect=45, shrink=0.7)

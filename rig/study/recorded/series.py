@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.errors import UsageError
+from rig.record.points import listed
 from rig.record.run import Integers, Reals, Run, Samples
 
 MEASURED, TRUE = "meas/", "truth/"
@@ -142,7 +143,7 @@ def _samples(run: Run, name: str) -> tuple[str, Samples]:
 
 
 def _listed(run: Run) -> str:
-    return ", ".join(f"{name} [{unit}]" if unit else name for name, unit in known(run).items()) or "none"
+    return ", ".join(listed(known(run))) or "none"
 
 
 def squared(unit: str) -> str:

@@ -1,0 +1,107 @@
+"""Outputs of a film's points in a run: which they are, where the points lie, their pressures as a map.
+
+A film has a point for every few square millimetres, and an output for the pressure at each. They belong together:
+whatever lists or draws outputs one by one leaves them out with a word, or shows them as one map.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple, Self
+
+import numpy as np
+
+from rig.plants import plate
+from rig.record.run import Reals
+from rig.scenes.protocol import Load, Ramp, Set, flat
+from rig.scenes.scene import Scene
+
+_NUMBERED = re.compile(r"(\w+?)_\d+_\d+")
+_ABOVE_MEAN = 5.0
+"""Largest pressure of a scale over the mean one; in detachment 99.8 % of those of the shipped scene are below."""
+
+
+class Points(NamedTuple):
+    """The points of a film: `along` x `across` equal areas of a slider of `length` x `width` [m].
+
+    `names`: their outputs, those of one line across after another, from the rear. `load` [N]: the largest that the
+    scene presses with.
+    """
+
+    length: float
+    width: float
+    along: int
+    across: int
+    names: tuple[str, ...]
+    load: float
+
+    @classmethod
+    def of(cls, scene: Scene) -> Self | None:
+        """The points of a scene's film; None where it has none, or is bonded."""
+        slid = scene.parameters.slid if isinstance(scene.parameters, plate.Parameters) else None
+        if slid is None or not slid.film.opens:
+            return None
+        slider, film = slid.slider, slid.film
+        names = [f"pressure_{i}_{j}" for i in range(1, film.along + 1) for j in range(1, film.across + 1)]
+        return cls(slider.length, slider.width, film.along, film.across, tuple(names), largest_load(scene))
+
+    @property
+    def x(self) -> Reals:
+        """Of the points from the slider's middle, along the travel [m]."""
+        return ((np.arange(self.along) + 0.5) / self.along - 0.5) * self.length
+
+    @property
+    def y(self) -> Reals:
+        """Of the points from the slider's middle, across [m]."""
+        return ((np.arange(self.across) + 0.5) / self.across - 0.5) * self.width
+
+    @property
+    def scale(self) -> float:
+        """Upper end of a scale for their pressures [Pa]: five times the mean one under the largest load, rounded."""
+        mean = (self.load or 100.0) / (self.length * self.width)
+        return float(f"{_ABOVE_MEAN * mean:.1g}")
+
+    def maps(self, signals: Mapping[str, Reals]) -> Reals:
+        """Pressures [instant, along, across] in Pa; 0 where a point is open."""
+        table = np.stack([signals[name] for name in self.names], axis=-1)
+        return table.reshape(*table.shape[:-1], self.along, self.across)
+
+
+def points_of(scene: str) -> Points | None:
+    """The points of a scene as JSON text; None if it has none, or the text describes no scene."""
+    try:
+        return Points.of(Scene.from_json(scene))
+    except (KeyError, TypeError, ValueError, json.JSONDecodeError):
+        return None
+
+
+def largest_load(scene: Scene) -> float:
+    """The largest load that a scene or its protocol sets [N]."""
+    steps = list(flat(scene.protocol))
+    loads = [step.force for step in steps if isinstance(step, Load)]
+    loads += [step.to for step in steps if isinstance(step, Ramp | Set) and step.target == "load.force"]
+    found: float = max([float(getattr(getattr(scene.parameters, "load", None), "force", 0.0)), *loads])
+    return found
+
+
+def numbered(names: Iterable[str]) -> dict[str, list[str]]:
+    """Outputs that are one quantity at many points, named QUANTITY_I_J: those of each quantity."""
+    found: dict[str, list[str]] = {}
+    for name in names:
+        if match := _NUMBERED.fullmatch(name):
+            found.setdefault(match[1], []).append(name)
+    return found
+
+
+def listed(names: Mapping[str, str]) -> list[str]:
+    """Names with their units [name -> unit] for a reader: those of one quantity at many points as one entry."""
+    crowds = {one: members for members in numbered(names).values() for one in members}
+    found = []
+    for name, unit in names.items():
+        members = crowds.get(name, [name])
+        if name == members[0]:
+            through = f" to {members[-1]}" if len(members) > 1 else ""
+            found.append(f"{name}{through} [{unit}]" if unit else name + through)
+    return found

@@ -1,0 +1,141 @@
+"""Curves of a run over time, and the words above them: what all figures of runs have in common."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.record.run import Reals, Run
+from rig.view import story
+from rig.view.caption import scene_of
+from rig.view.channels import channels
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BODY, SURFACE, FRICTION, NORMAL = "#1d4f91", "#d1802f", "#b5322f", "#5a5a5a"
+VOLTAGE = "#7a5fb0"
+COLUMNS = 2400
+_MEASURED = 0.35
+_LETTERS = 125.0
+"""Characters that fit above a whole run."""
+
+
+def thinned(t: Reals, v: Reals, columns: int = COLUMNS) -> tuple[Reals, Reals]:
+    """A line that looks like (t, v) when it is drawn over `columns` columns: lowest and highest of each."""
+    if t.size <= 4 * columns:
+        return t, v
+    size = -(-t.size // columns)
+    count = t.size // size
+    table = v[: count * size].reshape(count, size)
+    filled = np.where(np.isnan(table), np.inf, table).min(axis=1), np.where(np.isnan(table), -np.inf, table).max(axis=1)
+    ends = np.stack(filled, axis=1)
+    ends[~np.isfinite(ends)] = np.nan
+    return np.repeat(t[: count * size : size], 2), ends.ravel()
+
+
+def line(axes: Axes, t: Reals, v: Reals, **style: Any) -> None:
+    """Draw a line, thinned to what can be seen."""
+    axes.plot(*thinned(t, v), **style)
+
+
+def measured(run: Run, reads: str) -> list[tuple[str, Reals, Reals]]:
+    """Sensors of an output: name, times, values in its unit."""
+    sensors = {name: run.units.get(f"meas/{name}", "") for name in run.measurements}
+    placed = channels(run.scene_text(), {name: run.units.get(name, "") for name in run.signals}, sensors)
+    return [
+        (
+            name,
+            np.multiply(run.measurements[name].t_ns, 1e-9, dtype=np.float64),
+            run.measurements[name].v * channel.factor,
+        )
+        for name, channel in placed.items()
+        if channel.reads == reads
+    ]
+
+
+def plain(name: str) -> str:
+    """A name as words."""
+    return name.replace("_", " ")
+
+
+def legend(axes: Axes, columns: int) -> None:
+    """Above the curves, where none can hide behind it."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.16 * (high - low))
+    drawn = axes.legend(loc="upper left", ncols=columns, borderaxespad=0.2, handlelength=1.6, columnspacing=1.4)
+    for handle in drawn.get_lines():
+        handle.set_linewidth(2.2)
+
+
+def curves(axes: Axes, run: Run, outputs: tuple[tuple[str, str], ...]) -> None:
+    """Draw outputs (name, colour) of the run, and what sensors made of them, with a legend."""
+    count = 0
+    for output, colour in outputs:
+        if output not in run.signals:
+            continue
+        for name, t, v in measured(run, output):
+            label = f"{plain(name)} (measured)"
+            line(axes, t, v, color=colour, alpha=_MEASURED, lw=2.6, label=label, zorder=2)
+            count += 1
+        line(axes, run.time, run.signals[output], color=colour, label=plain(output), zorder=3)
+        count += 1
+    if count:
+        legend(axes, min(count, 4))
+
+
+def shade(axes: Axes, run: Run, closed: list[story.Span]) -> None:
+    """Where controllers work, where a circuit is closed, and where something was marked."""
+    for span in story.controlled(run):
+        axes.axvspan(span.begin, span.end, color="#2a9d77", alpha=0.09, lw=0, zorder=0)
+    for span in closed:
+        axes.axvspan(span.begin, span.end, color=VOLTAGE, alpha=0.13, lw=0, zorder=0)
+    for mark in story.marks(run):
+        axes.axvline(mark.time, color="#777777", lw=0.8, ls=(0, (4, 3)), zorder=1)
+
+
+def name_circuits(axes: Axes, closed: list[story.Span]) -> None:
+    """What the closed circuits are, at the foot of the curves, where there is room."""
+    whole = axes.get_xlim()[1]
+    for span in closed:
+        if text := _fitting(span.text, _LETTERS / whole * (span.end - span.begin) - 1):
+            axes.text((span.begin + span.end) / 2, 0.04, text, transform=axes.get_xaxis_transform(), ha="center",
+                      fontsize=8.5, color=VOLTAGE)  # fmt: skip
+
+
+def _fitting(text: str, width: float) -> str:
+    """`text` cut to `width` in characters; empty if little would be left."""
+    if len(text) <= width:
+        return text
+    return text[: int(width) - 1].rstrip() + "…" if width >= 6 else ""
+
+
+def heading(figure: Figure, run: Run) -> None:
+    """The title of the run's scene, and why the run stopped if it did."""
+    about = scene_of(run)
+    figure.text(0.076, 0.968, about.get("title") or about.get("name") or "run", fontsize=15, fontweight="bold")
+    if run.fault:
+        first = run.fault.partition("\n")[0]
+        figure.text(0.985, 0.968, first[:110], color="#b5322f", ha="right", fontsize=10.5)
+
+
+def phases(axes: Axes, run: Run) -> None:
+    """Two lines of words above the curves: marks, and the steps of the protocol as a band."""
+    end = story.end_of(run) or 1.0
+    letters = _LETTERS / end  # characters that fit into a second
+    axes.set_ylim(0.0, 2.0)
+    axes.grid(False)
+    axes.set_axis_off()
+    for i, span in enumerate(story.phases(run)):
+        axes.axvspan(span.begin, span.end, 0.02, 0.46, color="#e9edf3" if i % 2 else "#d9e0ea", lw=0)
+        room = letters * (span.end - span.begin) - 1
+        shorter = (span.text, "to" + span.text.partition(" to")[2])
+        text = next((t for t in shorter if len(t) <= room and t != "to"), _fitting(span.text, room))
+        axes.text((span.begin + span.end) / 2, 0.48, text, ha="center", va="center", fontsize=8.5, color="#333333")
+    marks = story.marks(run)
+    for mark, after in zip(marks, [m.time for m in marks[1:]] + [end]):
+        axes.plot([mark.time, mark.time], [0.0, 1.9], color="#777777", lw=0.8, ls=(0, (4, 3)), clip_on=False)
+        room = letters * (max(after - mark.time, end * 0.12 if after == end else 0.0)) - 1
+        axes.text(mark.time + 0.004 * end, 1.45, _fitting(mark.text, room), va="center", fontsize=9.5, color="#111111")

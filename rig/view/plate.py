@@ -1,0 +1,222 @@
+"""The plate rig as a moving picture: a plate on foam, and over it the slider, lifted off so that the film is seen.
+
+One length is 50 mm. The slider travels as it does; its heave, pitch and roll are magnified by a stated factor, as is
+the motion of the probe, a ball on the plate. On the plate, where the slider is, lies the map of the film's pressure
+(rig.view.heat), and beside the picture the same map from above with its scale and the pressure centre.
+
+The vibration is faster than any picture: each shows one instant, not a mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.plants.plate import Parameters
+from rig.record.points import Points, largest_load
+from rig.scenes.scene import Scene
+from rig.solve.system import System
+from rig.view import heat
+from rig.view.parts import DISC, FRICTION, STEEL, Columns, Integers, Reals, along, load, word
+from rig.view.picture import Picture, Scale, round_down
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+_LENGTH = 0.05  # m
+_LIFTED = 0.3
+"""Lengths between the plate and the slider above its film."""
+_MOVED = 0.08
+"""Lengths by which the slider's static deflection is drawn, at most."""
+_FOAM, _PROBE, _CENTRE = (112, 98, 74), (226, 160, 60), (240, 60, 60)
+_GREY = (176, 182, 192)
+
+
+def picture(scene: Scene, system: System) -> Plate | None:
+    """The picture of a plate under a slider; None for other rigs and a plate without a slider."""
+    parameters = scene.parameters
+    if not isinstance(parameters, Parameters) or parameters.slid is None:
+        return None
+    return Plate(parameters, Points.of(scene), _scale(parameters, system, largest_load(scene)))
+
+
+def _scale(p: Parameters, system: System, force: float) -> Scale:
+    """From the slider's deflection under the largest load, at the place where it starts."""
+    count = len(system.coordinates)
+    K, at = system.stiffness, list(system.names[:count]).index("z")
+    if system.film is not None:
+        normal = system.film.everywhere(p.slid.slider.position if p.slid else 0.0)[0]
+        K = K + system.film.stiffness * normal @ normal.T
+    deflection = abs(float(np.linalg.solve(K, force * np.eye(count)[at])[at]))
+    return Scale(round_down(_MOVED * _LENGTH / deflection) if deflection else 1.0, force or 1.0)
+
+
+class Plate(Picture):
+    """Plate, foam, slider, and the film between them if it can open."""
+
+    surface = "surface_speed"
+    eye = (0.1, -2.0, 1.65)
+    target = (0.0, 0.0, 0.05)
+
+    def __init__(self, p: Parameters, points: Points | None, scale: Scale) -> None:
+        super().__init__(scale)
+        assert p.slid is not None
+        assert p.foam is not None
+        self._plate, self._foam, self._slider = p.plate, p.foam, p.slid.slider
+        self._probe = p.probe
+        self._cells = Cells(points) if points is not None else None
+        self._lifted = _LIFTED if points is not None else 0.0
+
+    @property
+    def _rear(self) -> float:
+        """Where the plate's rear edge is in the picture."""
+        return -0.5 * float(self._plate.length) / _LENGTH
+
+    def static(self, rec: rr.RecordingStream) -> None:
+        """See `Picture.static`."""
+        import rerun as rr
+
+        def box(path: str, size: tuple[float, float, float], top: float, colour: tuple[int, int, int]) -> None:
+            half = tuple(0.5 * one / _LENGTH for one in size)
+            drawn = rr.Boxes3D(half_sizes=[half], centers=[(0, 0, top - half[2])], colors=[colour], fill_mode="solid")
+            rec.log(f"rig/{path}", drawn, static=True)
+
+        plate, slider = self._plate, self._slider
+        rec.log("rig", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        box("plate", (plate.length, plate.width, plate.thickness), 0.0, DISC)
+        box("foam", (plate.length, plate.width, self._foam.thickness), -plate.thickness / _LENGTH, _FOAM)
+        half = (0.5 * slider.length / _LENGTH, 0.5 * slider.width / _LENGTH, 0.5 * slider.thickness / _LENGTH)
+        block = rr.Boxes3D(half_sizes=[half], centers=[(0, 0, -half[2])], colors=[STEEL],
+                           fill_mode="transparentfillmajorwireframe" if self._cells else "solid")  # fmt: skip
+        rec.log("rig/slider/body", block, static=True)
+        rec.log("rig/friction", rr.Arrows3D.from_fields(colors=[FRICTION], radii=[0.016]), static=True)
+        ball = rr.Points3D([(0.0, 0.0, 0.03)], colors=[_PROBE], radii=[0.035])
+        rec.log("rig/probe", ball, static=True)
+        if self._cells is not None:
+            self._cells.static(rec)
+
+    def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
+        import rerun as rr
+
+        lengths = self.scale.motion / _LENGTH
+        middle = self._rear + (s["position"] + 0.5 * self._slider.length) / _LENGTH
+        top = self._lifted + self._slider.thickness / _LENGTH
+        zero = np.zeros_like(middle)
+        moved = np.stack((middle, zero, top + lengths * s["slider_displacement"]), axis=1)
+        probe = np.stack(
+            (zero + self._rear + self._probe.x / _LENGTH, zero + self._probe.y / _LENGTH,
+             lengths * s["plate_displacement"]), axis=1,
+        )  # fmt: skip
+        pull = rr.Arrows3D.columns(
+            vectors=along(0, s["friction_force"] / self.scale.force * 0.8),
+            origins=np.stack((middle, zero - 0.6 * self._slider.width / _LENGTH, zero + 0.03), axis=1),
+        )
+        drawn = [
+            Columns("rig/slider", t_ns, rr.Transform3D.columns(translation=moved, quaternion=self._turned(s))),
+            Columns("rig/probe", t_ns, rr.Transform3D.columns(translation=probe)),
+            Columns("rig/friction", t_ns, pull),
+            load(t_ns, moved, s["normal_force"] / self.scale.force * 0.25),
+            word(t_ns, (0.0, 0.0, 1.1), self._told(s), [_GREY] * len(t_ns)),
+        ]
+        return drawn + (self._cells.frames(t_ns, s, middle) if self._cells is not None else [])
+
+    def _turned(self, s: Mapping[str, Reals]) -> Reals:
+        """Quaternions of pitch about y and roll about x, magnified."""
+        pitch, roll = (0.5 * self.scale.motion * s[f"{name}_displacement"] for name in ("pitch", "roll"))
+        turned = np.stack((roll, pitch, np.zeros_like(roll), np.ones_like(roll)), axis=1)
+        return np.asarray(turned / np.linalg.norm(turned, axis=1)[:, None])
+
+    def _told(self, s: Mapping[str, Reals]) -> list[str]:
+        closed = s.get("contact_fraction", np.ones_like(s["position"]))
+        return [
+            f"at {1e3 * x:.1f} mm   N = {n:.0f} N   T = {t:+.0f} N   {100 * share:.0f} % in contact   "
+            f"motion x {self.scale.motion:,.0f}".replace(",", " ")
+            for x, n, t, share in zip(s["position"], s["normal_force"], s["friction_force"], closed)
+        ]
+
+
+class Cells:
+    """The film's points as coloured areas: on the plate where the slider is (`rig/film`), and from above (`film`)."""
+
+    eye = (0.0, -0.12, 1.9)
+    target = (0.0, -0.12, 0.0)
+
+    def __init__(self, points: Points) -> None:
+        self._points = points
+        self._unit = 2.0 / points.length  # from above the slider's length is two
+
+    def static(self, rec: rr.RecordingStream) -> None:
+        """Send shapes, lines between them, the scale and what its colours mean."""
+        import rerun as rr
+
+        for path, unit in (("rig/film", 1.0 / _LENGTH), ("film/map", self._unit)):
+            corners, triangles = self._shapes(unit)
+            rec.log(path, rr.Mesh3D(vertex_positions=corners, triangle_indices=triangles), static=True)
+        half = 0.5 * self._unit * np.array((self._points.length, self._points.width))
+        grid = [np.array([(x, -half[1], 0.004), (x, half[1], 0.004)]) for x in self._edges(0)]
+        grid += [np.array([(-half[0], y, 0.004), (half[0], y, 0.004)]) for y in self._edges(1)]
+        rec.log("film/grid", rr.LineStrips3D(grid, colors=[(60, 64, 72)], radii=[0.004]), static=True)
+        self._legend(rec, -half[1] - 0.22)
+        words = rr.Points3D(
+            [(-half[0] + 0.1, half[1] + 0.12, 0.0), (half[0] - 0.3, half[1] + 0.12, 0.0)],
+            labels=["rear", "front (travels this way)"], colors=[_GREY] * 2, radii=[0.001] * 2, show_labels=True,
+        )  # fmt: skip
+        rec.log("film/sides", words, static=True)
+
+    def frames(self, t_ns: Integers, s: Mapping[str, Reals], middle: Reals) -> list[Columns]:
+        """Pressures as colours, and their centre; `middle` of the slider in the picture."""
+        import rerun as rr
+
+        cells = heat.colours(self._points.maps(s), self._points.scale).reshape(len(t_ns), -1, 3)
+        corners = np.repeat(cells, 4, axis=1)
+        count = corners.shape[1]
+
+        def coloured() -> rr.ComponentColumnList:
+            return rr.Mesh3D.columns(vertex_colors=corners.reshape(-1, 3)).partition([count] * len(t_ns))
+
+        centre = np.stack((s["pressure_centre_x"], s["pressure_centre_y"]), axis=1) * self._unit
+        marks = np.concatenate((centre, np.full((len(t_ns), 1), 0.03)), axis=1)
+        place = np.stack((middle, np.zeros_like(middle), np.full_like(middle, 0.01)), axis=1)
+        return [
+            Columns("rig/film", t_ns, coloured()),
+            Columns("rig/film", t_ns, rr.Transform3D.columns(translation=place)),
+            Columns("film/map", t_ns, coloured()),
+            Columns("film/centre", t_ns, rr.Points3D.columns(
+                positions=marks, colors=[_CENTRE] * len(t_ns), radii=[0.035] * len(t_ns))),
+        ]  # fmt: skip
+
+    def _edges(self, axis: int) -> Reals:
+        """Borders of the areas along an axis from above."""
+        size = (self._points.length, self._points.width)[axis] * self._unit
+        return np.linspace(-0.5 * size, 0.5 * size, (self._points.along, self._points.across)[axis] + 1)
+
+    def _shapes(self, unit: float) -> tuple[Reals, Integers]:
+        """Corners [4 a point] and triangles of all areas, one length being 1 / `unit` [m]."""
+        x, y = (self._edges(axis) * unit / self._unit for axis in (0, 1))
+        places = [(i, j) for i in range(self._points.along) for j in range(self._points.across)]
+        corners = [(x[i + a], y[j + b], 0.0) for i, j in places for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
+        first = 4 * np.arange(len(places))[:, None, None]
+        return np.array(corners), (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
+
+    def _legend(self, rec: rr.RecordingStream, y: float) -> None:
+        """The scale at height `y`, and beside it what white is."""
+        import rerun as rr
+
+        count, low, high = 64, -1.0, 0.4
+        x = np.linspace(low, high, count + 1)
+        bars = [(x[i + a], y + b, 0.0) for i in range(count) for a, b in ((0, 0), (1, 0), (1, 0.09), (0, 0.09))]
+        bars += [(0.9 + a, y + b, 0.0) for a, b in ((0, 0), (0.1, 0), (0.1, 0.09), (0, 0.09))]
+        shades = heat.colours(np.append((np.arange(count) + 0.5) / count, 0.0), 1.0)
+        first = 4 * np.arange(count + 1)[:, None, None]
+        mesh = rr.Mesh3D(
+            vertex_positions=bars, vertex_colors=np.repeat(shades, 4, axis=0),
+            triangle_indices=(first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3),
+        )  # fmt: skip
+        rec.log("film/scale", mesh, static=True)
+        top = 1e-6 * self._points.scale
+        told = ["0", f"{top / 2:g}", f"{top:g} MPa and more", "open"]
+        places = [(low, y - 0.1, 0.0), (0.5 * (low + high), y - 0.1, 0.0), (high, y - 0.1, 0.0), (0.95, y - 0.1, 0.0)]
+        marks = rr.Points3D(places, labels=told, colors=[_GREY] * 4, radii=[0.001] * 4, show_labels=True)
+        rec.log("film/scale/words", marks, static=True)
