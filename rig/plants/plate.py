@@ -317,7 +317,7 @@ def _contact(a: Assembly, p: Slid, own: film.Film) -> None:
         "contact_fraction": Output({over("fraction"): 1.0}, "1"),
         "pressure_centre_x": Output({over("centre_x"): 1.0}, "m"),
         "pressure_centre_y": Output({over("centre_y"): 1.0}, "m"),
-        "openings": Output({over("openings"): 1.0}, "1"),
+        "openings": Output({over("openings"): 1.0 / film.COUNTED}, "1"),
     }
     area = p.slider.length * p.slider.width / own.points
     for name, point in places(own).items():

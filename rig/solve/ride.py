@@ -24,7 +24,7 @@ import math
 
 from rig.kernel import inlined, inner
 from rig.solve.emit import crowded
-from rig.solve.film import CENTRE_X, CENTRE_Y, FRACTION, FRICTION, NORMAL, OPENINGS, SUMS
+from rig.solve.film import CENTRE_X, CENTRE_Y, COUNTED, FRACTION, FRICTION, NORMAL, OPENINGS, SUMS
 from rig.solve.lanes import across, blend
 from rig.solve.records import PLACE, REACHED, TICK
 from rig.solve.riding import (
@@ -239,7 +239,7 @@ def total(own, x, opened):
     x[first + NORMAL], x[first + FRICTION], x[first + FRACTION] = normal, friction, closed / points
     x[first + CENTRE_X] = along / normal if normal > 0.0 else 0.0
     x[first + CENTRE_Y] = aside / normal if normal > 0.0 else 0.0
-    x[first + OPENINGS] += opened
+    x[first + OPENINGS] += COUNTED * opened
 
 
 @inlined
