@@ -85,7 +85,7 @@ def explain(
     tell.line(f"{told.scene.title} ({told.scene.name})\n\n{told.scene.about}\n")
     if told.scene.slow:
         tell.line(f"Paced, {told.scene.slow}\n")
-    rows = [(e.name, "on" if e.on else "absent", len(e.states), ", ".join(e.states), e.about) for e in told.effects]
+    rows = [(e.name, "on" if e.on else "absent", len(e.states), e.told, e.about) for e in told.effects]
     tell.table(f"effects: {told.states} state{'s' * (told.states != 1)}", ("effect", "", "states", "", "about"), rows)
     tell.line()
     actuators = [

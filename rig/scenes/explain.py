@@ -14,8 +14,11 @@ from pydantic import BaseModel
 
 from rig.quantities import ORIGINS
 from rig.scenes.scene import Origin, Scene, known, leaves
+from rig.solve.film import lay
 
 DEFAULT = Origin("default")
+_ROW = 5  # numbered states that are told one by one
+_NUMBER = re.compile(r"\d+")
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,30 @@ class Effect:
     on: bool
     states: tuple[str, ...]
     about: str
+
+    @property
+    def told(self) -> str:
+        """Its states; of a long row of numbered ones the first and the last."""
+        return ", ".join(_ends(self.states))
+
+
+def _ends(names: Sequence[str]) -> Iterator[str]:
+    """Names; a row of more than `_ROW` that differ in a number counted up as its two ends."""
+    i = 0
+    while i < len(names):
+        last = i
+        while last + 1 < len(names) and _follows(names[last], names[last + 1]):
+            last += 1
+        if last - i < _ROW:
+            yield from names[i : last + 1]
+        else:
+            yield f"{names[i]} .. {names[last]}"
+        i = last + 1
+
+
+def _follows(name: str, other: str) -> bool:
+    """Whether `other` is `name` with its number counted up."""
+    return _NUMBER.sub(lambda found: str(int(found[0]) + 1), name, count=1) == other
 
 
 @dataclass(frozen=True)
@@ -74,6 +101,8 @@ def explain(scene: Scene) -> Explanation:
 
 def _effects(scene: Scene) -> Iterator[Effect]:
     assembly = scene.assemble()
+    if assembly.film is not None:
+        lay(assembly, assembly.film)
     names = [name for name in assembly.names if name != "one"]
     owned: dict[str, list[str]] = {}
     for name in names:
@@ -119,6 +148,9 @@ ABOUT = {
     "leak": "resistors that bleed stack or capacitor; what they change is the offset of the charges",
     "amplifier": "a commanded voltage on the stack's electrodes",
     "tuned_mass": "a tilted absorber; its inertia enters the normal force",
+    "film": "a film that presses and sticks point by point: its forces, those of each point",
+    "foam": "holds the plate; without it the plate is free",
+    "slider": "a rigid block that the load presses on the film",
     "noise": "a random force along the sliding direction, a new one in every frame",
 }
 

@@ -24,6 +24,7 @@ from rig.solve.linear import Steady, sliding_key, steady
 from rig.solve.method import chosen
 from rig.solve.motion import Event
 from rig.solve.system import System
+from rig.study.crowd import refuse
 from rig.study.cycle_report import Cycle
 from rig.study.floquet import floquet
 from rig.study.orbit import Orbit
@@ -61,8 +62,9 @@ def limit_cycle(
     `tolerance`: of dopri5. `longest`: simulated seconds until it must have settled; by default `LONGEST`, more where
     the surface is not alike everywhere and turns slowly, less where there are `CHANGES` mode changes before. `watch`
     is told the simulated time [s] and to what share of its period the motion repeats. Raises
-    rig.errors.NumericsError where it has to stop.
+    rig.errors.NumericsError where it has to stop, UsageError for a film of points.
     """
+    refuse(scene, "a limit cycle")
     assembly = scene.assemble()
     system = assembly.system()
     sliding = steady(system, sliding_key(system))

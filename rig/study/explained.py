@@ -20,6 +20,7 @@ from rig.solve.method import chosen
 from rig.study.cost.effects import NO_CHANCE, ROUNDS, Paired, bare, compared, effects
 from rig.study.cost.problem import held
 from rig.study.cost.settings import eligible
+from rig.study.crowd import grouped
 
 BLOCKS = 50.0  # blocks of samples a second, from sensors faster than 1 kHz
 ELECTRIC = ("shunt", "amplifier")  # they come with the stack that they need
@@ -95,13 +96,15 @@ def signals(scene: Scene) -> Iterator[Told]:
     for name, section in scene.sensors.items():
         readers.setdefault(section.reads, []).append(name)
     frames = 1e9 / scene.frame_ns
-    for name in scene.assemble().outputs:
+    groups = grouped(name for name in scene.assemble().outputs if name not in readers and name not in scene.limits)
+    for name in dict.fromkeys([*readers, *scene.limits, *groups]):
         if name in readers:
             yield Told(name, 1e9 / scene.step_ns, f"read by {', '.join(readers[name])}")
         elif name in scene.limits:
             yield Told(name, frames, "watched by a limit")
         else:
-            yield Told(name, 0.0, "nobody: only in state messages and in what rig simulate keeps")
+            points = f"{name} of {len(groups[name])} points" if len(groups[name]) > 1 else name
+            yield Told(points, 0.0, "nobody: only in state messages and in what rig simulate keeps")
 
 
 def topics(scene: Scene) -> Iterator[Told]:

@@ -9,7 +9,6 @@ as switched off there; what it does at its stated amplitude is told beside it, a
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
@@ -28,11 +27,11 @@ from rig.solve.signals import signal_rows
 from rig.solve.system import System
 from rig.study.averaged import averaged
 from rig.study.columns import columns
+from rig.study.crowd import grouped
 
 _REST = 1e-11  # of the sum of its terms, of the largest rate: what rounding leaves of a zero
 _LEAST = 0.01  # of the energy: what is told of a shape that is long, and how many at most
 _LONG, _MOST = 4, 6
-_PLACE = re.compile(r"_\d+_\d+$")  # of a point of contact, along and across
 Array = NDArray[np.float64]
 GENERATOR = ("dither.sin", "dither.cos")
 
@@ -164,14 +163,12 @@ class Modes:
 
     def _outputs(self) -> Iterator[str]:
         """The equilibrium; of a row of places (`pressure_3_2`) the range."""
-        families: dict[str, list[float]] = {}
-        for name, v in self.sliding.equilibrium.items():
-            if (place := _PLACE.search(name)) is None:
-                yield f"  {name} = {v:.6g} {self.units[name]}"
+        for common, names in grouped(self.sliding.equilibrium).items():
+            unit, values = self.units[names[0]], [self.sliding.equilibrium[name] for name in names]
+            if len(names) == 1:
+                yield f"  {names[0]} = {values[0]:.6g} {unit}"
             else:
-                families.setdefault(f"{name[: place.start()]} [{self.units[name]}]", []).append(v)
-        for name, several in families.items():
-            yield f"  {name} of {len(several)} points: {min(several):.6g} to {max(several):.6g}"
+                yield f"  {common} of {len(names)} points: {min(values):.6g} to {max(values):.6g} {unit}"
 
 
 def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assembly, Steady]:

@@ -10,7 +10,7 @@ from rig.scenes.explain import explain
 def test_the_effects_own_all_states(name):
     scene = scenes.load(name)
     told = [state for effect in explain(scene).effects for state in effect.states]
-    assert sorted(told) == sorted(set(scene.assemble().names) - {"one"})
+    assert sorted(told) == sorted(set(scene.assemble().system().names) - {"one"})
 
 
 @pytest.mark.parametrize("name", scenes.names())

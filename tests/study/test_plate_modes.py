@@ -5,6 +5,11 @@ from __future__ import annotations
 import pytest
 
 import rig
+from rig.errors import UsageError
+from rig.scenes.explain import explain
+from rig.study import map as maps
+from rig.study.cost import cost
+from rig.study.explained import signals
 
 
 def test_equilibrium_tells_the_film() -> None:
@@ -20,7 +25,7 @@ def test_equilibrium_tells_the_film() -> None:
     pressures = [v for name, v in at.items() if name.startswith("pressure_") and name[-1].isdigit()]
     assert len(pressures) == 40
     assert sum(pressures) / 40 == pytest.approx(1e5, rel=1e-4)
-    assert "pressure [Pa] of 40 points" in found.text()
+    assert "pressure of 40 points: " in found.text()
     assert len(found.sliding.modes) == 43
 
 
@@ -31,3 +36,29 @@ def test_flutter_by_position() -> None:
     assert swept.exists.all()
     there = rig.modes(rig.load("plate", {"slider.position": "4 mm"}))
     assert {one.level for one in there.findings} <= {"info", "warning"}
+
+
+@pytest.mark.parametrize(
+    "study",
+    [
+        rig.limit_cycle,
+        lambda scene: maps.job(scene, "drive.speed=0.001:0.01:3"),
+        lambda scene: cost(scene, None),
+    ],
+)
+def test_studies_of_single_motions_are_refused(study) -> None:
+    with pytest.raises(UsageError, match=r"plate: .* film of points: once one has opened the motion is chaotic"):
+        study(rig.load("plate"))
+
+
+def test_what_the_plate_is_made_of_fits_on_a_page() -> None:
+    told = {effect.name: effect.told for effect in explain(rig.load("plate")).effects}
+    assert told["structure"] == "q1 .. q40, z, theta, psi, q1' .. q40', z', theta', psi'"
+    assert "P:1 .. P:40" in told["film"]
+    assert [one.name for one in signals(rig.load("plate"))][-1] == "pressure of 40 points"
+
+
+def test_a_free_plate_has_the_lines_of_the_paper() -> None:
+    """Twist and two bendings; 5.7, 8.0 and 10.8 kHz in the paper."""
+    found = sorted(mode.frequency for mode in rig.modes("plate_free").sliding.modes if mode.frequency)
+    assert found[:3] == pytest.approx([5701.3, 8032.2, 10838.9], rel=3e-3)

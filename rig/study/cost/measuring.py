@@ -18,6 +18,7 @@ from rig.study.cost.reference import references
 from rig.study.cost.settings import eligible, fastest, ladder
 from rig.study.cost.table import Row, Table
 from rig.study.cost.timing import Contender, Cost, Spread
+from rig.study.crowd import refuse
 
 Report = Callable[[int, int], object]
 FOLDER = Path("cost")
@@ -33,8 +34,10 @@ def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None,
     """Measure what accuracy costs in `scene` on this machine.
 
     `root`: where its folder is made; None keeps nothing. What is measured is written as it comes: a run that is broken
-    off keeps the errors, and its references are used again. Raises rig.errors.NumericsError where the first run stops.
+    off keeps the errors, and its references are used again. Raises rig.errors.NumericsError where the first run stops,
+    UsageError for a film of points.
     """
+    refuse(scene, "the error of single runs")
     say = report or (lambda done, total: None)
     asked = problem(scene)
     folder = None if root is None else folder_of(scene, root)

@@ -17,6 +17,7 @@ from pathlib import Path
 from rig.scenes.scene import Scene
 from rig.scheduling import cores
 from rig.study.axis import Axis, axes
+from rig.study.crowd import refuse
 from rig.study.map.chart import Map, gathered
 from rig.study.map.crew import Progress, make
 from rig.study.map.dither import Boundary, put_together
@@ -42,6 +43,7 @@ def job(
 
     Raises SceneError, UsageError with every fault.
     """
+    refuse(scene, "a map of steady motions")
     found = axes(scene, {"x": x, "y": y})
     watched = next(iter(scene.assemble().outputs)) if output is None else output
     settings = Settings(watched, tuple(runs), longest=longest, section=0 if y else _SECTION)
