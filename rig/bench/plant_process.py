@@ -47,6 +47,7 @@ from rig.bus import address
 from rig.bus.port import Session
 from rig.bus.setup import Setup
 from rig.errors import Interrupted, NumericsError, RigError
+from rig.plants import model_store
 from rig.process import as_process, told_to_stop
 from rig.quantities import si
 from rig.record.provenance import provenance
@@ -65,7 +66,8 @@ class Plant:
     def __init__(self, session: Session, job: Job, stopping: Callable[[], str], sets: Iterable[int] = ()) -> None:
         self.session, self.job, self._stopping, self._sets = session, job, stopping, sets
         self.scene = scene = Scene.from_json(job.scene)
-        self.stand = stand = Stand(scene, piece=length(scene, job.pace))
+        with model_store.gathered() as self.models:
+            self.stand = stand = Stand(scene, piece=length(scene, job.pace))
         duration_ns = None if job.duration is None else round(job.duration * 1e9)
         self.operation = Operation(scene, stand, duration_ns, self._retune)
         self.cores = placement.choose()
@@ -95,7 +97,7 @@ class Plant:
         scene, stand, numbers = self.scene, self.stand, self.job.numbers
         return Setup(
             run=self.session.run,
-            scene=self.job.scene,
+            scene=scene.made_with(self.models).to_json() if self.models else self.job.scene,
             frame_ns=stand.frame_ns,
             step_ns=stand.step_ns,
             outputs={name: stand.units[name] for name in stand.outputs},
@@ -104,6 +106,7 @@ class Plant:
             paced=self.job.pace is not None,
             core=self.cores[1],
             provenance=provenance(scene.seed, self.job.command or tuple(sys.argv)),
+            models=tuple(self.models.values()),
         )
 
     def gather(self, say: Say) -> None:

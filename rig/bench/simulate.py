@@ -21,6 +21,7 @@ from rig.bench.playback import Playback
 from rig.bench.stand import Stand
 from rig.bench.working import Working
 from rig.errors import NumericsError, UsageError
+from rig.plants import model_store
 from rig.record.run import Commands, Run
 from rig.scenes.scene import Scene
 
@@ -45,7 +46,11 @@ def simulate(
     if duration_ns is None and scene.duration_ns is None:
         raise UsageError(f"{scene.name} has no protocol that ends; say how long: --duration 10")
     duration_ns = scene.duration_ns if duration_ns is None else duration_ns
-    return _run(scene, *carry_out(scene, controllers, duration_ns, commands, stop, events))
+    with model_store.gathered() as models:
+        carried = carry_out(scene, controllers, duration_ns, commands, stop, events)
+    for one in models.values():  # whoever draws the run assembles its rig
+        model_store.offer(one)
+    return _run(scene.made_with(models), tuple(models.values()), *carried)
 
 
 class Carried(NamedTuple):
@@ -154,6 +159,7 @@ def carry_on(operation: Operation, working: Sequence[Working], until: int, insid
 
 def _run(
     scene: Scene,
+    models: tuple[bytes, ...],
     stand: Stand,
     operation: Operation,
     loops: Mapping[str, Loop],
@@ -187,5 +193,6 @@ def _run(
             "sensors": stand.bank.counters(),
         },
         mode=modes,
+        models=models,
         fault=fault,
     )

@@ -3,18 +3,21 @@
 The plant is simulated once more from the scene in the file; commands and whatever else came from outside take effect
 at the ticks at which they did. On the sources and the processor of the recording every bit must be the same; elsewhere
 kernels round otherwise, and the signals must agree to `ELSEWHERE` of their range, samples of an instrument to its
-resolution.
+resolution. Where that fails because contact points have opened, samples are compared up to the first opening, and
+statistics from there on (rig.bench.chaotic).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from rig.bench.chaotic import SHORTEST, Openings, compared
 from rig.bench.simulate import simulate
 from rig.kernel import source_key
 from rig.record import reader
@@ -24,6 +27,8 @@ from rig.scenes.scene import Scene
 
 ELSEWHERE = 1e-6
 """Largest deviation, as a share of the range of a signal, where sources or processor are others. # chosen"""
+NOTHING = 1e-12
+"""What is below this share of the largest signal of its unit is the rounding of a zero. # chosen"""
 PLACE = ("kernel", "processor", "numba", "python")
 
 
@@ -44,6 +49,10 @@ class Verification:
     faults: tuple[str, ...]
     notes: tuple[str, ...] = ()
     """What does not speak against the recording and should be known."""
+    opened: float | None = None
+    """When a contact point opened first [s], where numbers were compared up to there only."""
+    statistics: tuple[str, ...] = ()
+    """What was compared from there on: a statistic of the recording and of the simulation, and what is allowed."""
 
     @property
     def passed(self) -> bool:
@@ -58,8 +67,20 @@ class Verification:
         """For a reader."""
         lines = [f"{self.log}: {'holds' if self.passed else 'does not hold'}"]
         lines += [f"  {told}" for told in (*self.faults, *self.notes)]
-        told = "bit by bit" if self.identical else f"to {self.deviation:.1e} of their range"
-        lines.append(f"  {self.seconds:g} s simulated again, {self.compared} numbers agree {told}")
+        told = (
+            "bit by bit"
+            if not self.deviation and (self.identical or self.opened)
+            else f"to {self.deviation:.1e} of their range"
+        )
+        if self.opened is None:
+            lines.append(f"  {self.seconds:g} s simulated again, {self.compared} numbers agree {told}")
+        else:
+            lines += [
+                f"  {self.seconds:g} s simulated again; a contact point opens first at t = {self.opened:.6g} s",
+                f"  before: {self.compared} numbers agree {told}",
+                "  from there on the motion is chaotic: statistics, recorded and here (what is allowed)",
+                *(f"    {one}" for one in self.statistics),
+            ]
         if self.elsewhere and not self.identical:
             lines.append(f"  recorded elsewhere: other {', '.join(self.elsewhere)}")
         return "\n".join(lines)
@@ -71,13 +92,65 @@ def verify(log: Path) -> Verification:
     scene = Scene.from_json(run.scene_text())
     again = simulate(scene, {}, _duration_ns(run), run.commands, events=run.events)
     here = provenance(scene.seed)
-    elsewhere = tuple(key for key in PLACE if run.provenance.get(key) != {**here, "kernel": source_key()}[key])
+    elsewhere = [key for key in PLACE if run.provenance.get(key) != {**here, "kernel": source_key()}[key]]
+    notes = [told for told in (run.recovered, run.untold) if told]
+    if scene.models != Scene.from_json(again.scene).models:
+        elsewhere.append("model")
+        notes.append("the recording has lost the model of its structure: one that was built here takes its place")
+    elif scene.models and not run.models:
+        notes.append("the recording has lost the model of its structure; the one that was built here is the same")
+    pairs = list(_pairs(run, again))
+    found = _agreement(pairs, scene, bool(elsewhere))
+    faults = list(_gaps(run, again))
+    if run.fault not in ("", run.damage, again.fault, again.summary["ended"]):  # a limit ends a run without a fault
+        faults.insert(0, run.fault)
+    if run.damage:
+        faults.insert(0, run.damage)
+    parts: list[str] = []
+    openings = Openings.of(run, again)
+    if found.first and elsewhere and found.deviation > ELSEWHERE and openings.first is not None:
+        found = _agreement(pairs, scene, True, openings.first)
+        if told := openings.fault(float(np.diff(run.time[:2]).sum())):
+            faults.append(told)
+        else:
+            parts, wrong = _statistics(run, again, openings.first)
+            faults += wrong
+    if found.first and (not elsewhere or found.deviation > ELSEWHERE):
+        faults.append(found.first)
+    if not (run.sealed or run.damage):
+        notes.append("no digest: an older version recorded it, and damage to its descriptions would not show")
+    return Verification(
+        log=str(log),
+        seconds=_duration_ns(run) * 1e-9,
+        compared=found.compared,
+        identical=not found.first and not parts,
+        deviation=found.deviation,
+        elsewhere=tuple(elsewhere),
+        faults=tuple(faults),
+        notes=tuple(notes),
+        opened=openings.recorded if parts else None,
+        statistics=tuple(parts),
+    )
+
+
+class _Agreement(NamedTuple):
+    """`deviation`: the largest one, as a share of the range of its signal; `first`: the first one, in words."""
+
+    compared: int
+    deviation: float
+    first: str
+
+
+def _agreement(pairs: Iterable[_Pair], scene: Scene, elsewhere: bool, until: float = math.inf) -> _Agreement:
+    """How well the samples before `until` [s] agree; `elsewhere`: what an instrument has rounded, rounds otherwise."""
     compared, deviation, first = 0, 0.0, ""
-    for name, t_ns, recorded, simulated in _pairs(run, again):
-        compared += recorded.size
-        apart = recorded.view(np.uint64) != simulated.view(np.uint64)
+    for name, t_ns, recorded, simulated, nothing in pairs:
+        count = int(np.searchsorted(t_ns, until * 1e9 - 0.5)) if until < math.inf else t_ns.size
+        compared += count
+        apart = recorded[:count].view(np.uint64) != simulated[:count].view(np.uint64)
         if apart.any():
-            size = float(np.nanmax(np.abs(recorded - simulated))) - (_resolution(scene, name) if elsewhere else 0.0)
+            size = float(np.nanmax(np.abs(recorded[:count] - simulated[:count])))
+            size -= max(_resolution(scene, name), nothing) if elsewhere else 0.0
             size = max(size, 0.0) / (float(np.nanmax(np.abs(recorded))) or 1.0)
             if not first:
                 at = int(np.argmax(apart))
@@ -85,19 +158,16 @@ def verify(log: Path) -> Verification:
                     f"{name} parts at t = {t_ns[at] * 1e-9:.9g} s: {float(recorded[at])!r} and {float(simulated[at])!r}"
                 )
             deviation = max(deviation, size if np.isfinite(size) else np.inf)
-    identical = not first
-    faults = list(_gaps(run, again))
-    if run.fault not in ("", run.damage, again.fault, again.summary["ended"]):  # a limit ends a run without a fault
-        faults.insert(0, run.fault)
-    if run.damage:
-        faults.insert(0, run.damage)
-    if not identical and (not elsewhere or deviation > ELSEWHERE):
-        faults.append(first)
-    notes = [told for told in (run.recovered, run.untold) if told]
-    if not (run.sealed or run.damage):
-        notes.append("no digest: an older version recorded it, and damage to its descriptions would not show")
-    seconds = _duration_ns(run) * 1e-9
-    return Verification(str(log), seconds, compared, identical, deviation, elsewhere, tuple(faults), tuple(notes))
+    return _Agreement(compared, deviation, first)
+
+
+def _statistics(run: Run, again: Run, opened: float) -> tuple[list[str], list[str]]:
+    """What was compared from the first opening on [s], and what does not agree."""
+    end = float(min(run.time[-1], again.time[-1]))
+    if end - opened < SHORTEST:
+        return [f"{end - opened:.3g} s are too few for statistics ({SHORTEST:g} s are needed): not compared"], []
+    found = list(compared(run, again, opened, end))
+    return [str(one) for one in found], [f"does not agree: {one}" for one in found if not one.agrees]
 
 
 def _resolution(scene: Scene, name: str) -> float:
@@ -113,17 +183,32 @@ def _duration_ns(run: Run) -> int:
     return -(-max(last, default=0) // run.frame_ns) * run.frame_ns
 
 
-def _pairs(run: Run, again: Run) -> Iterator[tuple[str, Integers, Reals, Reals]]:
-    """What both have at the same instant: name, times [ns], recorded and simulated values."""
+class _Pair(NamedTuple):
+    """What both runs have at the same instants; below `nothing` a value is the rounding of a zero."""
+
+    name: str
+    t_ns: Integers
+    recorded: Reals
+    simulated: Reals
+    nothing: float
+
+
+def _pairs(run: Run, again: Run) -> Iterator[_Pair]:
+    """What both have at the same instant, sensors first."""
+    largest: dict[str, float] = {}
+    for name, v in run.signals.items():
+        unit = run.units.get(name, "")
+        largest[unit] = max(largest.get(unit, 0.0), float(np.nanmax(np.abs(v), initial=0.0)))
     for name, (t_ns, v) in run.measurements.items():
-        yield _common(f"meas/{name}", t_ns, v, *again.measurements[name])
+        yield _common(f"meas/{name}", t_ns, v, *again.measurements[name], 0.0)
     for name in run.signals:
-        yield _common(name, *run.recorded(name), *again.recorded(name))
+        nothing = NOTHING * largest[run.units.get(name, "")]
+        yield _common(name, *run.recorded(name), *again.recorded(name), nothing)
 
 
-def _common(name: str, t_ns: Integers, v: Reals, u_ns: Integers, u: Reals) -> tuple[str, Integers, Reals, Reals]:
+def _common(name: str, t_ns: Integers, v: Reals, u_ns: Integers, u: Reals, nothing: float) -> _Pair:
     shared, one, other = np.intersect1d(t_ns, u_ns, assume_unique=True, return_indices=True)
-    return name, shared, np.ascontiguousarray(v[one]), np.ascontiguousarray(u[other])
+    return _Pair(name, shared, np.ascontiguousarray(v[one]), np.ascontiguousarray(u[other]), nothing)
 
 
 def _gaps(run: Run, again: Run) -> Iterator[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import json
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -31,16 +32,19 @@ class Setup:
     """Whether frames keep to the wall clock."""
     core: int = placement.ANY
     """Core of the bus and the controllers."""
+    models: tuple[bytes, ...] = ()
+    """The reduced models that the scene names."""
 
     def to_json(self) -> dict[str, Any]:
         """As plain values; `from_json` reads it back."""
-        return asdict(self)
+        return asdict(self) | {"models": [base64.b64encode(one).decode() for one in self.models]}
 
     @classmethod
     def from_json(cls, found: dict[str, Any]) -> Setup:
         """The setup from plain values."""
         sensors = {name: (unit, int(period)) for name, (unit, period) in found["sensors"].items()}
-        return cls(**{**found, "sensors": sensors})
+        models = tuple(base64.b64decode(one) for one in found.get("models", ()))
+        return cls(**{**found, "sensors": sensors, "models": models})
 
     def to_text(self) -> str:
         """As JSON text."""

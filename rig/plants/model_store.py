@@ -1,16 +1,22 @@
-"""Reduced models of structures on disk: what takes seconds to build is built once.
+"""Reduced models of structures: what takes seconds to build is built once, and a recording keeps it.
 
 A file holds one model, is named by the hash of all that the model depends on, and is read as it was written or not at
 all: whoever reads it checks it. `RIG_MODELS` moves the folder.
+
+A rig that is simulated again takes the model of its recording, whatever this machine would build: the recording offers
+the bytes (`offer`), and its scene names them by digest while its rig is assembled (`given`).
 """
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import os
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+from collections import OrderedDict
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TypeVar
 
@@ -22,6 +28,9 @@ LIMIT = 1 << 26
 """Bytes that all models may take; those that were not used for longest make room. # chosen"""
 _log = logging.getLogger("rig")
 _told: set[Path] = set()  # folders that this process has said it cannot write
+_offered: OrderedDict[str, bytes] = OrderedDict()  # digest -> model, the latest last
+_given: ContextVar[Mapping[str, str] | None] = ContextVar("given", default=None)
+_taken: ContextVar[dict[str, bytes] | None] = ContextVar("taken", default=None)
 
 
 def root() -> Path:
@@ -30,21 +39,67 @@ def root() -> Path:
     return Path(chosen) if chosen else platformdirs.user_cache_path("friction-rig") / "models"
 
 
-def kept(key: str, build: Callable[[], T], write: Callable[[T], bytes], read: Callable[[bytes], T]) -> T:
-    """The model of `key`, from its file or from `build`.
+def digest(content: bytes) -> str:
+    """Name of a model by what it is (32 hex digits)."""
+    return hashlib.sha256(content).hexdigest()[:32]
 
-    `read` raises ValueError for what `write` did not make: such a file is built and written anew. Two processes that
-    build one model at once write the same file, each as a whole. A folder that cannot be written is no fault.
+
+def offer(content: bytes) -> str:
+    """Have a model at hand in this process for whoever names its digest, which is returned."""
+    name = digest(content)
+    _offered[name] = content
+    _offered.move_to_end(name)
+    left = LIMIT
+    for one in reversed(list(_offered)):
+        left -= len(_offered[one])
+        if left < 0 and one != name:
+            del _offered[one]
+    return name
+
+
+@contextmanager
+def given(models: Mapping[str, str]) -> Iterator[None]:
+    """Within it, `kept` takes these models (what they are of -> digest) where they are at hand."""
+    before = _given.set(models)
+    try:
+        yield
+    finally:
+        _given.reset(before)
+
+
+@contextmanager
+def gathered() -> Iterator[dict[str, bytes]]:
+    """The models that `kept` gives within it: what each is of -> the model as bytes."""
+    found: dict[str, bytes] = {}
+    before = _taken.set(found)
+    try:
+        yield found
+    finally:
+        _taken.reset(before)
+
+
+def kept(key: str, build: Callable[[], T], write: Callable[[T], bytes], read: Callable[[bytes], T], of: str = "") -> T:
+    """The model of `key`, from its file or from `build`; `of`: what it is a model of, whoever built it.
+
+    A model of the same thing that is `given` and offered comes first. `read` raises ValueError for what `write` did not
+    make: such a file is built and written anew. Two processes that build one model at once write the same file, each as
+    a whole. A folder that cannot be written is no fault.
     """
     path = root() / key
+    offered = _offered.get((_given.get() or {}).get(of, ""))
+    if offered is not None:
+        with suppress(ValueError):
+            return _take(of, offered, read(offered))
     with suppress(OSError, ValueError):
-        found = read(path.read_bytes())
+        content = path.read_bytes()
+        found = read(content)
         with suppress(OSError):  # of a folder that cannot be written
             os.utime(path)
-        return found
+        return _take(of, content, found)
     made = build()
+    content = write(made)
     try:
-        _keep(path, write(made))
+        _keep(path, content)
     except OSError as fault:
         if path.parent not in _told:
             _told.add(path.parent)
@@ -54,7 +109,15 @@ def kept(key: str, build: Callable[[], T], write: Callable[[T], bytes], read: Ca
                 path.parent,
                 fault.strerror,
             )
-    return made
+    return _take(of, content, made)
+
+
+def _take(of: str, content: bytes, model: T) -> T:
+    """`model`; whoever gathers models gets its bytes."""
+    taken = _taken.get()
+    if taken is not None:
+        taken[of] = content
+    return model
 
 
 def _keep(path: Path, content: bytes) -> None:

@@ -19,7 +19,7 @@ import math
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import scipy
@@ -135,22 +135,34 @@ def build(plate: Plate, foam: Foam | None, grid: Grid, point: tuple[float, float
         slider, most = getattr(grid, name), getattr(plate, name)
         if slider > most:
             raise ValueError(f"slider.{name} is {slider:g} m; it must be at most plate.{name}, {most:g} m")
+    of = _given(plate, foam, grid)
     surface = model_store.kept(
-        f"{_key(plate, foam, grid)}.plate",
+        f"{_key(of)}.plate",
         build=lambda: plate_elements.surface(plate, foam, (grid.length, grid.width)),
         write=Surface.to_bytes,
         read=Surface.from_bytes,
+        of=f"plate {_hash(of)}",
     )
     return Reduced.of(surface, grid, point)
 
 
-def _key(plate: Plate, foam: Foam | None, grid: Grid) -> str:
-    """Hash of all that the surface depends on: numbers, sources, and the libraries that may round otherwise."""
-    given = {
+def _given(plate: Plate, foam: Foam | None, grid: Grid) -> dict[str, Any]:
+    """The numbers that the surface depends on."""
+    return {
         "plate": plate.model_dump(exclude={"damping_ratio"}),
         "foam": foam and foam.model_dump(),
         "footprint": [grid.length, grid.width],
+    }
+
+
+def _key(given: dict[str, Any]) -> str:
+    """Hash of all that the surface depends on: numbers, sources, and the libraries that may round otherwise."""
+    built = {
         "sources": [sha256((_HERE / name).read_bytes()).hexdigest() for name in _SOURCES],
         "libraries": [np.__version__, scipy.__version__],
     }
-    return sha256(json.dumps(given, sort_keys=True).encode()).hexdigest()[:32]
+    return _hash(given | built)
+
+
+def _hash(told: dict[str, Any]) -> str:
+    return sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:32]

@@ -14,6 +14,7 @@ from google.protobuf.message import DecodeError
 from rig.bus import messages
 from rig.bus.setup import Setup
 from rig.errors import BusError
+from rig.plants import model_store
 from rig.record.run import Commands, Integers, Reals, Run, Samples
 from rig.record.scan import Record, Scan, head
 
@@ -62,6 +63,8 @@ def open(path: Path | str) -> Run:
         if record.topic.startswith(_KEPT):
             gathered[record.topic].append(record.payload)
     setup = scan.setup()
+    for model in setup.models:  # whoever assembles the rig of this run takes them
+        model_store.offer(model)
     decode = Decoder(setup)
 
     def read(topic: str) -> list[Any]:
@@ -89,6 +92,7 @@ def open(path: Path | str) -> Run:
         summary=summary,
         mode=mode,
         provenance=setup.provenance,
+        models=setup.models,
         fault=stopped or damage,
         damage=damage,
         recovered=_recovered(scan),

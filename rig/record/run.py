@@ -56,6 +56,8 @@ class Run:
     mode: Integers = field(default_factory=lambda: np.empty(0, np.int64))
     """Number of the contact mode at `time`, [n]; -1 where a recording lost it; empty where it was not recorded."""
     provenance: dict[str, str] = field(default_factory=dict)
+    models: tuple[bytes, ...] = ()
+    """The reduced models that its scene names."""
     fault: str = ""
     """Why it is not whole: stopped by the numerics, or `damage`. Empty for a whole one."""
     damage: str = ""

@@ -41,6 +41,7 @@ def save(
         sensors={s: (run.units.get(f"meas/{s}", ""), _period(t_ns)) for s, (t_ns, _) in run.measurements.items()},
         controllers=dict(controllers or {name: {} for name in run.commands}),
         provenance=run.provenance,
+        models=run.models,
     )
     writer = Writer(path, setup, "saved", replace)
     try:

@@ -14,6 +14,7 @@ import struct
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace as changed
 from pathlib import Path
 from typing import NamedTuple
 
@@ -22,6 +23,7 @@ from mcap.records import Attachment, Channel, DataEnd, Footer, Header, Metadata,
 
 from rig.bus.setup import Setup
 from rig.errors import LogError
+from rig.record import attached
 from rig.record.container import CRC, DIGEST, MAGIC, checksum
 from rig.record.walk import Data, Found, Hole, Message, inside, walk
 
@@ -260,10 +262,11 @@ class Scan:
         """
         scene = self.attachments.get("scene.json")
         given = {"scene": scene.data.decode() if scene else ""}
+        models = tuple(attached.models(self.attachments.values()))
         if (told := self.attachments.get("setup.json")) is None:
-            return self._derived(given["scene"])
+            return changed(self._derived(given["scene"]), models=models)
         try:
-            return Setup.from_json({**json.loads(told.data), **given})
+            return changed(Setup.from_json({**json.loads(told.data), **given}), models=models)
         except (KeyError, TypeError, ValueError) as fault:
             raise LogError(f"{self.path} does not describe its run: {fault!r} is missing or unreadable") from None
 

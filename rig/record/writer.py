@@ -25,6 +25,7 @@ from rig.bus import messages, topics
 from rig.bus.setup import Setup
 from rig.errors import BusError, LogError
 from rig.files import WRITTEN, takes
+from rig.record import attached
 from rig.record.container import Writer as Mcap
 
 CHUNK = 256 * 1024
@@ -98,8 +99,10 @@ class Writer:
 
     def _describe(self) -> None:
         setup, now = self.setup, time.time_ns()
-        for name, text in (("scene.json", setup.scene), ("setup.json", changed(setup, scene="").to_text())):
+        for name, text in (("scene.json", setup.scene), ("setup.json", changed(setup, scene="", models=()).to_text())):
             self._mcap.attach(name, "application/json", text.encode(), now)
+        for model in setup.models:
+            self._mcap.attach(attached.name(model), attached.MEDIA_TYPE, attached.packed(model), now)
         self._mcap.note("provenance", setup.provenance)
         self._mcap.note("log", {"made": self._made, "run": setup.run})
 

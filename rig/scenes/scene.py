@@ -6,7 +6,7 @@ import hashlib
 import importlib
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
@@ -16,7 +16,7 @@ from pydantic import BaseModel, TypeAdapter, model_validator
 from controllers import KINDS as CONTROLLERS
 from controllers.base import hears
 from rig.effects import noise
-from rig.plants import PLANTS
+from rig.plants import PLANTS, model_store
 from rig.quantities import PositiveMetrePerSecond, Section, duration, quantity
 from rig.scenes.faults import unit_of
 from rig.scenes.protocol import Known, Load, Ramp, Set, Step, flat, longest_ns
@@ -101,6 +101,8 @@ class Scene:
     origins: dict[str, Origin] = field(default_factory=dict)
     dropped: tuple[str, ...] = field(default=(), compare=False)
     """What of the file was left aside because a change made another kind of something, a line each."""
+    models: dict[str, str] = field(default_factory=dict, compare=False)
+    """Of a scene that a run was made with: the reduced models of its structures, what they are of -> digest."""
     driven: frozenset[str] = frozenset()
     """Actuators that somebody else drives: an operator, or a controller that the scene does not know. Not recorded with
     the scene: the events of the run tell it."""
@@ -128,7 +130,8 @@ class Scene:
         steps = tuple(flat(self.protocol))
         held |= {s.target for s in steps if isinstance(s, Load | Ramp | Set)}
         ramped = {s.target for s in steps if isinstance(s, Load | Ramp) and s.over}
-        inputs = assembled(self.plant, self.parameters, self.frame_ns).inputs
+        with model_store.given(self.models):
+            inputs = assembled(self.plant, self.parameters, self.frame_ns).inputs
         return {name: "ramped" if name in ramped else "held" for name in sorted(held) if name in inputs}
 
     @property
@@ -149,7 +152,8 @@ class Scene:
 
         `parameters`: others than the scene's own, as after a change while the rig runs.
         """
-        return assembled(self.plant, parameters or self.parameters, self.frame_ns, self.moved)
+        with model_store.given(self.models):
+            return assembled(self.plant, parameters or self.parameters, self.frame_ns, self.moved)
 
     def values(self) -> dict[str, tuple[Any, str]]:
         """Every value of the scene: dotted key -> (value in SI, unit), defaults included, tables left out absent."""
@@ -163,6 +167,7 @@ class Scene:
 
     def to_json(self) -> str:
         """The scene as JSON text; `from_json` gives an equal scene back."""
+        made = {"models": self.models} if self.models else {}
         return json.dumps(
             {
                 "format": FORMAT,
@@ -178,6 +183,7 @@ class Scene:
                 "protocol": [dump(step) for step in self.protocol],
                 "limits": self.limits,
                 "origins": {key: list(origin) for key, origin in self.origins.items()},
+                **made,
             },
             ensure_ascii=False,
         )
@@ -199,13 +205,18 @@ class Scene:
             limits={name: float(value) for name, value in raw["limits"].items()},
             seed=raw["seed"],
             origins={key: Origin(*origin) for key, origin in raw["origins"].items()},
+            models=raw.get("models", {}),
         )
+
+    def made_with(self, models: Mapping[str, bytes]) -> Scene:
+        """The scene of a run: it names the models (what they are of -> bytes) that the run was made with."""
+        return replace(self, models={of: model_store.digest(content) for of, content in models.items()})
 
     @cached_property
     def digest(self) -> str:
         """Hash (16 hex digits) of everything that the run depends on: titles and origins left out."""
         raw = json.loads(self.to_json())
-        told = {key: raw[key] for key in raw.keys() - {"format", "name", "title", "about", "origins"}}
+        told = {key: raw[key] for key in raw.keys() - {"format", "name", "title", "about", "origins", "models"}}
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
 

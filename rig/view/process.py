@@ -20,6 +20,7 @@ from rig import bus
 from rig.bus import setup
 from rig.bus.port import Receiver, Session, Watch
 from rig.errors import BusError
+from rig.plants import model_store
 from rig.process import stopping
 from rig.scheduling import stand_back
 from rig.view import viewer
@@ -104,6 +105,8 @@ class Bridge:
         described = setup.fetch(session, wait)
         if not self._plant.wait_for("plant", "plant", wait):
             raise BusError(f"run {session.run} has no plant; it has ended")
+        for model in described.models:
+            model_store.offer(model)
         sensors = {name: unit for name, (unit, _) in described.sensors.items()}
         self.drawing = Drawing(described.scene, described.outputs, sensors)
         self._feed = Feed(self.drawing, described)

@@ -1,0 +1,130 @@
+"""The reduced model of a structure travels with the recording: the run comes out the same where none can be built."""
+
+import sys
+
+import numpy as np
+import pytest
+
+import rig
+from rig.bench.verify import verify
+from rig.plants import model_store
+from rig.plants.plate_surface import Surface
+from rig.record import reader
+from rig.record.provenance import provenance
+from rig.record.recover import recover
+from rig.record.save import save
+from rig.scenes.scene import Scene
+
+SECONDS = 0.01
+
+
+@pytest.fixture
+def bare(monkeypatch, tmp_path):
+    """A machine that has no model and cannot build one."""
+
+    def take():
+        monkeypatch.setenv("RIG_MODELS", str(tmp_path / "none"))
+        monkeypatch.setattr(model_store, "_offered", type(model_store._offered)())
+        monkeypatch.setitem(sys.modules, "skfem", None)
+
+    return take
+
+
+@pytest.fixture(scope="module")
+def run():
+    found = rig.simulate("plate", SECONDS)
+    found.provenance = provenance(1)
+    return found
+
+
+@pytest.fixture
+def log(run, tmp_path):
+    save(run, tmp_path / "plate.mcap")
+    return tmp_path / "plate.mcap"
+
+
+def test_the_scene_of_a_run_names_the_model_and_the_recording_holds_it(run, log):
+    [digest] = Scene.from_json(run.scene).models.values()
+    [model] = reader.open(log).models
+    assert model_store.digest(model) == digest
+    assert run.models == (model,)
+
+
+def test_a_run_is_simulated_again_where_no_model_can_be_built(log, bare):
+    bare()
+    with pytest.raises(ImportError):
+        rig.load("plate").assemble()
+    found = verify(log)
+    assert found.passed
+    assert found.identical
+
+
+def test_the_rig_of_an_opened_recording_can_be_assembled_where_no_model_can_be_built(log, bare):
+    bare()
+    assert Scene.from_json(rig.open(log).scene).assemble().film is not None
+
+
+def test_a_model_that_was_rounded_elsewhere_is_the_one_that_counts(run, tmp_path):
+    ours = Surface.from_bytes(run.models[0])
+    shapes = ours.shapes * (1.0 + 1e-13 * np.cos(np.arange(ours.shapes.size)).reshape(ours.shapes.shape))
+    theirs = Surface(ours.frequencies, ours.x, ours.y, shapes, ours.compliance, ours.residual).to_bytes()
+    [of] = Scene.from_json(run.scene).models
+    model_store.offer(theirs)
+    other = rig.simulate(rig.load("plate").made_with({of: theirs}), SECONDS)
+    assert other.signals["plate_velocity"].tobytes() != run.signals["plate_velocity"].tobytes()
+    other.provenance = provenance(1)
+    save(other, tmp_path / "other.mcap")
+    assert verify(tmp_path / "other.mcap").identical
+    fresh = rig.simulate("plate", SECONDS)  # another scene is none the wiser
+    assert fresh.signals["plate_velocity"].tobytes() == run.signals["plate_velocity"].tobytes()
+
+
+def _without(log, run, count):
+    """The recording with a byte changed in the first `count` of its two copies of the model."""
+    from rig.record import attached
+
+    raw, packed, at = bytearray(log.read_bytes()), attached.packed(run.models[0]), 0
+    assert raw.count(packed) == 2
+    for _ in range(count):
+        at = raw.index(packed, at) + len(packed) // 2
+        raw[at] ^= 1
+    log.write_bytes(raw)
+
+
+def test_one_damaged_copy_of_the_model_takes_nothing(log, run, bare):
+    _without(log, run, 1)
+    bare()
+    assert "an attachment is damaged" in rig.open(log).damage
+    found = verify(log)
+    assert found.identical
+    assert not found.passed  # the file is damaged all the same
+
+
+def test_a_recording_that_lost_its_model_is_told_and_simulated_with_one_built_here(log, run, monkeypatch):
+    _without(log, run, 2)
+    monkeypatch.setattr(model_store, "_offered", type(model_store._offered)())
+    assert rig.open(log).models == ()
+    found = verify(log)
+    assert any("model" in told for told in found.notes), found
+    assert found.identical  # this machine builds the same one
+
+
+def test_recovering_keeps_the_model(log, run, bare, tmp_path):
+    log.write_bytes(log.read_bytes()[:-4000])
+    recover(log, tmp_path / "whole.mcap")
+    bare()
+    assert rig.open(tmp_path / "whole.mcap").models == run.models
+
+
+def test_recordings_of_equal_runs_have_equal_models(run, tmp_path):
+    from rig.record import attached
+
+    again = rig.simulate("plate", SECONDS)
+    assert again.scene == run.scene
+    assert attached.packed(again.models[0]) == attached.packed(run.models[0])
+
+
+def test_other_rigs_carry_no_models():
+    found = rig.simulate("belt", 0.01)
+    assert found.models == ()
+    assert "models" not in found.scene
