@@ -18,14 +18,16 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 import platformdirs
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 LIMIT = 1 << 26
 """Bytes that all models may take; those that were not used for longest make room. # chosen"""
+_REMEMBERED = 4  # results, of each plant
 _log = logging.getLogger("rig")
 _told: set[Path] = set()  # folders that this process has said it cannot write
 _offered: OrderedDict[str, bytes] = OrderedDict()  # digest -> model, the latest last
@@ -110,6 +112,28 @@ def kept(key: str, build: Callable[[], T], write: Callable[[T], bytes], read: Ca
                 fault.strerror,
             )
     return _take(of, content, made)
+
+
+def remembered(build: Callable[P, T]) -> Callable[P, T]:
+    """`build` with its latest results remembered, each for the models that were given when it was called.
+
+    `build` takes arguments by place that can be hashed, and makes its models by `kept`.
+    """
+    known: OrderedDict[Any, tuple[T, dict[str, bytes]]] = OrderedDict()
+
+    def call(*args: P.args, **_: P.kwargs) -> T:
+        here = tuple(sorted(pair for pair in (_given.get() or {}).items() if pair[1] in _offered))
+        if (entry := known.get((args, here))) is None:
+            with gathered() as models:
+                entry = build(*args), models  # type: ignore[call-arg]
+            known[args, here] = entry
+            if len(known) > _REMEMBERED:
+                known.popitem(last=False)
+        for of, content in entry[1].items():
+            _take(of, content, None)
+        return entry[0]
+
+    return call
 
 
 def _take(of: str, content: bytes, model: T) -> T:

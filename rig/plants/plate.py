@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from functools import lru_cache
 from typing import Annotated, NamedTuple, Self
 
 import numpy as np
@@ -30,7 +29,7 @@ from rig.effects.drive import BeltDrive
 from rig.effects.friction import Constant
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
-from rig.plants import plate_model
+from rig.plants import model_store, plate_model
 from rig.plants.belt import RAMPED
 from rig.plants.plate_elements import Foam, Plate
 from rig.plants.plate_model import Grid, Reduced
@@ -191,7 +190,7 @@ class Parameters(Noisy):
         return _reduced(self.plate, self.foam, self.grid(), (self.probe.x, self.probe.y))
 
 
-_reduced = lru_cache(maxsize=4)(plate_model.build)  # a sweep asks for one model hundreds of times
+_reduced = model_store.remembered(plate_model.build)  # a sweep asks for one model hundreds of times
 
 
 def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:

@@ -7,7 +7,7 @@ import pytest
 
 import rig
 from rig.bench.verify import verify
-from rig.plants import model_store
+from rig.plants import model_store, plate, plate_model
 from rig.plants.plate_surface import Surface
 from rig.record import reader
 from rig.record.provenance import provenance
@@ -19,12 +19,23 @@ SECONDS = 0.01
 
 
 @pytest.fixture
-def bare(monkeypatch, tmp_path):
+def forget(monkeypatch):
+    """Takes all models from the memory of this process."""
+
+    def take():
+        monkeypatch.setattr(model_store, "_offered", type(model_store._offered)())
+        monkeypatch.setattr(plate, "_reduced", model_store.remembered(plate_model.build))
+
+    return take
+
+
+@pytest.fixture
+def bare(monkeypatch, tmp_path, forget):
     """A machine that has no model and cannot build one."""
 
     def take():
         monkeypatch.setenv("RIG_MODELS", str(tmp_path / "none"))
-        monkeypatch.setattr(model_store, "_offered", type(model_store._offered)())
+        forget()
         monkeypatch.setitem(sys.modules, "skfem", None)
 
     return take
@@ -100,9 +111,9 @@ def test_one_damaged_copy_of_the_model_takes_nothing(log, run, bare):
     assert not found.passed  # the file is damaged all the same
 
 
-def test_a_recording_that_lost_its_model_is_told_and_simulated_with_one_built_here(log, run, monkeypatch):
+def test_a_recording_that_lost_its_model_is_told_and_simulated_with_one_built_here(log, run, forget):
     _without(log, run, 2)
-    monkeypatch.setattr(model_store, "_offered", type(model_store._offered)())
+    forget()
     assert rig.open(log).models == ()
     found = verify(log)
     assert any("model" in told for told in found.notes), found
