@@ -30,6 +30,8 @@ FLOORS = {
     "compiled": 200.0,
     "squeal": 2.0,
     "disc_slider": 1.5,
+    "plate": 1.5,
+    "plate_96": 0.5,
     "start": 2.0,
     "step_to_command_ms": 0.5,
     "lockstep": 1.3,
@@ -97,6 +99,14 @@ def main() -> int:
         for name, counts in paced["loop"].items():
             aged = f"{counts['late']} older than a frame, oldest {counts['oldest']} frames"
             say(f"  {name}: {counts['taken']} commands, {aged}")
+
+        say("\npaced, plate under a slider on 40 points, steps of 2 us, recorder, viewer bridge")
+        found["plate"] = paced = loop.plate()
+        timing = paced["timing"]
+        if paced["verdict"] == "INVALID":
+            missed.append("plate, paced")
+        say(f"  {paced['verdict']}: {timing['late_share']:.2%} of the frames late; "
+            f"the host took {timing['stolen_share']:.2%} of the processors")  # fmt: skip
 
     def told() -> int:
         if "--json" in sys.argv:

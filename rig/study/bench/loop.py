@@ -72,12 +72,21 @@ def beside_bare(rounds: int = ROUNDS, lockstep_s: float = 3.0, paced_s: float = 
     return found
 
 
+def plate() -> dict[str, Any]:
+    """The summary of a paced run of the plate under a slider, to the end of its protocol, with recorder and viewer."""
+    return _carried("plate", {}, None, web=True)
+
+
 def _run(seconds: float, **how: Any) -> dict[str, Any]:
+    return _carried("belt_normal_force", {**OVERRIDES, "sensors.vibrometer.ideal": False}, seconds, **how)
+
+
+def _carried(name: str, changes: dict[str, Any], seconds: float | None, **how: Any) -> dict[str, Any]:
     from rig.bench.supervise import run
     from rig.scenes import load
     from rig.study.design import numbers
 
-    scene = load("belt_normal_force", {**OVERRIDES, "sensors.vibrometer.ideal": False})
+    scene = load(name, changes)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "bench.mcap"
         outcome = run(scene, numbers=numbers(scene), duration=seconds, out=out, say=lambda _: None, **how)

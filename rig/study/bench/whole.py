@@ -47,6 +47,8 @@ CASES = {
     "compiled": Case("the same, controller compiled", "belt_normal_force", LOOP, 10.0, 60.0, compiled=True),
     "squeal": Case("brake that squeals, three instruments at 50 kHz", "brake_shunt", SQUEAL, 1.0, 3.0),
     "disc_slider": Case("slider on a flexible disc, stick-slip", "disc_slider", {}, 1.0, 3.0),
+    "plate": Case("plate of 40 modes under a slider on 40 points that open and close", "plate", {}, 0.2, 0.8),
+    "plate_96": Case("the same, 96 points", "plate_96", {}, 0.2, 0.8),
 }
 
 
