@@ -164,7 +164,7 @@ class Attendant:
             "drops": sum(self._hub.lost().values()),
             "held": sum(line.counts.held for line in self._operation.exchange.all_lines.values()),
             "energy_error": statistics["energy_error"],
-            "stick_share": statistics["stick_share"],
+            "stick_share": statistics.get("stick_share", 0.0),
             "refused": self._hub.session.door.total,
             "eta_s": -1.0 if left is None else left / 1e9 / (self._job.pace or max(rate, 1e-9)),
         }

@@ -37,7 +37,7 @@ LEAST = 1e-3
 MOST = 24
 """States that are kept of a run."""
 _ROUNDING = 1e-12
-DEVICES = ("amplifier", "dither", "noise", "piezo", "shunt", "tuned_mass")
+DEVICES = ("amplifier", "dither", "foam", "noise", "piezo", "shunt", "slider", "tuned_mass")
 
 
 class Visited(NamedTuple):

@@ -309,7 +309,7 @@ class Stand:
         return {
             "method": self.motion.method,
             **self.motion.counts(),
-            "stick_share": self.motion.stick_share(),
+            **({"stick_share": self.motion.stick_share()} if self.motion.system.patches else {}),
             **({"kick_residual": residual} if (residual := self.motion.residual()) is not None else {}),
             "findings": [one.to_json() for one in self.findings if one.level != "info"],
             "energy": energy,

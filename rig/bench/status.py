@@ -169,7 +169,9 @@ def _plant(found: Mapping[str, Any]) -> list[str]:
 
 def plant(told: Mapping[str, Any], energy_error: float) -> str:
     """How the plant went, in a line."""
-    text = f"method {told['method']}, {told['events']} events, stick {told['stick_share']:.0%}"
+    text = f"method {told['method']}, {told['events']} events"
+    if "stick_share" in told:  # a rig with a friction patch
+        text += f", stick {told['stick_share']:.0%}"
     text += f", energy error {energy_error:.0e}"
     if "kick_residual" in told:
         text += f", residual of kick {told['kick_residual']['share']:.0e}"

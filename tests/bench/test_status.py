@@ -106,3 +106,7 @@ def test_without_a_terminal_there_are_lines_only():
     live.say("mark: here")
     live.done()
     assert stream.getvalue() == "mark: here\n"
+
+
+def test_a_rig_without_a_friction_patch_tells_of_no_stick():
+    assert status.plant({"method": "kick", "events": 0}, -3e-4) == "method kick, 0 events, energy error -3e-04"
