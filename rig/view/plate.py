@@ -45,7 +45,7 @@ def picture(scene: Scene, system: System) -> Plate | None:
 def _scale(p: Parameters, system: System, force: float) -> Scale:
     """From the slider's deflection under the largest load, at the place where it starts."""
     count = len(system.coordinates)
-    K, at = system.stiffness, list(system.names[:count]).index("z")
+    K, at = system.stiffness - system.force[:, :count], list(system.names[:count]).index("z")
     if system.film is not None:
         normal = system.film.everywhere(p.slid.slider.position if p.slid else 0.0)[0]
         K = K + system.film.stiffness * normal @ normal.T

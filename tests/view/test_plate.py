@@ -1,0 +1,189 @@
+"""The plate rig as one sees it: picture, pressure map, figure, and the outputs of its points kept together."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+import rig
+from rig.bus import encode, messages
+from rig.bus.arrivals import Message
+from rig.bus.setup import Setup
+from rig.plants import plate as plant
+from rig.record import instants
+from rig.record.points import Points, listed, numbered, points_of
+from rig.record.run import Run
+from rig.view import heat
+from rig.view.blueprint import blueprint
+from rig.view.channels import plots
+from rig.view.drawing import Drawing
+from rig.view.feed import Feed
+from rig.view.figure import draw
+
+FILM = {"film.along": "5", "film.across": "4"}
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return rig.load("plate", FILM)
+
+
+@pytest.fixture(scope="module")
+def units(scene):
+    return {name: output.unit for name, output in scene.assemble().outputs.items()}
+
+
+@pytest.fixture(scope="module")
+def run(scene, units):
+    """Made up: loaded within 0.1 s, open at some points from 0.3 s on, and wandering from edge to edge."""
+    time = np.arange(0.0, 0.5, 1e-3)
+    signals = {name: np.zeros(time.size) for name in units}
+    points = Points.of(scene)
+    lean = np.where(time >= 0.3, 2.0 * np.sin(200.0 * time), 0.2)
+    shape = 1.0 + lean[:, None] * points.x / points.x[-1]
+    pressed = 1e5 * np.minimum(time / 0.1, 1.0)[:, None] * np.maximum(shape, 0.0)
+    signals |= {name: pressed[:, k // points.across] for k, name in enumerate(points.names)}
+    total = pressed.sum(axis=1)
+    centre = np.divide(pressed @ points.x, total, out=np.zeros_like(total), where=total > 0.0)
+    area = points.length * points.width / points.along
+    signals |= {"contact_fraction": (pressed > 0.0).mean(axis=1), "pressure_centre_x": centre}
+    signals |= {"normal_force": area * total, "position": 0.01 * time, "surface_speed": 0.01 + 0.0 * time}
+    signals |= {"slider_displacement": -8e-8 + 1e-8 * lean, "pitch_displacement": 1e-6 * lean}
+    return Run(scene.to_json(), 1_000_000, 1_000_000, time, signals, units, mode=np.zeros(time.size, np.int64))
+
+
+def column(columns, path, component):
+    """Values that a frame list gives an entity, by frame."""
+    for one in columns:
+        for part in one.columns if one.path == path else ():
+            if part.component_descriptor().component.endswith(component):
+                return part.as_arrow_array().to_pylist()
+    raise AssertionError(f"{path} has no {component}")
+
+
+def test_pressures_are_where_the_film_has_its_points(scene, run):
+    points, film = Points.of(scene), scene.assemble().film
+    at = plant.places(film)
+    assert list(at) == list(points.names)
+    x, y = np.meshgrid(points.x, points.y, indexing="ij")
+    order = list(at.values())
+    assert film.x[order] == pytest.approx(x.ravel(), abs=1e-12)
+    assert film.y[order] == pytest.approx(y.ravel(), abs=1e-12)
+    maps = points.maps(run.signals)
+    assert maps.shape == (run.time.size, 5, 4)
+    assert np.array_equal(maps[400, 2, 3], run.signals["pressure_3_4"][400])
+
+
+def test_a_scale_of_pressures_is_fixed_by_the_largest_load_of_the_scene():
+    for force, scale in (("108.79 N", 5e5), ("1087.9 N", 5e6)):
+        steps = rig.load("plate").protocol
+        scene = replace(rig.load("plate"), protocol=tuple(
+            one.model_copy(update={"force": float(force.split()[0])}) if one.step == "load" else one for one in steps
+        ))  # fmt: skip
+        assert Points.of(scene).scale == scale
+
+
+def test_scenes_without_points_have_none():
+    bonded = rig.load("plate", {"film.opens": "false", "slider.travels": "false"})
+    assert [Points.of(rig.load("belt")), Points.of(bonded), points_of("{}"), points_of("no")] == [None] * 4
+
+
+def test_open_is_white_and_a_light_touch_is_dark():
+    shades = heat.colours(np.array([0.0, 1.0, 5e5, 9e5, np.nan]), 5e5).astype(int).sum(axis=1)
+    assert shades[0] == shades[4] > 700
+    assert shades[1] < 200
+    assert shades[2] == shades[3]
+
+
+def test_instants_that_tell_most_are_found_after_the_load_is_on(run):
+    found = {instant.why: run.time[instant.sample] for instant in instants.telling(run)}
+    opening = run.time[instants.first_opening(run)]
+    assert opening == pytest.approx(run.time[(run.time >= 0.3) & (run.signals["contact_fraction"] < 1.0)][0])
+    assert found["first opening"] == opening
+    assert 0.2 < found["before the first opening"] < opening
+    sample = dict(zip(found, (round(1e3 * t) for t in found.values())))
+    assert run.signals["pressure_centre_x"][sample["most at the rear edge"]] < -0.005
+    assert run.signals["pressure_centre_x"][sample["most at the front edge"]] > 0.005
+    assert run.signals["contact_fraction"][sample["fewest in contact"]] == run.signals["contact_fraction"][200:].min()
+
+
+def test_samples_that_a_recording_lost_are_no_openings(run):
+    quiet = run.time < 0.3
+    fraction = run.signals["contact_fraction"][quiet].copy()
+    fraction[200] = np.nan
+    part = replace(run, time=run.time[quiet], signals={"contact_fraction": fraction})
+    assert instants.first_opening(part) is None
+    assert {instant.why for instant in instants.telling(part)} == {"all in contact"}
+
+
+def test_the_slider_travels_as_it_does_and_its_motion_is_magnified(scene, run, units):
+    drawing = Drawing(scene.to_json(), units, {})
+    picture = drawing.picture
+    t_ns = np.round(run.time * 1e9).astype(np.int64)
+    shown = np.arange(0, t_ns.size, 10)
+    columns = picture.frames(t_ns, run.signals, run.mode, shown)
+    place = np.array(column(columns, "rig/slider", "translation"))[:, 0]
+    assert np.ptp(place[:, 0]) == pytest.approx(0.01 * run.time[shown[-1]] / 0.05, rel=1e-5)
+    heave = run.signals["slider_displacement"][shown]
+    assert np.diff(place[:, 2]) == pytest.approx(picture.scale.motion / 0.05 * np.diff(heave), abs=1e-6)
+    assert 0.01 < np.abs(heave).max() * picture.scale.motion / 0.05 < 0.3
+    colours = column(columns, "film/map", "vertex_colors")
+    white = int(heat.OPEN[1:] + "ff", 16)
+    opened = [frame.count(white) / len(frame) for frame in colours]
+    assert opened == pytest.approx(1.0 - run.signals["contact_fraction"][shown])
+    assert colours == column(columns, "rig/film", "vertex_colors")
+
+
+@pytest.mark.parametrize("live", [True, False])
+@pytest.mark.parametrize("changes", [FILM, {"film.opens": "false", "slider.travels": "false"}])
+def test_the_plate_has_a_window(changes, live):
+    scene = rig.load("plate", changes)
+    told = {name: output.unit for name, output in scene.assemble().outputs.items()}
+    drawing = Drawing(scene.to_json(), told, {"accelerometer": "m/s^2"})
+    assert drawing.picture is not None
+    assert not drawing.worded
+    found = plots(drawing.scene, told, drawing.sensors)
+    blueprint(drawing, found, live)
+    if drawing.points:
+        titles = ["acceleration [m/s^2]", "contact fraction [1]", "pressure centre [m]", "forces [N]"]
+        assert [plot.title for plot in found[:4]] == titles
+    assert not any(name.startswith("pressure_1") for plot in found for name in plot.outputs)
+
+
+def test_a_live_film_is_a_map_and_no_curve_for_each_point(scene, run, units):
+    drawing = Drawing(scene.to_json(), units, {})
+    feed = Feed(drawing, Setup("r", scene.to_json(), 1_000_000, 20_000, units, {}))
+    encoder = encode.StateEncoder(len(units))
+    state = messages.state_type(list(units))
+    for k in range(0, run.time.size, 5):
+        values = np.array([run.signals[name][k] for name in units])
+        payload = bytes(encoder(k * 1_000_000, k, 0, values))
+        feed.add([Message("state", payload, k, k * 1_000_000, said=state.FromString(payload))])
+    paths = [one.path for one in feed.take()]
+    assert {"rig/film", "film/map", "film/centre", "plant/contact_fraction"} <= set(paths)
+    assert not [path for path in paths if path.startswith("plant/pressure_1")]
+
+
+def test_outputs_of_one_quantity_at_many_points_are_told_together():
+    names = {"force": "N", "pressure_1_1": "Pa", "pressure_1_2": "Pa", "pressure_12_8": "Pa", "q_1": ""}
+    assert numbered(names) == {"pressure": ["pressure_1_1", "pressure_1_2", "pressure_12_8"]}
+    assert listed(names) == ["force [N]", "pressure_1_1 to pressure_12_8 [Pa]", "q_1"]
+
+
+@pytest.mark.parametrize("kind", ["film", "no opening", "bonded", "plate alone", "empty"])
+def test_any_run_of_the_plate_becomes_a_figure(kind, run, tmp_path):
+    keep = {
+        "film": lambda name: True,
+        "no opening": lambda name: True,
+        "bonded": lambda name: not name.startswith(("pressure", "contact", "openings")),
+        "plate alone": lambda name: name.startswith("plate_"),
+        "empty": lambda name: True,
+    }[kind]
+    end = {"no opening": 250, "empty": 0}.get(kind, run.time.size)
+    signals = {name: v[:end] for name, v in run.signals.items() if keep(name)}
+    draw(replace(run, time=run.time[:end], signals=signals, mode=run.mode[:end]), tmp_path / "run.png")
+    picture = imread(tmp_path / "run.png")
+    assert picture.shape[1] == 1600
+    violet = np.abs(picture[..., :3] - heat.table()[0] / 255.0).max(axis=2) < 0.1
+    assert (violet.mean() > 1e-4) == (kind in ("film", "no opening"))
