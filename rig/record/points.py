@@ -18,7 +18,7 @@ from rig.record.run import Reals
 from rig.scenes.protocol import Load, Ramp, Set, flat
 from rig.scenes.scene import Scene
 
-_NUMBERED = re.compile(r"(\w+?)_\d+_\d+")
+_PLACE = re.compile(r"_\d+_\d+$")  # of a point, along and across
 _ABOVE_MEAN = 5.0
 """Largest pressure of a scale over the mean one; in detachment 99.8 % of those of the shipped scene are below."""
 
@@ -86,13 +86,17 @@ def largest_load(scene: Scene) -> float:
     return found
 
 
-def numbered(names: Iterable[str]) -> dict[str, list[str]]:
-    """Outputs that are one quantity at many points, named QUANTITY_I_J: those of each quantity."""
+def grouped(names: Iterable[str]) -> dict[str, list[str]]:
+    """Names; those of one quantity at many points (`pressure_3_2`) together under what they share (`pressure`)."""
     found: dict[str, list[str]] = {}
     for name in names:
-        if match := _NUMBERED.fullmatch(name):
-            found.setdefault(match[1], []).append(name)
+        found.setdefault(_PLACE.sub("", name), []).append(name)
     return found
+
+
+def numbered(names: Iterable[str]) -> dict[str, list[str]]:
+    """The groups of more than one name."""
+    return {quantity: members for quantity, members in grouped(names).items() if len(members) > 1}
 
 
 def listed(names: Mapping[str, str]) -> list[str]:

@@ -14,13 +14,13 @@ from typing import Any
 from rig.bench.pieces import length
 from rig.effects.noise import SIGNAL as CHANCE
 from rig.errors import RigError
+from rig.record.points import grouped
 from rig.scenes.scene import Scene, controller_reads
 from rig.scenes.variants import absent, added
 from rig.solve.method import chosen
 from rig.study.cost.effects import NO_CHANCE, ROUNDS, Paired, bare, compared, effects
 from rig.study.cost.problem import held
 from rig.study.cost.settings import eligible
-from rig.study.crowd import grouped
 
 BLOCKS = 50.0  # blocks of samples a second, from sensors faster than 1 kHz
 ELECTRIC = ("shunt", "amplifier")  # they come with the stack that they need

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from rig.bench.findings import findings
 from rig.errors import SceneError, Singular
+from rig.record.points import grouped
 from rig.scenes.scene import Scene, plant_module
 from rig.solve.assembly import Assembly
 from rig.solve.finding import Finding
@@ -27,7 +28,6 @@ from rig.solve.signals import signal_rows
 from rig.solve.system import System
 from rig.study.averaged import averaged
 from rig.study.columns import columns
-from rig.study.crowd import grouped
 
 _REST = 1e-11  # of the sum of its terms, of the largest rate: what rounding leaves of a zero
 _LEAST = 0.01  # of the energy: what is told of a shape that is long, and how many at most
