@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 ROOMS = (
     "kroeger", "kroeger_tread", "kroeger_brake", "kroeger_braking", "kroeger_loops", "kroeger_shunt", "kroeger_sound",
     "liu_two_dof", "liu_disc", "liu_lever", "liu_lever_speed",
-    "detachment", "bistable", "bistable_measured",
+    "detachment", "plate", "plate_runs", "bistable", "bistable_measured",
 )  # fmt: skip
 PAPERS = {
     "kroeger": "Kroeger, Neubauer, Popp: Experimental investigation on the avoidance of self-excited vibrations. "
@@ -30,7 +30,7 @@ PAPERS = {
     "excitation. Meccanica 55 (2020) 1525-1542",
     "liu003": "Liu, Ouyang: Friction-induced vibration of a slider-on-rotating-disc system considering uniform and "
     "non-uniform friction characteristics with bi-stability. Mech. Syst. Signal Process. 164 (2022) 108222",
-    "detachment": "A new mechanism for friction-induced vibration and noise, section 3.1: mode coupling",
+    "detachment": "A new mechanism for friction-induced vibration and noise: detachment and reattachment",
     "bistable": "Tonazzi, Passafiume, Papangelo, Hoffmann, Massi: Numerical and experimental analysis of the bi-stable "
     "state for frictional continuous system. Nonlinear Dyn. 102 (2020) 1361-1374",
 }
