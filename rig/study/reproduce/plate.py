@@ -11,11 +11,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rig.plants.plate import Parameters
 from rig.study.reproduce.common import AMBER, BLUE, GREEN, GREY, RED, load, run
 from rig.study.reproduce.entry import Comparison, Entry
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from rig.plants.plate_model import Reduced
+    from rig.scenes.scene import Scene
 
 _FREE = {230e9: (6114.0, 8613.6, 11623.4), 200e9: (5701.3, 8032.2, 10838.9)}  # Hz, with 16 x 14 x 2 elements
 _PRINTED = (5700.0, 8000.0, 10800.0)
@@ -28,10 +32,16 @@ _CASES = {  # position of the slider: frequencies at mu = 0 and mu = 1 below 12 
 _AUDIBLE = 12e3  # Hz, as far as the paper looks
 
 
+def _model(scene: Scene) -> Reduced:
+    """The plate's modes."""
+    assert isinstance(scene.parameters, Parameters)
+    return scene.parameters.reduced()
+
+
 def modal(figure: Figure) -> Iterator[Comparison]:
     """The first three modes of the free plate, and the spectrum of a knock."""
     scene = load("plate_free")
-    model = scene.parameters.reduced()
+    model = _model(scene)
     first = np.flatnonzero(model.frequencies > 1.0)[:3]
     grid = figure.add_gridspec(2, 3, height_ratios=(1.0, 1.0))
     for column, (mode, printed) in enumerate(zip(first, _PRINTED)):
@@ -55,7 +65,7 @@ def modal(figure: Figure) -> Iterator[Comparison]:
     axis.set(title="acceleration of a corner after a knock; dashed: the paper", xlabel="frequency [kHz]",
              ylabel="amplitude", xlim=(0.0, 15.0), ylim=(1e-6, 2.0))  # fmt: skip
     for young, expected in _FREE.items():
-        found = load("plate_free", plate__young=young).parameters.reduced().frequencies
+        found = _model(load("plate_free", plate__young=young)).frequencies
         for number, (ours, wanted) in enumerate(zip(found[found > 1.0], expected), 1):
             what = f"free plate, {1e-9 * young:g} GPa: mode {number}"
             yield Comparison(what, "Hz", float(ours), wanted, "reference", relative=3e-3)
@@ -66,7 +76,7 @@ def modal(figure: Figure) -> Iterator[Comparison]:
         near = np.abs(hertz - model.frequencies[mode]) < 100.0
         line = float(hertz[near][np.argmax(density[near])])
         yield Comparison(f"knocked: line {number}", "Hz", line, float(model.frequencies[mode]), "theory", absolute=4.0)
-    found = load("plate").parameters.reduced().frequencies
+    found = _model(load("plate")).frequencies
     for number, (ours, wanted) in enumerate(zip(found, _ON_FOAM), 1):
         yield Comparison(f"on foam: mode {number}", "Hz", float(ours), wanted, "reference", relative=3e-3)
 
@@ -91,9 +101,9 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
             axis.plot([mu] * len(printed), 1e-3 * np.array(printed), "x", color=RED)
         axis.set(title=title, xlabel="friction coefficient", ylim=(8.0, 12.0))
         grows = max([grows, *(m.growth for row in found for m in row)])
-        for number, (ours, printed) in enumerate(zip(found[0], still), 1):
+        for number, (ours, wanted) in enumerate(zip(found[0], still), 1):
             what = f"{title}, mu = 0: mode {number}"
-            yield Comparison(what, "Hz", float(ours.frequency), printed, "paper", relative=0.015)
+            yield Comparison(what, "Hz", float(ours.frequency), wanted, "paper", relative=0.015)
         moves = [[m.frequency for m in row[:3]] for row in (found[0], found[-1])]
         largest = max((b - a for a, b in zip(*moves)), key=abs)
         told = max((b - a for a, b in zip(still, sliding)), key=abs)
