@@ -29,6 +29,7 @@ from rig.effects.drive import BeltDrive
 from rig.effects.friction import Constant
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
+from rig.errors import SceneError
 from rig.plants import model_store, plate_model
 from rig.plants.belt import RAMPED
 from rig.plants.plate_elements import Foam, Plate
@@ -52,6 +53,8 @@ Along = Annotated[int, Ge(1), Le(64)]
 Across = Annotated[int, Ge(2), Le(64)]
 X, Y, Z = range(3)
 SLIDER = ("z", "theta", "psi")
+MOST_PLACES = 1000
+"""Places at which rows are kept: of 96 points 66 MB. # chosen"""
 
 
 class Slider(Section):
@@ -163,6 +166,9 @@ class Parameters(Noisy):
         place, longest = slid.slider.position, plate.length - slid.slider.length
         if place > longest > 0.0:
             yield f"slider.position {place:g} m is beyond {longest:g} m, where it meets the plate's edge"
+        most = MOST_PLACES * self.grid().pitch
+        if longest > most:
+            yield f"the slider's way of {longest:g} m is too long for points so close: at most {most:.3g} m"
         if not slid.film.opens and slid.slider.travels:
             yield "film.opens false (bonded) needs slider.travels false: only points that open can travel"
         if slid.film.lateral and not slid.film.opens:
@@ -186,8 +192,11 @@ class Parameters(Noisy):
         return Grid(block.length, block.width, film.along, film.across)
 
     def reduced(self) -> Reduced:
-        """The plate's modes."""
-        return _reduced(self.plate, self.foam, self.grid(), (self.probe.x, self.probe.y))
+        """The plate's modes. Raises SceneError where its elements cannot give them."""
+        try:
+            return _reduced(self.plate, self.foam, self.grid(), (self.probe.x, self.probe.y))
+        except ValueError as fault:
+            raise SceneError("the plate's elements", [str(fault)]) from None
 
 
 _reduced = model_store.remembered(plate_model.build)  # a sweep asks for one model hundreds of times
