@@ -20,8 +20,8 @@ class Instant(NamedTuple):
     why: str
 
 
-def first_opening(run: Run) -> int | None:
-    """The sample at which a point is open again for the first time after all have closed; None without any."""
+def first_open(run: Run) -> int | None:
+    """The first sample that shows a point open after one that shows all closed; None without any."""
     fraction = run.signals["contact_fraction"]
     begin = int(np.argmax(fraction >= 1.0))
     opened = fraction[begin:] < 1.0  # not where a recording lost it
@@ -37,7 +37,7 @@ def telling(run: Run) -> list[Instant]:
     the slider's middle, so that one last point that bears little is no such instant.
     """
     count = run.time.size
-    opening = first_opening(run)
+    opening = first_open(run)
     if opening is None:
         return [Instant(i, "all in contact") for i in np.linspace(count / 4, count - 1, 4).astype(int).tolist()]
     fraction = np.nan_to_num(run.signals["contact_fraction"][opening:], nan=1.0)

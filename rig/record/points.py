@@ -69,12 +69,24 @@ class Points(NamedTuple):
         return table.reshape(*table.shape[:-1], self.along, self.across)
 
 
-def points_of(scene: str) -> Points | None:
-    """The points of a scene as JSON text; None if it has none, or the text describes no scene."""
+def read(scene: str) -> Scene | None:
+    """A scene from its JSON text; None if the text describes none, as in a recording by others."""
     try:
-        return Points.of(Scene.from_json(scene))
+        return Scene.from_json(scene)
     except (KeyError, TypeError, ValueError, json.JSONDecodeError):
         return None
+
+
+def points_of(scene: str) -> Points | None:
+    """The points of a scene as JSON text; None if it has none, or the text describes no scene."""
+    found = read(scene)
+    return Points.of(found) if found else None
+
+
+def highest_mode(scene: Scene) -> float:
+    """The highest frequency [Hz] of the modes of a scene's plate; 0 where it has no plate."""
+    parameters = scene.parameters
+    return float(parameters.reduced().frequencies[-1]) if isinstance(parameters, plate.Parameters) else 0.0
 
 
 def largest_load(scene: Scene) -> float:

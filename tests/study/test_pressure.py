@@ -11,7 +11,7 @@ import rig as laboratory
 from rig.errors import UsageError
 from rig.record.run import Run
 from rig.record.save import save
-from rig.study.recorded import pressure
+from rig.study.recorded import pressure, spectrum
 
 TIME = np.arange(100) * 0.005
 ALONG, ACROSS = 4, 2
@@ -94,3 +94,12 @@ def test_the_command(tmp_path, rig, run):
     code, out, _ = rig("pressure", log)
     assert code == 0
     assert "first opening" in out
+
+
+def test_a_spectrum_says_what_is_folded_down(run):
+    """The plate rings up to 50 kHz, and the outputs of this run are 200 a second: there is no filter before them."""
+    fast = replace(run, step_ns=5_000_000, signals={**run.signals, "slider_acceleration": np.sin(300.0 * TIME)})
+    found = spectrum(fast, "slider_acceleration", window=0.2)
+    assert "vibration above 100 Hz is folded down" in found.gaps
+    other = replace(fast, scene=laboratory.load("belt").to_json())
+    assert not spectrum(other, "slider_acceleration", window=0.2).gaps

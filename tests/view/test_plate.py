@@ -98,7 +98,7 @@ def test_open_is_white_and_a_light_touch_is_dark():
 
 def test_instants_that_tell_most_are_found_after_the_load_is_on(run):
     found = {instant.why: run.time[instant.sample] for instant in instants.telling(run)}
-    opening = run.time[instants.first_opening(run)]
+    opening = run.time[instants.first_open(run)]
     assert opening == pytest.approx(run.time[(run.time >= 0.3) & (run.signals["contact_fraction"] < 1.0)][0])
     assert found["first opening"] == opening
     assert 0.2 < found["before the first opening"] < opening
@@ -113,7 +113,7 @@ def test_samples_that_a_recording_lost_are_no_openings(run):
     fraction = run.signals["contact_fraction"][quiet].copy()
     fraction[200] = np.nan
     part = replace(run, time=run.time[quiet], signals={"contact_fraction": fraction})
-    assert instants.first_opening(part) is None
+    assert instants.first_open(part) is None
     assert {instant.why for instant in instants.telling(part)} == {"all in contact"}
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.errors import UsageError
-from rig.record.points import listed
+from rig.record.points import highest_mode, listed, read
 from rig.record.run import Integers, Reals, Run, Samples
 
 MEASURED, TRUE = "meas/", "truth/"
@@ -124,6 +124,8 @@ def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) 
     if output and rate * run.step_ns * 1e-9 < _WHOLE:
         note = (f"{plain} is an output of the plant, recorded at {rate:.4g} Hz and not filtered: vibration above "
                 f"{0.5 * rate:.4g} Hz is folded down; a sensor has all of its samples")  # fmt: skip
+    else:
+        note = _folded(run, plain, output, rate)
     return Series(
         plain, run.units.get(plain if output else MEASURED + plain, ""), rate, float(t_ns[0] * 1e-9), grid, note
     )
@@ -140,6 +142,20 @@ def _samples(run: Run, name: str) -> tuple[str, Samples]:
     near = get_close_matches(name, known(run), 3, 0.5)
     hint = f"did you mean {', '.join(near)}? " if near else ""
     raise UsageError(f"no {name!r} in this recording: {hint}known: {_listed(run)}")
+
+
+def _folded(run: Run, name: str, output: bool, rate: float) -> str:
+    """A note where a plate rings above half of the rate, and nothing filters that; "" elsewhere."""
+    scene = read(run.scene)
+    if scene is None or not (output or getattr(scene.sensors.get(name), "ideal", False)):
+        return ""
+    highest = highest_mode(scene)
+    if highest <= 0.505 * rate:  # what is folded by 1 % of the rate is where it belongs, almost
+        return ""
+    return (
+        f"{name} is sampled at {rate:.6g} Hz and not filtered, and the plate's modes reach {highest:.6g} Hz: "
+        f"vibration above {0.5 * rate:.6g} Hz is folded down; raise the rate of a sensor of the scene"
+    )
 
 
 def _listed(run: Run) -> str:
