@@ -98,7 +98,7 @@ def test_other_statistics_do_not_hold(rounded, tmp_path):
 
 
 def test_a_stretch_that_is_too_short_for_statistics_is_told(rounded, tmp_path):
-    end = round((first_opening(rounded) + 0.02) * 1e3) * 50  # a whole frame
+    end = round((first_opening(rounded) + 0.02) * 1e3) * (rounded.frame_ns // rounded.step_ns)  # a whole frame
     signals = {name: v[: end + 1] for name, v in rounded.signals.items()}
     measured = {name: type(s)(s.t_ns[: end + 1], s.v[: end + 1]) for name, s in rounded.measurements.items()}
     cut = dataclasses.replace(

@@ -62,7 +62,9 @@ def test_a_figure_that_is_made_again_leaves_the_others_on_the_page(tmp_path):
     assert reproduce.keep([fifth], tmp_path) == [fifth]
 
 
-@pytest.mark.parametrize("name", ["kroeger-5", "kroeger-7", "kroeger-9", "liu000-3", "detachment-6", "detachment-8", "bistable-8"])
+@pytest.mark.parametrize(
+    "name", ["kroeger-5", "kroeger-7", "kroeger-9", "liu000-3", "detachment-6", "detachment-8", "bistable-8"]
+)
 def test_figures_that_need_no_run_agree(name, tmp_path):
     [entry] = reproduce.pick(name)
     wrong = [one.what for one in reproduce.make(entry, tmp_path).comparisons if not one.agrees]
