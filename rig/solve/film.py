@@ -93,6 +93,10 @@ class Film:
         found = {over(name): value for name, value in zip(SUMS, sums)}
         return found | {at("P", point): value for point, value in enumerate(P.tolist())}
 
+    def creep(self, force: float) -> float:
+        """How far a point gives way before it slips [m], where `force` [N] presses it: the error of its stick."""
+        return self.mu * force / self.shear
+
     def of_points(self) -> list[str]:
         """What is kept of each point, in the order of the states."""
         kept = ["P", "f"] + ["g"] * (self.directions - 2)
