@@ -46,7 +46,7 @@ def plant(
     from rig.study.design import numbers
 
     loaded = the_scene(scene, overrides)
-    tell.warnings(loaded)
+    tell.run_warnings(loaded, length)
     job = Job(
         loaded.to_json(),
         numbers(loaded),

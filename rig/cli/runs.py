@@ -84,7 +84,7 @@ def run(
     loaded = the_scene(scene, overrides)
     keeps_up(loaded, factor)
     loaded = _set(loaded, overrides, precision, budget)
-    tell.warnings(loaded)
+    tell.run_warnings(loaded, length)
     outcome = supervise(
         loaded,
         numbers=numbers(loaded),
@@ -150,7 +150,7 @@ def simulate(
     import rig
 
     loaded = _set(the_scene(scene, overrides), overrides, precision, budget)
-    tell.warnings(loaded)
+    tell.run_warnings(loaded, length)
     begin = time.perf_counter()
     asked: list[str] = []
 

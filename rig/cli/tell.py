@@ -34,6 +34,15 @@ def warnings(scene: Scene) -> None:
             note(f"warning: {one.what}\n  {one.remedy}")
 
 
+def run_warnings(scene: Scene, duration: float | None) -> None:
+    """The same, and what speaks against a run of `duration` s, or as long as its protocol."""
+    from rig.bench.edge import meets_edge
+
+    warnings(scene)
+    if found := meets_edge(scene, duration):
+        note(f"warning: {found}")
+
+
 def report(found: Any) -> None:
     """A report as JSON; what is no number is null."""
     line(json.dumps(_plain(found), indent=2, ensure_ascii=False))

@@ -321,7 +321,7 @@ def _riding(system: System, step: float, substeps: int) -> Iterator[Finding]:
             f"kick is unstable at a step of {h:g} s: omega h = {size:.3g} with every point closed and stuck, "
             f"at most {FILM_LIMIT}",
             size,
-            f"rk4_step of {part(step, FILM_LIMIT / size * h)} or less",
+            f"rk4_step of {part(step, _short(system, h, FILM_LIMIT))} or less",
         )
     elif size > FILM_COARSE:
         yield Finding(
@@ -329,8 +329,15 @@ def _riding(system: System, step: float, substeps: int) -> Iterator[Finding]:
             f"kick is coarse at a step of {h:g} s: omega h = {size:.3g} with every point closed and stuck; flutter of "
             "the film grows more slowly than it should",
             size,
-            f"rk4_step of {part(step, FILM_COARSE / size * h)} or less",
+            f"rk4_step of {part(step, _short(system, h, FILM_COARSE))} or less",
         )
+
+
+def _short(system: System, h: float, most: float) -> float:
+    """A step [s] of no more than `most` radians of a film; a damped one is the stiffer, the shorter the step."""
+    while (size := film.fastest(system, h) * h) > most:
+        h *= max(0.999 * most / size, 0.1)
+    return h
 
 
 def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -> Iterator[Finding]:

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rig
+from rig.bench.findings import findings
 from rig.errors import NumericsError
 from rig.plants import plate
 from rig.solve.film import COUNTED
@@ -323,3 +324,20 @@ def test_what_the_energy_leaves_over_falls_fourfold_when_the_step_is_halved():
         left.append(abs(energy["error"]))
     assert left[2] < 1e-2
     assert (left[0] / left[3]) ** (1.0 / 3.0) == pytest.approx(4.0, rel=0.4)
+
+
+@pytest.mark.parametrize(
+    ("changes", "level"),
+    [
+        ({"clock.rk4_step": 1e-5}, "error"),
+        ({"film.retardation": 1e-5}, "error"),
+        ({"film.retardation": 1e-6}, "warning"),
+    ],
+)
+def test_the_step_that_is_advised_is_one_that_is_taken(changes, level):
+    """A damped film is the stiffer, the shorter the step: the advice counts with it."""
+    found = [one for one in findings(rig.load("plate", SMALL | changes)) if "every point closed" in one.what]
+    assert [one.level for one in found] == [level]
+    advised = found[0].remedy.removeprefix("rk4_step of ").removesuffix(" or less")
+    again = findings(rig.load("plate", SMALL | changes | {"clock.rk4_step": advised}))
+    assert not [one for one in again if "every point closed" in one.what and one.level in ("error", level)]
