@@ -30,9 +30,10 @@ if TYPE_CHECKING:
     from rig.study.loop import Loop
     from rig.study.map import Boundary, Map
     from rig.study.modes import Modes
+    from rig.study.repeat import Repeats
     from rig.study.sweep import Sweep
 
-__all__ = ["limit_cycle", "load", "loop", "map", "modes", "open", "simulate", "state_space", "sweep"]
+__all__ = ["limit_cycle", "load", "loop", "map", "modes", "open", "repeat", "simulate", "state_space", "sweep"]
 
 
 def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
@@ -143,6 +144,17 @@ def map(
 
     loaded = load(scene) if isinstance(scene, str) else scene
     return chart(job(loaded, x, y, output, runs, longest), Path(folder), workers)
+
+
+def repeat(scene: Scene | str, count: int, duration: float | None = None, workers: int | None = None) -> Repeats:
+    """How the numbers of a scene spread over `count` seeds: first opening, RMS, spectrum, amplitude, frequency.
+
+    Each run takes `duration` seconds, or as long as its protocol; `workers` processes, one for each core by default.
+    Raises rig.errors.UsageError for a scene in which nothing is random, WorkerError when a worker is lost.
+    """
+    from rig.study.repeat import repeat as run
+
+    return run(load(scene) if isinstance(scene, str) else scene, count, duration, workers)
 
 
 def open(path: str | Path) -> Run:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -40,6 +41,10 @@ View = Annotated[bool, typer.Option("--view", help="Show it live in rerun.")]
 Web = Annotated[bool, typer.Option("--web", help="Show it live in a browser page.")]
 Figure = Annotated[
     Path | None, typer.Option(metavar="FILE", callback=new, help="Figure of the run to draw (PNG, SVG, PDF).")
+]
+Repeat = Annotated[
+    int | None,
+    typer.Option(min=2, max=10_000, metavar="N", help="Simulate with N seeds, on all cores; tell how numbers spread."),
 ]
 
 DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
@@ -141,26 +146,27 @@ def simulate(
     force: Force = False,
     budget: Budget = None,
     precision: Accuracy = None,
+    repeat: Repeat = None,
     as_json: Json = False,
 ) -> None:
-    """Simulate a scene in this process, controllers and all, as fast as it goes."""
+    """Simulate a scene in this process, controllers and all, as fast as it goes; or with several seeds, on all cores.
+
+    --repeat tells how onset, RMS, spectrum and other numbers spread. Ctrl-C tells it of the runs that are done.
+    """
     length, overrides = seconds(duration), changes(p)
     if method is not None:
         overrides["clock.method"] = method
+    if repeat is not None and out is not None:
+        raise UsageError("--out: --repeat keeps no recording of its runs; leave one of the two out")
     import rig
 
     loaded = _set(the_scene(scene, overrides), overrides, precision, budget)
     tell.run_warnings(loaded, length)
+    if repeat is not None:
+        _repeated(loaded, repeat, length, figure, as_json)
+        return
     begin = time.perf_counter()
-    asked: list[str] = []
-
-    def heard(name: str) -> None:
-        if asked:
-            raise KeyboardInterrupt
-        asked.append(name)
-        tell.note("ends here; once more leaves at once")
-
-    with told_to_stop(heard):
+    with _asked_to_stop() as asked:
         found = rig.simulate(loaded, length, stop=lambda: f"interrupted by {asked[0]}" if asked else "")
     wall = time.perf_counter() - begin
     if out is not None:
@@ -186,6 +192,42 @@ def simulate(
         raise typer.Exit(Interrupted.exit_code)
 
 
+@contextmanager
+def _asked_to_stop() -> Iterator[list[str]]:
+    """Signals that have asked this process to end; the second one ends it at once."""
+    asked: list[str] = []
+
+    def heard(name: str) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(name)
+        tell.note("ends here; once more leaves at once")
+
+    with told_to_stop(heard):
+        yield asked
+
+
+def _repeated(scene: Scene, count: int, length: float | None, figure: Path | None, as_json: bool) -> None:
+    from rig.study.repeat import repeat
+
+    with _asked_to_stop() as asked, tell.bar("runs") as progress:
+        found = repeat(
+            scene, count, length, progress=progress, stop=lambda: f"interrupted by {asked[0]}" if asked else ""
+        )
+    if as_json:
+        tell.report(found.to_json())
+    else:
+        tell.line(found.text())
+    if figure is not None and found.seen:
+        from rig.study.repeat.figure import draw
+
+        draw(found, figure)
+    if asked:
+        raise typer.Exit(Interrupted.exit_code)
+    if any(one.fault for one in found.seen):
+        raise typer.Exit(NumericsError.exit_code)
+
+
 def _save(run: Run, scene: Scene, out: Path, replace: bool) -> None:
     """Write a run of this process, with what a replay into its controllers needs."""
     from controllers import described
@@ -202,6 +244,7 @@ def _save(run: Run, scene: Scene, out: Path, replace: bool) -> None:
 def _told(run: Run, wall: float, out: Path | None, figure: Path | None) -> Iterator[tuple[str, str]]:
     """A run of this process, told in lines."""
     from rig.bench import status
+    from rig.record.statistics import contact
 
     plant, length = run.summary["plant"], float(run.time[-1])
     yield "run", f"{run.summary['ended']}: {length:g} s in {wall:.2f} s, compiling included"
@@ -210,6 +253,8 @@ def _told(run: Run, wall: float, out: Path | None, figure: Path | None) -> Itera
         if name in run.signals:
             v = run.signals[name]
             yield name, f"{v.min():.6g} .. {v.max():.6g} {run.units[name]}"
+    if told := contact(run):
+        yield "contact", told
     for name, counts in run.summary["controllers"].items():
         yield name, ", ".join(f"{count} {what}" for what, count in counts.items() if count)
     for one in run.summary["audit"]:

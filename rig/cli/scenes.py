@@ -85,6 +85,9 @@ def explain(
     tell.line(f"{told.scene.title} ({told.scene.name})\n\n{told.scene.about}\n")
     if told.scene.slow:
         tell.line(f"Paced, {told.scene.slow}\n")
+    if told.scene.assemble().film is not None:
+        tell.line("From the first opening of a contact point on the motion is chaotic: figures of it are statistics. "
+                  f"rig simulate {scene} --repeat 8 -p noise.force=1e-6 tells how they spread\n")  # fmt: skip
     rows = [(e.name, "on" if e.on else "absent", len(e.states), e.told, e.about) for e in told.effects]
     tell.table(f"effects: {told.states} state{'s' * (told.states != 1)}", ("effect", "", "states", "", "about"), rows)
     tell.line()

@@ -7,20 +7,22 @@ rate, by Parseval's sum over the lines of the discrete Fourier transform.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
 
+from rig.record.points import grouped
 from rig.record.run import Reals, Run, Samples
 
 FRACTION, OPENINGS, CENTRE = "contact_fraction", "openings", "pressure_centre_"
 """Outputs of a contact of many points: share that is closed, openings so far, where the pressure acts."""
 ACCELERATION = "m/s^2"
+SETTLED = 5e-3
+"""How long all points are closed before an opening counts as the first [s]. # chosen"""
 _BANDS = 5
+_STILL = 1e-12  # of its size: an output does not move
 _LINES = 16  # of the transform, at least, in a band
-_CELL = re.compile(r".*_\d+_\d+")
 
 
 class Statistic(NamedTuple):
@@ -38,25 +40,43 @@ class Statistic(NamedTuple):
 
 
 def first_opening(run: Run) -> float | None:
-    """Time [s] at which a point opens after all were closed; None where none does, or the rig has no such points.
+    """Time [s] at which a point opens after all were closed for `SETTLED`; None where none does.
 
     A slider is set down on an open contact, and its points bounce while the load comes on. Where they never are all
-    closed, it is the first time that a point opens at all.
+    closed for so long, it is the first time that a point opens. None as well for a rig without such points.
     """
-    if OPENINGS not in run.signals or FRACTION not in run.signals or not run.time.size:
+    if OPENINGS not in run.signals or FRACTION not in run.signals:
         return None
     count, closed = run.signals[OPENINGS], run.signals[FRACTION]
     here = np.isfinite(count) & np.isfinite(closed)
     time, count, closed = run.time[here], count[here], closed[here]
-    whole = np.flatnonzero(closed == 1.0)
-    begin = int(whole[0]) if whole.size else 0
-    more = np.flatnonzero(np.diff(count[begin:]) > 0.0)
-    return float(time[begin + 1 + int(more[0])]) if more.size else None
+    if time.size < 2:
+        return None
+    opens = np.diff(count) > 0.0
+    disturbed = time[1:][opens | (closed[1:] < 1.0)]
+    ends = disturbed[np.diff(disturbed, prepend=time[0]) >= SETTLED - 1e-9]
+    first = ends if ends.size else time[1:][opens]
+    return float(first[0]) if first.size else None
+
+
+def contact(run: Run) -> str:
+    """What a contact of many points did, in words; "" for a rig without such points."""
+    if OPENINGS not in run.signals or FRACTION not in run.signals:
+        return ""
+    opened = first_opening(run)
+    if opened is None:
+        return "no point opens"
+    closed = run.signals[FRACTION][run.time >= opened]
+    closed = closed[np.isfinite(closed)]
+    return (
+        f"a point opens first at t = {opened:.6g} s; from there on {closed.mean():.1%} of the points are closed in the "
+        f"mean and {closed.min():.1%} at least; that part is chaotic: figures of it are statistics"
+    )
 
 
 def whole_signals(run: Run) -> list[str]:
-    """Outputs of the plant without those of one contact point among many (`NAME_I_J`)."""
-    return [name for name in run.signals if not _CELL.fullmatch(name)]
+    """Outputs of the plant without those of one contact point among many."""
+    return [members[0] for members in grouped(run.signals).values() if len(members) == 1]
 
 
 def statistics(run: Run, first: float = 0.0, last: float = float("inf")) -> Iterator[Statistic]:
@@ -65,7 +85,7 @@ def statistics(run: Run, first: float = 0.0, last: float = float("inf")) -> Iter
     for name in names:
         _, v = _stretch(run.recorded(name), first, last)
         unit = run.units.get(name, "")
-        if v.size < 2:
+        if v.size < 2 or np.ptp(v) <= _STILL * float(np.abs(v).max()):
             continue
         if name == FRACTION:
             yield Statistic("mean", name, float(v.mean()), unit)
