@@ -116,10 +116,10 @@ def _bands(name: str, t: Reals, v: Reals, unit: str) -> Iterator[Statistic]:
         return
     power = 2.0 * np.abs(np.fft.rfft(v - v.mean()) / v.size) ** 2
     f = np.arange(power.size) / (v.size * step)
-    high = 0.5 / step
+    high = float(f"{0.5 / step:.6g}")  # times are rounded to nanoseconds
     for _ in range(_BANDS):
         here = (f > 0.5 * high) & (f <= high)
         if np.count_nonzero(here) < _LINES:
             return
-        yield Statistic("band", f"{name} {0.5 * high:.0f}..{high:.0f} Hz", float(np.sqrt(power[here].sum())), unit)
+        yield Statistic("band", f"{name} {0.5 * high:g}..{high:g} Hz", float(np.sqrt(power[here].sum())), unit)
         high *= 0.5
