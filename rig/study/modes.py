@@ -69,6 +69,7 @@ class Sliding:
     `exists` is false where nothing slides steadily, `why` then says what keeps it; the numbers mean nothing, except
     that at constant coefficients the motions are the same wherever the equilibrium lies: they `count` also where the
     contact would have to pull. `equilibrium`: plant outputs; `coefficient`: friction over normal force of each contact.
+    `pulls`: how many points of a film would have to pull; the motions are those with all of them closed.
     """
 
     exists: bool
@@ -77,6 +78,7 @@ class Sliding:
     equilibrium: dict[str, float]
     coefficient: dict[str, float]
     modes: tuple[Mode, ...]
+    pulls: int = 0
 
     @property
     def growth(self) -> float:
@@ -140,6 +142,8 @@ class Modes:
             lines += [f"  nothing slides steadily with these values: {self.sliding.why}"]
         else:
             lines += self._outputs()
+        if self.sliding.pulls:
+            lines += [f"  {self.sliding.pulls} points would have to pull: below, all points are closed all the same"]
             lines += [f"  friction coefficient at {name} = {v:.6g}" for name, v in self.sliding.coefficient.items()]
         if self.sliding.exists or self.sliding.counts:
             rows = [(k, f"{g:.6g}", f"{f:.6g}", f"{d:.4g}", s) for k, g, f, d, s in self.table()]
@@ -217,7 +221,8 @@ def modes(scene: Scene) -> Modes:
 
 def _sliding(assembly: Assembly, at: Steady) -> Sliding:
     system = at.system
-    film = assembly.film and assembly.film.sliding(at.modes.normal @ at.x + at.modes.normal_t @ at.T)
+    forces = at.modes.normal @ at.x + at.modes.normal_t @ at.T
+    film = assembly.film and assembly.film.sliding(forces)
     pressed = {n: o.row for n, o in assembly.outputs.items() if film and film.keys() >= o.row.keys() and o.row}
     outputs = {name: output for name, output in assembly.outputs.items() if name not in pressed}
     over_x, over_t = signal_rows(system, at.modes, [output.row for output in outputs.values()])
@@ -244,6 +249,7 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
             for rate, shape in zip(rates, shapes.T)
             if rate.imag >= 0.0
         ),
+        pulls=int(np.sum(forces < 0.0)) if film else 0,
     )
 
 
@@ -338,6 +344,7 @@ def _plain(sliding: Sliding) -> dict[str, Any]:
         "counts": sliding.counts,
         "equilibrium": sliding.equilibrium,
         "coefficient": sliding.coefficient,
+        "pulls": sliding.pulls,
         "modes": [
             {
                 "kind": mode.kind,

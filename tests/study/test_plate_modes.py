@@ -51,6 +51,22 @@ def test_studies_of_single_motions_are_refused(study) -> None:
         study(rig.load("plate"))
 
 
+def test_points_that_would_have_to_pull_are_told() -> None:
+    found = rig.modes(rig.load("plate", {"friction.mu": 1.0}))
+    assert found.sliding.pulls == 8
+    assert "8 points would have to pull" in found.text()
+
+
+def test_a_map_of_a_rig_without_a_contact_that_slides_is_refused() -> None:
+    with pytest.raises(UsageError, match=r"plate_free: the rig has no contact that could slide"):
+        maps.job(rig.load("plate_free"), "plate.young=2e11:2.3e11:3")
+
+
+def test_the_cost_of_a_rig_that_rests_is_refused() -> None:
+    with pytest.raises(UsageError, match=r"plate_free: nothing moves from its start"):
+        cost(rig.load("plate_free"), None)
+
+
 def test_what_the_plate_is_made_of_fits_on_a_page() -> None:
     told = {effect.name: effect.told for effect in explain(rig.load("plate")).effects}
     assert told["structure"] == "q1 .. q40, z, theta, psi, q1' .. q40', z', theta', psi'"

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from rig.errors import NumericsError
+from rig.errors import NumericsError, UsageError
 from rig.record.provenance import provenance
 from rig.scenes.scene import Scene
 from rig.study.cost import timing
@@ -55,6 +55,11 @@ def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None,
         say(done, total)
 
     truths = references(asked, rate, "exact" if "exact" in methods else "dopri5", folder)
+    if not truths.best.seen.fault and not any(truths.best.seen.values.values()):
+        raise UsageError(
+            f"{scene.name}: nothing moves from its start with all actuators held, so there is no error to compare: "
+            "give it a start that moves (the protocol is left out)"
+        )
     step()
     found = Table(
         scene=scene.name,

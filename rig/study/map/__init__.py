@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from rig.errors import UsageError
 from rig.scenes.scene import Scene
 from rig.scheduling import cores
 from rig.study.axis import Axis, axes
@@ -44,6 +45,11 @@ def job(
     Raises SceneError, UsageError with every fault.
     """
     refuse(scene, "a map of steady motions")
+    if not scene.assemble().patches:
+        raise UsageError(
+            f"{scene.name}: the rig has no contact that could slide, and a map tells how it slides. "
+            f"Eigenvalues over a parameter: rig modes {scene.name} --sweep KEY=A:B:N"
+        )
     found = axes(scene, {"x": x, "y": y})
     watched = next(iter(scene.assemble().outputs)) if output is None else output
     settings = Settings(watched, tuple(runs), longest=longest, section=0 if y else _SECTION)
