@@ -8,7 +8,10 @@ plate have among themselves when their start differs by rounding.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import NamedTuple
+
+import numpy as np
 
 from rig.record.run import Run
 from rig.record.statistics import ACCELERATION, Statistic, first_opening, statistics
@@ -17,6 +20,8 @@ ONSET = 0.01
 """Largest difference of the first opening, as a share of its time. # chosen"""
 SHORTEST = 0.1
 """A shorter stretch has no statistics that agree [s]. # chosen: 0.03 s have twice the spread"""
+FEWEST = 1000
+"""Samples of outputs whose statistics are compared: 20 alone have an RMS that is uncertain by 16 %. # chosen"""
 RMS, BAND = 1.5, 2.0
 """Largest factor between the RMS of accelerations, and between those of one band. # chosen"""
 MEAN, LEAST = 0.1, 0.15
@@ -70,9 +75,13 @@ class Openings(NamedTuple):
 
 
 def compared(run: Run, again: Run, first: float, last: float) -> Iterator[Compared]:
-    """The statistics of both from `first` to `last` [s] that have a tolerance."""
-    here = {one.name: one for one in statistics(again, first, last)}
-    both = [one for one in statistics(run, first, last) if one.name in here]
+    """The statistics of both from `first` to `last` [s] that have a tolerance.
+
+    Outputs of the plant are taken at the instants that both have: a recording off the bus has 200 a second. Sensors
+    have all of their samples; with fewer than `FEWEST` outputs in the stretch, they are what is compared.
+    """
+    here = {one.name: one for one in statistics(_thinned(again, run, first, last), first, last)}
+    both = [one for one in statistics(_thinned(run, again, first, last), first, last) if one.name in here]
     longest = max((max(one.value, here[one.name].value) for one in both if one.kind == "range"), default=0.0)
     for one in both:
         value = here[one.name].value
@@ -86,3 +95,13 @@ def compared(run: Run, again: Run, first: float, last: float) -> Iterator[Compar
         elif one.kind == "range":
             allowed = RANGE * longest
             yield Compared(one, value, f"within {allowed:.2g} {one.unit}", away <= allowed)
+
+
+def _thinned(run: Run, beside: Run, first: float, last: float) -> Run:
+    """`run` with its outputs at the instants of `beside` alone; without outputs where these are too few."""
+    t_ns, other = (np.rint(one.time * 1e9).astype(np.int64) for one in (run, beside))
+    here = np.isin(t_ns, other, assume_unique=True)
+    inside = here & (run.time >= first) & (run.time <= last)
+    enough = np.count_nonzero(inside) >= FEWEST
+    signals = {name: v[here] for name, v in run.signals.items()} if enough else {}
+    return replace(run, time=run.time[here], signals=signals)
