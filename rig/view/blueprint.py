@@ -122,7 +122,7 @@ def _map(drawing: Drawing) -> rrb.Spatial3DView | None:
     if not drawing.points or drawing.picture is None:
         return None
     eye = rrb.EyeControls3D(position=Cells.eye, look_target=Cells.target, eye_up=(0.0, 1.0, 0.0))
-    name = "pressure of the film from above; red: its centre"
+    name = "pressure of the film from above; dot: its centre"
     return rrb.Spatial3DView(origin="/film", name=name, eye_controls=eye, background=_DARK, line_grid=False)
 
 

@@ -46,5 +46,6 @@ def draw_scale(axes: Axes, scale: float, beyond: bool, **placed: Any) -> None:
 
     shades = ScalarMappable(Normalize(0.0, 1e-6 * scale), ListedColormap(heat.table() / 255.0))
     bar = axes.figure.colorbar(shades, extend="max" if beyond else "neither", **placed)
-    bar.set_label("pressure [MPa]\nwhite, crossed: open; red: pressure centre", fontsize=9)
+    between = "\n" if placed.get("location") == "bottom" else "; "
+    bar.set_label(f"pressure [MPa]{between}white, crossed: open; dot: pressure centre", fontsize=9)
     bar.outline.set_visible(False)  # type: ignore[operator]

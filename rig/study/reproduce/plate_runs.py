@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.record.points import Points
 from rig.study.reproduce.common import AMBER, BLUE, GREEN, GREY, RED, load, run
 from rig.study.reproduce.entry import Comparison, Entry
+from rig.view.maps import draw_map, draw_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -98,7 +100,8 @@ def _pressures(made: Run, along: int, across: int) -> Array:
 
 def maps(figure: Figure) -> Iterator[Comparison]:
     """The pressure in the contact at instants before and after its first opening, as in figure 12."""
-    made = run(load("plate_96"), 0.8)
+    scene = load("plate_96")
+    made = run(scene, 0.8)
     onset, pressure = _onset(made), _pressures(made, 12, 8)
     centre = made.signals["pressure_centre_x"]
     free = np.flatnonzero((made.time > onset + 0.05) & (made.signals["normal_force"] > 30.0))
@@ -111,13 +114,16 @@ def maps(figure: Figure) -> Iterator[Comparison]:
     titles = ("0.15 s: the ramp", "0.3 s: sliding", "20 ms before", "first opening", "centre at the rear",
               "centre at the front", "most points open", "load on both edges")  # fmt: skip
     grid = figure.add_gridspec(3, 4, height_ratios=(1.0, 1.0, 1.1))
-    for k, (i, title) in enumerate(zip([*early, rear, front, opened, both], titles)):
+    shown = [*early, rear, front, opened, both]
+    points = Points.of(scene)
+    assert points is not None
+    for k, (i, title) in enumerate(zip(shown, titles)):
         axis = figure.add_subplot(grid[k // 4, k % 4])
-        extent = (-21.5, 21.5, -12.65, 12.65)
-        drawn = axis.imshow(pressure[i].T, origin="lower", extent=extent, cmap="viridis", vmin=0.0, vmax=0.4)
+        centred = [float(made.signals[f"pressure_centre_{way}"][i]) for way in "xy"]
+        draw_map(axis, points, 1e6 * pressure[i], points.scale, centred)
         axis.set_title(f"{title}\n{made.time[i]:.4f} s", fontsize=9)
         axis.tick_params(labelsize=8)
-    figure.colorbar(drawn, ax=figure.axes, label="pressure [MPa]", fraction=0.03)
+    draw_scale(axis, points.scale, float(1e6 * pressure[shown].max()) > points.scale, ax=figure.axes, fraction=0.03)
     axis = figure.add_subplot(grid[2, :])
     axis.plot(made.time, 1e3 * centre, color=BLUE, lw=0.4)
     axis.axhline(1e3 * _OFFSET, color=RED, ls="--", lw=0.9, label="mu h: 4.08 mm")
