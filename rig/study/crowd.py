@@ -15,7 +15,7 @@ def refuse(scene: Scene, study: str) -> None:
     if scene.assemble().film is not None:
         raise UsageError(
             f"{scene.name}: {study} cannot be told of a film of points: once one has opened the motion is chaotic, "
-            f"and two runs part. Take statistics of runs: rig simulate {scene.name} --repeat 8, where nothing is random "
-            "with -p noise.force=1e-6. "
+            f"and two runs part. Take statistics of runs: rig simulate {scene.name} --repeat 8, "
+            "with -p noise.force=1e-6 where nothing is random. "
             f"For sliding with all points closed: rig modes {scene.name} --sweep KEY=A:B:N"
         )
