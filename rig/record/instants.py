@@ -8,6 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rig.record.run import Run
+from rig.record.statistics import FRACTION, first_opening
 
 _BEFORE = 0.02
 """Share of the time up to the first opening that the map before it is ahead of it."""
@@ -21,13 +22,12 @@ class Instant(NamedTuple):
 
 
 def first_open(run: Run) -> int | None:
-    """The first sample that shows a point open after one that shows all closed; None without any."""
-    fraction = run.signals["contact_fraction"]
-    begin = int(np.argmax(fraction >= 1.0))
-    opened = fraction[begin:] < 1.0  # not where a recording lost it
-    if not fraction.size or fraction[begin] < 1.0 or not opened.any():
+    """The first sample that shows a point open from the first opening on; None without an opening."""
+    opened = first_opening(run)
+    if opened is None:
         return None
-    return begin + int(np.argmax(opened))
+    begin = int(np.searchsorted(run.time, opened))
+    return begin + int(np.argmax(run.signals[FRACTION][begin:] < 1.0))
 
 
 def telling(run: Run) -> list[Instant]:
@@ -40,7 +40,7 @@ def telling(run: Run) -> list[Instant]:
     opening = first_open(run)
     if opening is None:
         return [Instant(i, "all in contact") for i in np.linspace(count / 4, count - 1, 4).astype(int).tolist()]
-    fraction = np.nan_to_num(run.signals["contact_fraction"][opening:], nan=1.0)
+    fraction = np.nan_to_num(run.signals[FRACTION][opening:], nan=1.0)
     moment = np.nan_to_num((run.signals["normal_force"] * run.signals["pressure_centre_x"])[opening:])
     found = [
         Instant(math.floor((1.0 - _BEFORE) * opening), "before the first opening"),

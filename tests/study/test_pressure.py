@@ -30,7 +30,8 @@ def run():
     signals = dict(zip(names, table.T))
     signals |= {"contact_fraction": (table > 0.0).mean(axis=1), "normal_force": total * 0.043 * 0.0253 / 8}
     signals |= {"pressure_centre_x": np.divide(table @ x, total, out=0.0 * total, where=total > 0.0)}
-    signals |= {"pressure_centre_y": 0.0 * TIME}
+    opens = (table[1:] == 0.0) & (table[:-1] > 0.0)
+    signals |= {"pressure_centre_y": 0.0 * TIME, "openings": np.append(0.0, np.cumsum(opens.sum(axis=1)))}
     units = {name: "Pa" if name in names else "1" for name in signals}
     return Run(scene.to_json(), 5_000_000, 1_000_000, TIME, signals, units, mode=np.zeros(100, np.int64))
 

@@ -50,6 +50,8 @@ def run(scene, units):
     signals |= {"contact_fraction": (pressed > 0.0).mean(axis=1), "pressure_centre_x": centre}
     signals |= {"normal_force": area * total, "position": 0.01 * time, "surface_speed": 0.01 + 0.0 * time}
     signals |= {"slider_displacement": -8e-8 + 1e-8 * lean, "pitch_displacement": 1e-6 * lean}
+    opens = (pressed[1:] == 0.0) & (pressed[:-1] > 0.0)
+    signals["openings"][1:] = np.cumsum(opens.sum(axis=1))
     return Run(scene.to_json(), 1_000_000, 1_000_000, time, signals, units, mode=np.zeros(time.size, np.int64))
 
 
@@ -111,8 +113,9 @@ def test_instants_that_tell_most_are_found_after_the_load_is_on(run):
 def test_samples_that_a_recording_lost_are_no_openings(run):
     quiet = run.time < 0.3
     fraction = run.signals["contact_fraction"][quiet].copy()
-    fraction[200] = np.nan
-    part = replace(run, time=run.time[quiet], signals={"contact_fraction": fraction})
+    openings = run.signals["openings"][quiet].copy()
+    fraction[200] = openings[200] = np.nan
+    part = replace(run, time=run.time[quiet], signals={"contact_fraction": fraction, "openings": openings})
     assert instants.first_open(part) is None
     assert {instant.why for instant in instants.telling(part)} == {"all in contact"}
 
