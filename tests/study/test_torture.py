@@ -5,13 +5,15 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from rig.errors import SceneError, UsageError
 from rig.study import torture
+from rig.study.torture import points
 from rig.study.torture.case import FOLDER, load, names, read
 from rig.study.torture.cells import _kernels
-from rig.study.torture.trial import Found
+from rig.study.torture.found import Found
 from rig.study.torture.verdict import judge
 from rig.study.torture.watched import watched
 from rig.study.torture.wrong import WRONG
@@ -76,6 +78,30 @@ def test_wrong_contact_forces_are_caught_at_every_step(case, way, reason):
     cells = [cell for cell in torture.matrix([case], quick=True) if cell.method == way or cell.default]
     assert [(c.verdict.colour, c.verdict.reason) for c in cells if c.default] == [("green", "")] * 2
     assert [(c.verdict.colour, c.verdict.reason) for c in cells if c.method == way] == [("red", reason)] * 2
+
+
+def test_a_film_keeps_its_energy_and_forces_that_are_held_are_caught():
+    names = ["film_felt_late", "film_step_beyond", "film_all_open", "film_without_damping"]
+    found = torture.matrix(names, quick=True)
+    default = [cell for cell in found if cell.default]
+    assert [
+        cell for cell in default if cell.verdict.colour == "red" or cell.verdict.reason not in ("", "overrun")
+    ] == []
+    assert {cell.case for cell in default} == set(names)
+    held = [cell for cell in found if cell.method == "held"]
+    assert [(cell.verdict.colour, cell.verdict.reason) for cell in held] == [("red", "energy")] * 2
+
+
+def test_points_of_a_film_are_held_to_their_cone():
+    scene = watched(load("film_felt_late"), "auto", 1000)
+    system, found = scene.assemble().system(), Found()
+    states = np.zeros((1, system.n))
+    states[0, system.names.index("P:1")], states[0, system.names.index("f:1")] = 10.0, 1.0
+    points.look(system, states, found)
+    assert found.outside_cone == 1.0  # all of it: without friction there is none to bear
+    states[0, system.names.index("P:2")] = -2.0
+    points.look(system, states, found)
+    assert found.pulling == 0.2
 
 
 def test_friction_on_a_slope_is_beyond_its_step_without_a_sign_of_it():

@@ -3,6 +3,8 @@
 case      a case: a TOML file in `cases`
 rigs      small rigs that no scene has
 watched   the scene of a case, its contacts told by their own names
+found     what a run has come to
+points    points of a film, looked at
 trial     one run, every step looked at
 sign      Runge-Kutta across the sign of the slip speed: for comparison
 verdict   what a run is worth

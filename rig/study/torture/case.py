@@ -49,6 +49,7 @@ class Expect(Section):
     still    outputs that keep their first value to the last bit
     growth   rate [1/s] with which physics makes it run away: the verdict must name it before the run
     jams     the verdict must name jamming
+    refused  what the verdict before the run must say
     ends     output -> the most it may be at the end, in size
     largest  output -> the most it may ever be, in size
     stuck    whether it must be stuck at the end
@@ -58,6 +59,7 @@ class Expect(Section):
     still: tuple[str, ...] = ()
     growth: float | None = None
     jams: bool = False
+    refused: str = ""
     ends: dict[str, float] = Field(default_factory=dict)
     largest: dict[str, float] = Field(default_factory=dict)
     stuck: bool | None = None

@@ -12,7 +12,8 @@ from rig.solve.verdict import verdict
 from rig.study.torture import case as cases
 from rig.study.torture import sign
 from rig.study.torture.case import Case
-from rig.study.torture.trial import Found, OutOfTime, Trial
+from rig.study.torture.found import Found, OutOfTime
+from rig.study.torture.trial import Trial
 from rig.study.torture.verdict import Verdict, amber, judge, red, stopped
 from rig.study.torture.watched import Watched, watched
 from rig.study.torture.wrong import WRONG
@@ -117,7 +118,7 @@ def _quickly(method: str, scene: Watched) -> bool:
 
 
 def _by_name(case: Case) -> bool:
-    return case.expect.growth is not None or case.expect.jams
+    return case.expect.growth is not None or case.expect.jams or bool(case.expect.refused)
 
 
 def cells(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator[Cell]:
@@ -134,7 +135,7 @@ def cells(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator
 
 
 def _named(case: Case) -> Verdict:
-    """Where physics makes a case unstable: whether the verdict before the run names it, with its growth rate."""
+    """Where physics or the step makes a case unstable: whether the verdict before the run names it."""
     expect = case.expect
     scene = watched(case, "auto", case.steps[0])
     system = scene.assemble().system()
@@ -142,10 +143,11 @@ def _named(case: Case) -> Verdict:
     if not told:
         return red("missed event", "physics makes this unstable, and nobody is told")
     for one in told:
-        right = "jam" in one.what if expect.jams else abs(one.number / (expect.growth or 1.0) - 1.0) < NEAR
+        named = expect.refused or ("jam" if expect.jams else "")
+        right = named in one.what if named else abs(one.number / (expect.growth or 1.0) - 1.0) < NEAR
         if right:
             return Verdict("green", "", f"named: {one.what}")
-    wanted = "jamming" if expect.jams else f"a growth of {expect.growth:g} 1/s"
+    wanted = expect.refused or ("jamming" if expect.jams else f"a growth of {expect.growth:g} 1/s")
     return red("refused", f"{told[0].what}; expected {wanted}")
 
 

@@ -16,7 +16,7 @@ from rig.errors import UsageError
 from rig.solve.formulation import ModeSet, assemble
 from rig.solve.system import CLOSED, OPEN, SLIP_MINUS, SLIP_PLUS, System
 from rig.study.torture.case import Case
-from rig.study.torture.trial import Found, OutOfTime
+from rig.study.torture.found import Found, OutOfTime
 from rig.study.torture.watched import Watched
 
 Array = NDArray[np.float64]
@@ -28,7 +28,7 @@ def run(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
     system = scene.assemble().system()
     if case.acts:
         raise UsageError("follows no commands")
-    if system.products or system.sectors or system.switches or system.limiters:
+    if system.products or system.sectors or system.switches or system.limiters or system.film:
         raise UsageError("knows friction and contact only")
     if any(np.any(k.inertia) for k in system.normals):
         raise UsageError("needs normal forces that know no acceleration")

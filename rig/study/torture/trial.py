@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from functools import cache
 
 import numpy as np
@@ -17,7 +16,9 @@ from rig.bench.pace import Pacer
 from rig.bench.stand import Stand
 from rig.bench.truth import ROWS
 from rig.solve.system import OPEN, STICK
+from rig.study.torture import points
 from rig.study.torture.case import Act, Case
+from rig.study.torture.found import Found, OutOfTime
 from rig.study.torture.watched import Watched
 
 Array = NDArray[np.float64]
@@ -26,46 +27,8 @@ KEPT = 20_000  # events that are remembered one by one
 ROUND = 1e-12  # of the largest value: what summing a few products may leave
 
 
-class OutOfTime(Exception):
-    """The cell has used up its time box."""
-
-
 class _Left(Exception):
     """The motion has left a limit of its scene, where a run would end."""
-
-
-@dataclass
-class Found:
-    """What a run came to. Events: (time [s], what). `stuck`: share of the ticks in which every contact sticks."""
-
-    events: list[tuple[float, str]] = field(default_factory=list)
-    count: int = 0
-    ticks: int = 0
-    stuck: float = 0.0
-    stuck_now: bool = False
-    negative_power: float = 0.0
-    outside_cone: float = 0.0
-    pulling: float = 0.0
-    held: float = 0.0
-    """Largest pull [N] of a contact that cannot open: of a rig whose scene leaves separation out."""
-    creep: float = 0.0
-    not_finite: int = 0
-    energy: float = 0.0
-    most_events: int = 0
-    burst: int = 0
-    """Frames run without a wait after a pause."""
-    ended: dict[str, float] = field(default_factory=dict)
-    began: dict[str, float] = field(default_factory=dict)
-    largest: dict[str, float] = field(default_factory=dict)
-    trials: int = 0
-    opened: int = 0
-    seconds: float = 0.0
-    """Of processor time, all in all."""
-    carrying: float = 0.0
-    """Of these, what the plant has taken; the others built it and looked at what it did."""
-    notes: list[str] = field(default_factory=list)
-    slips: list[Array] = field(default_factory=list)
-    """Of methods that have no mode for sticking: the largest slip speed of any contact at every step."""
 
 
 class _Leaping:
@@ -89,7 +52,7 @@ class Trial:
 
     def __init__(self, case: Case, scene: Watched, until_ns: int, seconds: float) -> None:
         self.case, self.until_ns = case, until_ns
-        self.found = Found()
+        self.found = Found(pace=scene.clock.pace_limit or 1.0)
         self._stop = seconds
         self._begin = time.process_time()
         self.stand = Stand(scene, truthful=True)
@@ -109,6 +72,10 @@ class Trial:
         """Columns of what the invariants look at."""
         at = {name: i for i, name in enumerate(self.stand.outputs)}
         self._changes = cache(self._between)
+        self.found.ridden = (film := self.motion.system.film) is not None
+        self._patches, self._normals, self._opens, self._of = [], [], [], []
+        if film is not None:
+            return
         system = (
             self.stand.scene.assemble().system()
         )  # with every contact, also where the method makes one force of many
@@ -294,6 +261,8 @@ class Trial:
         sets = motion.slots.sets
         modes = [motion.system.modes(one.key) for one in sets]
         self._stuck_ticks += int(np.array([self._sticks(one.key) for one in sets])[slots].sum())
+        if motion.system.film is not None:
+            points.look(motion.system, states, found)
         N = values[:, self._normals]
         forces = N.sum(axis=1) if N.size else np.zeros(rows)
         for k, opens in enumerate(self._opens):

@@ -40,6 +40,8 @@ class Watched(Scene):
     def assemble(self, parameters: Section | None = None) -> Any:
         """The rig, with the outputs that the invariants need."""
         a = RIGS[self.rig][1](parameters or self.parameters, self.moved) if self.rig else super().assemble(parameters)
+        if a.film is not None:  # what its points do are states, which `Trial` looks at
+            return a
         for name, *_ in a.patches:
             a.outputs |= {f"T:{name}": Output({f"T:{name}": 1.0}, "N"), f"w:{name}": Output({f"w:{name}": 1.0}, "m/s")}
         for name, *_ in a.normals:
@@ -84,6 +86,8 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
         }
     else:
         scene = _loaded(case.scene, json.dumps(case.set))
+        if scene.assemble().film is not None:  # a tick has steps of its own
+            clock["rk4_step"] = min(step_ns, int(scene.clock.rk4_step)) * 1e-9
         clock = scene.clock.model_dump(mode="json") | clock
         limits = scene.limits if case.limited else {}
         calm = scene.parameters.model_copy(

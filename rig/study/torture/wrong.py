@@ -22,7 +22,7 @@ from rig.errors import UsageError
 from rig.solve.formulation import assemble
 from rig.solve.system import OPEN, STICK, System
 from rig.study.torture.case import Case
-from rig.study.torture.trial import Found, OutOfTime
+from rig.study.torture.found import Found, OutOfTime
 from rig.study.torture.watched import Watched
 
 Array = NDArray[np.float64]
