@@ -16,6 +16,9 @@ import numpy as np
 from rig.record.run import Run
 from rig.record.statistics import ACCELERATION, Statistic, first_opening, statistics
 
+BEFORE = 1e-5
+"""Largest deviation up to the first opening, as a share of the range of a signal. Points that stick and slip in the
+last milliseconds before it make 4e-7 of a rounding. # chosen"""
 ONSET = 0.01
 """Largest difference of the first opening, as a share of its time. # chosen"""
 SHORTEST = 0.1
