@@ -136,8 +136,9 @@ def test_lockstep_gives_the_bits_of_a_run_in_one_process(folder, load):
         ("brake_active", {"controllers.nb.where": "process"}, 0.12),
         ("brake_active", {}, 0.15),
         ("brake_shunt_listener", {}, 0.2),
+        ("plate", {"plate.damping_ratio": 0.0}, 0.3),
     ],
-    ids=["20 kHz", "20 kHz in the plant's process", "every sample"],
+    ids=["20 kHz", "20 kHz in the plant's process", "every sample", "a film that opens"],
 )
 def test_so_do_a_loop_at_20_khz_and_one_that_hears_every_sample(folder, name, changes, duration):
     in_lockstep(folder, scenes.load(name, changes), duration)
