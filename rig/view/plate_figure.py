@@ -86,6 +86,10 @@ def compose(figure: Figure, run: Run) -> None:
             axes.axvline(run.time[instant.sample], ymax=0.85, color="#555555", lw=0.6, zorder=4)
         axes.tick_params(labelbottom=axes is drawn[-1])
     drawn[-1].set_xlabel("time [s]")
+    if thin := _thin(run):
+        drawn[1].text(
+            0.995, 0.97, told, transform=drawn[1].transAxes, ha="right", va="top", fontsize=9, color="#777777"
+        )
     figure.align_ylabels(drawn)
     if points is not None and found:
         right = grid[:, 1].subgridspec(2, 1, height_ratios=(5.6, 1.0), hspace=0.2)
@@ -96,6 +100,15 @@ def compose(figure: Figure, run: Run) -> None:
     words = told.subgridspec(1, 2, width_ratios=(0.13, 1.0))[1]  # their names stand to the left of it
     caption(figure.add_subplot(words), run, np.empty(0, np.int64))
     heading(figure, run)
+
+
+def _thin(run: Run) -> str:
+    """What outputs are that a live run recorded now and then; "" where every sample is there."""
+    gaps = np.diff(run.time)
+    if not gaps.size or float(np.median(gaps)) < 1.5e-9 * run.step_ns:
+        return ""
+    rate = 1.0 / float(np.median(gaps))
+    return f"outputs: {rate:.0f} a second, faster vibration is folded down"
 
 
 def _panel(axes: Axes, run: Run, panel: Panel) -> None:

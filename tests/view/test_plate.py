@@ -190,3 +190,10 @@ def test_any_run_of_the_plate_becomes_a_figure(kind, run, tmp_path):
     assert picture.shape[1] == 1600
     violet = np.abs(picture[..., :3] - heat.table()[0] / 255.0).max(axis=2) < 0.1
     assert (violet.mean() > 1e-4) == (kind in ("film", "no opening"))
+
+
+def test_a_figure_of_a_live_run_says_that_its_outputs_are_thinned(run):
+    from rig.view.plate_figure import _thin
+
+    assert _thin(run) == ""
+    assert _thin(replace(run, step_ns=10_000)) == "outputs: 1000 a second, faster vibration is folded down"
