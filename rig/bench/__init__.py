@@ -13,5 +13,5 @@ pieces          how many frames are carried at once
 pace, timing    the pace of the wall clock, and how well it was kept
 supervise       the processes of one run, from start to end
 status          the line during a run and the summary after it
-replay, verify  a recording on the bus once more, and simulated once more
+replay, verify  a recording on the bus once more, and simulated once more; chaotic: how far two processors agree
 """

@@ -7,5 +7,7 @@ rig.record.recover.recover(path)             a clean file from a truncated one
 rig.record.replay.replay(session, path)      the sensor traffic once more, into a controller
 rig.record.compare.compare(a, b)             where two runs part, to the bit
 rig.record.points.points_of(scene)           the points of a film: where they are, which outputs tell their pressure
+rig.record.statistics.statistics(run)        RMS, bands, contact fraction; first_opening(run): when a point opens first
+rig.record.attached.models(attachments)      reduced models of structures in a recording
 rig.record.instants.telling(run)             instants at which that pressure tells most
 """

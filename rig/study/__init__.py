@@ -12,6 +12,7 @@ floquet     what a round of a cycle leaves of a small disturbance
 amplitude   the amplitude index of a measured vibration
 stages      speeds at which stick ends and begins, from a run that accelerates, holds and decelerates
 identify    the experiments that tell a rig's parameters
+repeat      one scene with many seeds: how its numbers spread
 dense       quantities between samples
 doctor      this machine: how well it keeps time, which scenes it carries
 round_trip  what the bus costs here
