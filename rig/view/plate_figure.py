@@ -88,7 +88,7 @@ def compose(figure: Figure, run: Run) -> None:
     drawn[-1].set_xlabel("time [s]")
     if thin := _thin(run):
         drawn[1].text(
-            0.995, 0.97, told, transform=drawn[1].transAxes, ha="right", va="top", fontsize=9, color="#777777"
+            0.995, 0.97, thin, transform=drawn[1].transAxes, ha="right", va="top", fontsize=9, color="#777777"
         )
     figure.align_ylabels(drawn)
     if points is not None and found:

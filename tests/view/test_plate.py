@@ -192,8 +192,10 @@ def test_any_run_of_the_plate_becomes_a_figure(kind, run, tmp_path):
     assert (violet.mean() > 1e-4) == (kind in ("film", "no opening"))
 
 
-def test_a_figure_of_a_live_run_says_that_its_outputs_are_thinned(run):
+def test_a_figure_of_a_live_run_says_that_its_outputs_are_thinned(run, tmp_path):
     from rig.view.plate_figure import _thin
 
     assert _thin(run) == ""
-    assert _thin(replace(run, step_ns=10_000)) == "outputs: 1000 a second, faster vibration is folded down"
+    live = replace(run, step_ns=10_000)
+    assert _thin(live) == "outputs: 1000 a second, faster vibration is folded down"
+    draw(live, tmp_path / "run.png")
