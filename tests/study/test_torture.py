@@ -92,6 +92,18 @@ def test_a_film_keeps_its_energy_and_forces_that_are_held_are_caught():
     assert [(cell.verdict.colour, cell.verdict.reason) for cell in held] == [("red", "energy")] * 2
 
 
+def test_rows_that_follow_the_slider_late_are_caught():
+    found = {cell.method: cell.verdict for cell in torture.matrix(["film_rows_late"], quick=True)}
+    assert found["kick"].reason in ("", "overrun")
+    assert (found["stale"].colour, found["stale"].reason) == ("red", "energy")
+
+
+def test_a_slider_that_comes_to_the_edge_stops_with_a_word():
+    [cell] = torture.matrix(["film_beyond_edge"], quick=True)
+    assert cell.good
+    assert "the slider has come to the end of its way, 0.0437 m" in cell.verdict.told
+
+
 def test_points_of_a_film_are_held_to_their_cone():
     scene = watched(load("film_felt_late"), "auto", 1000)
     system, found = scene.assemble().system(), Found()

@@ -50,6 +50,7 @@ class Expect(Section):
     growth   rate [1/s] with which physics makes it run away: the verdict must name it before the run
     jams     the verdict must name jamming
     refused  what the verdict before the run must say
+    stops    what the run must say when it comes to its end before its time
     ends     output -> the most it may be at the end, in size
     largest  output -> the most it may ever be, in size
     stuck    whether it must be stuck at the end
@@ -60,6 +61,7 @@ class Expect(Section):
     growth: float | None = None
     jams: bool = False
     refused: str = ""
+    stops: str = ""
     ends: dict[str, float] = Field(default_factory=dict)
     largest: dict[str, float] = Field(default_factory=dict)
     stuck: bool | None = None
@@ -87,7 +89,7 @@ class Case(Section):
     steps: tuple[Nanoseconds, ...] = (1_000_000, 100_000)
     frame: Nanoseconds | None = None
     limited: bool = False
-    wrong: tuple[Literal["held", "clipped"], ...] = ()
+    wrong: tuple[Literal["held", "clipped", "stale"], ...] = ()
     quick: bool = True
     seconds: Share = 2.0
     acts: tuple[Act, ...] = ()

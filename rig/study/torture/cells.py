@@ -128,6 +128,9 @@ def cells(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator
     if _by_name(case):
         yield Cell(case.name, "verdict", case.steps[0] * 1e-9, True, _named(case), 0.0, {})
         return
+    if case.expect.stops:
+        yield Cell(case.name, "stop", case.steps[0] * 1e-9, True, _stops(case, until, seconds), 0.0, {})
+        return
     reference, fault = _reference(case, until, seconds)
     for method, scene in _planned(case, quick, methods):
         default = scene.clock.method == "auto" and method not in COMPARED
@@ -149,6 +152,18 @@ def _named(case: Case) -> Verdict:
             return Verdict("green", "", f"named: {one.what}")
     wanted = expect.refused or ("jamming" if expect.jams else f"a growth of {expect.growth:g} 1/s")
     return red("refused", f"{told[0].what}; expected {wanted}")
+
+
+def _stops(case: Case, until: int, seconds: float) -> Verdict:
+    """Where a run cannot go on to its end: whether it stops with a word on why."""
+    try:
+        Trial(case, watched(case, "auto", case.steps[0]), until, seconds).run()
+    except NumericsError as error:
+        found = stopped(error)
+        return Verdict("green", "", f"stopped {found.told}") if case.expect.stops in error.what else found
+    except OutOfTime:
+        return amber("cost", f"longer than its time box of {seconds:g} s")
+    return red("missed event", f"goes on where it should stop: {case.expect.stops}")
 
 
 def _reference(case: Case, until: int, seconds: float) -> tuple[Found | None, Verdict | None]:

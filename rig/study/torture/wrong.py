@@ -1,9 +1,11 @@
-"""Contact forces without contact modes, in two ways that fail without a sign of it: how not to do it either.
+"""Contact forces in ways that fail without a sign of it: how not to do it either.
 
 held      the structure moves exactly over a step, under the contact forces of its begin (zero-order hold). A contact
           that is felt a step late is a negative damper, w^2 h / 2 of its own frequency w: energy grows at every step.
 clipped   T = mu(|w|) N clip(w / scale, -1, 1), classical Runge-Kutta. The slope is stiff: beyond a step of about
           2 m scale / (mu N) a contact that should stick is thrown across it, to and fro, and nothing blows up.
+stale     a film whose rows follow the slider every 50 us, not at every step: each time it is jolted, and a quiet slide
+          gets lines at 20 and 40 kHz.
 
 Neither is a method of the rig; they are here so that everybody sees them fail.
 """
@@ -20,12 +22,14 @@ from numpy.typing import NDArray
 
 from rig.errors import UsageError
 from rig.solve.formulation import assemble
+from rig.solve.motion import Motion
 from rig.solve.system import OPEN, STICK, System
 from rig.study.torture.case import Case
 from rig.study.torture.found import Found, OutOfTime
 from rig.study.torture.watched import Watched
 
 Array = NDArray[np.float64]
+STALE_NS = 50_000
 Step = Callable[[Array], Array]
 
 
@@ -109,7 +113,37 @@ def _run(way: Callable[[_Free, float], Step], case: Case, scene: Watched, until_
     return found
 
 
+def _stale(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
+    """The case with rows of its film that stand still for STALE_NS. Raises UsageError without a film, OutOfTime."""
+    if case.acts:
+        raise UsageError("follows no commands")
+    assembly = scene.assemble()
+    system = assembly.system()
+    if system.film is None:
+        raise UsageError("needs a film under a slider that travels")
+    rows = [assembly.outputs[name].row for name in case.expect.ends]
+    motion = Motion(system, scene.step_ns, "kick", rows, substeps=scene.clock.substeps(scene.step_ns))
+    motion.advance(1)
+    own, travel = motion.slots.tables.film, system.names.index(system.film.travel)
+    given = [(side.rows, side.rows.copy()) for side in (own.alike, own.against)]
+    begin, ticks, pause = time.process_time(), until_ns // scene.step_ns, max(STALE_NS // scene.step_ns, 1)
+    while motion.tick < ticks:
+        place = float(motion.x[travel]) / system.film.pitch
+        low = min(int(place), len(system.film.rows) - 2)
+        for held, moving in given:
+            held[:] = moving[low] + (place - low) * (moving[low + 1] - moving[low])
+        own.below[0] = -1
+        motion.advance(min(pause, ticks - motion.tick))
+        if time.process_time() - begin > seconds:
+            raise OutOfTime
+    found = Found(ticks=motion.tick, seconds=time.process_time() - begin)
+    found.ended = dict(zip(case.expect.ends, motion.outputs_now().tolist()))
+    found.carrying = found.seconds
+    return found
+
+
 WRONG: dict[str, Callable[[Case, Watched, int, float], Found]] = {
     "held": partial(_run, _held),
     "clipped": partial(_run, _clipped),
+    "stale": _stale,
 }
