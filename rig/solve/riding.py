@@ -44,6 +44,7 @@ class Riding(NamedTuple):
     numbers: Array  # see PITCH
     where: NDArray[np.int64]  # see TRAVEL
     below: NDArray[np.int64]  # scratch [1] the place that the rise begins at; -1: none yet
+    share: Array  # scratch [1] of the rise that the rows have now
     places: Array  # [2, point] of the points on the slider
     kick: Array  # [coordinate] h / 2 / mass
     turn: Array  # [4, coordinate] flow of place and velocity over a step, less one
@@ -82,6 +83,7 @@ def empty() -> Riding:
         numbers=z(0),
         where=none,
         below=none,
+        share=z(0),
         places=z((2, 0)),
         kick=z(0),
         turn=z((4, 0)),
@@ -151,6 +153,7 @@ def tables(system: System, step: float, outputs: Array, read: int) -> Riding:
             [*map(system.names.index, (film.travel, film.slid)), first, film.points, directions, film.damping > 0.0]
         ),
         below=np.array([-1]),
+        share=np.zeros(1),
         places=np.array([film.x, film.y]),
         kick=0.5 * step / mass,
         turn=turn,

@@ -56,8 +56,9 @@ static inline void across(const double *table, const double *weights, int count,
     }
 }
 
-/* Where the points are; `risen`: the place whose rise to the next one is at hand. */
-static void look(const Film *f, const double *x, double travel, int64_t *risen) {
+/* Where the points are; `risen`: the place whose rise to the next one is at hand, `share`: of it that the rows have.
+   `anew`: rows are made from those of the place, else from those of the step before. */
+static void look(const Film *f, const double *x, double travel, int64_t *risen, double *share, int anew) {
     double place = travel / f->pitch, a[NA], o[NO];
     int64_t low = place < 0.0 ? 0 : (int64_t)place;
     if (low > f->places - 2) low = f->places - 2;
@@ -67,10 +68,12 @@ static void look(const Film *f, const double *x, double travel, int64_t *risen) 
     if (low != *risen) {
         for (int k = 0; k < NA * WIDTH; k++) rise_alike[k] = alike[NA * WIDTH + k] - alike[k];
         for (int k = 0; k < NO * WIDTH; k++) rise_against[k] = against[NO * WIDTH + k] - against[k];
-        *risen = low;
+        *risen = low, anew = 1;
     }
-    blend(alike, rise_alike, place - low, a, NA, now_alike, felt_alike);
-    blend(against, rise_against, place - low, o, NO, now_against, felt_against);
+    double part = anew ? place - low : place - low - *share;
+    blend(anew ? alike : now_alike, rise_alike, part, a, NA, now_alike, felt_alike);
+    blend(anew ? against : now_against, rise_against, part, o, NO, now_against, felt_against);
+    *share = place - low;
     for (int d = 0; d < 2; d++)
         for (int i = 0; i < PAIRS; i++) {
             seen[d][i] = felt_alike[d * PAIRS + i] + felt_against[d * PAIRS + i];
@@ -158,7 +161,8 @@ int64_t film_run(const Film *f, int64_t ticks, int64_t substeps, int64_t sums, d
     double *signals = x + 2 * NQ, *forces = signals + M, *normal = forces + NQ + sums, *friction = normal + POINTS;
     double damped[NQ] = {0}, given[POINTS] = {0}, slid_off[POINTS] = {0}, begun[M] = {0}, since[M] = {0};
     int64_t opened = 0, risen = -1;
-    look(f, x, signals[f->travel], &risen);
+    double share = 0.0;
+    look(f, x, signals[f->travel], &risen, &share, 1);
     for (int64_t n = 0; n < ticks * substeps; n++) {
         if (n % substeps == 0)
             for (int j = 0; j < M; j++) begun[j] = signals[j], since[j] = 0.0;
@@ -167,7 +171,7 @@ int64_t film_run(const Film *f, int64_t ticks, int64_t substeps, int64_t sums, d
         travelled = signals[f->travel] - travelled;
         for (int d = 0; d < 2; d++)
             for (int i = 0; i < POINTS; i++) last[d][i] = seen[d][i];
-        look(f, x, signals[f->travel], &risen);
+        look(f, x, signals[f->travel], &risen, &share, n % substeps == 0);
         opened += press(f, normal, friction, travelled, given, slid_off);
         push(f, forces);
         for (int i = 0; i < NQ; i++) x[NQ + i] += f->kick[i] * forces[i];
