@@ -76,6 +76,21 @@ def test_a_slender_plate_bends_as_a_beam():
         assert found.frequencies[6 + 2 * order] == pytest.approx(exact, rel=2e-3)
 
 
+def test_a_thin_plate_converges_to_the_theory_of_thin_plates():
+    """Free square, a hundredth as thick as wide. Elements much longer than thick are a little too stiff in bending, so
+    that the error falls with the square of their size; at the plate's own proportions it is the fourth power."""
+    side, thickness, boxes = 0.1, 0.001, np.array([3, 4, 6, 8, 12])
+    rigidity = STEEL.young * thickness**3 / (12.0 * (1.0 - STEEL.poisson**2))
+    unit = math.sqrt(rigidity / (STEEL.density * thickness)) / (2.0 * math.pi * side**2)
+    exact = np.array([13.468, 19.596, 24.270])  # Leissa, J. Sound Vib. 31 (1973) 257, Poisson's ratio 0.3
+    found = np.array([modes(free((side, side, thickness), (n, n, 1)), 9).frequencies[6:] for n in boxes])
+    errors = found / (unit * exact) - 1.0
+    assert np.abs(errors[-1]) == pytest.approx(0.0, abs=5e-3)
+    for bending in (1, 2):
+        assert (np.diff(errors[:, bending]) < 0.0).all()
+        assert -np.polyfit(np.log(boxes), np.log(errors[:, bending]), 1)[0] == pytest.approx(2.1, abs=0.2)
+
+
 def test_modes_have_mass_one_and_are_orthogonal():
     for structure, count in ((free((0.08, 0.07, 0.012), (6, 5, 1)), 24), (column(4), 8)):
         found = modes(structure, count)
