@@ -242,7 +242,8 @@ def _slide(a: Assembly, p: Slid, grid: Grid, model: Reduced, names: list[str], m
     own = _film(p, grid, model)
     here = own.everywhere(block.position)
     every = [*names, *SLIDER]
-    normal, push = here[0], p.friction.mu * here[1] - here[0]
+    mu = math.copysign(p.friction.mu, p.drive.speed)
+    normal, push = here[0], mu * here[1] - here[0]
     if p.film.opens:  # as the points are at the start: what is known before a run
         a.patch("film", {}, speed, p.friction.friction(), {})
         for point in range(own.points):
@@ -255,7 +256,7 @@ def _slide(a: Assembly, p: Slid, grid: Grid, model: Reduced, names: list[str], m
         total = _pressed(p, every, own.stiffness * normal.sum(axis=1))
         a.outputs |= {
             "normal_force": Output(total, "N"),
-            "friction_force": Output({name: p.friction.mu * value for name, value in total.items()}, "N"),
+            "friction_force": Output({name: mu * value for name, value in total.items()}, "N"),
         }
     for name, coordinate, unit in (("slider", "z", "m"), ("pitch", "theta", "rad"), ("roll", "psi", "rad")):
         a.outputs |= _motion(name, {coordinate: 1.0}, unit)

@@ -4,7 +4,7 @@
     u = t(s) . q             how far the coordinates carry it along
     P = k d + c d'           what it presses with; not below zero, and none where d <= 0
     f                        what its friction pushes the structure with: |f| <= mu P
-    M q'' + D q' + K q = F q-rows + sum (-n P + t f)
+    M q'' + D q' + K q = other forces + sum (-n P + t f)
 
 A point sticks by the shear of the film itself, f' = k_t (s' - u') while |f| < mu P. That stiffness is the material's,
 no number of ours: nothing has to be solved for all points at once, and a point that sticks creeps by mu P / k_t at most

@@ -21,6 +21,7 @@ from rig.errors import SceneError, Singular
 from rig.record.points import grouped
 from rig.scenes.scene import Scene, plant_module
 from rig.solve.assembly import Assembly
+from rig.solve.film import over
 from rig.solve.finding import Finding
 from rig.solve.ledger import store
 from rig.solve.linear import Steady, sliding_key, steady
@@ -223,6 +224,8 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
     system = at.system
     forces = at.modes.normal @ at.x + at.modes.normal_t @ at.T
     film = assembly.film and assembly.film.sliding(forces)
+    if film:  # it drags the structure the way it slides
+        film[over("friction")] = math.copysign(film[over("friction")], float(at.speed[0]))
     pressed = {n: o.row for n, o in assembly.outputs.items() if film and film.keys() >= o.row.keys() and o.row}
     outputs = {name: output for name, output in assembly.outputs.items() if name not in pressed}
     over_x, over_t = signal_rows(system, at.modes, [output.row for output in outputs.values()])

@@ -29,6 +29,18 @@ def test_equilibrium_tells_the_film() -> None:
     assert len(found.sliding.modes) == 43
 
 
+def test_a_slider_that_travels_back_is_one_that_travels_on_from_the_other_end() -> None:
+    """The plate is alike from both ends: growth rates and frequencies are the same, forces and places mirrored."""
+    on = rig.modes(rig.load("plate", {"slider.position": 0.004})).sliding
+    back = rig.modes(rig.load("plate", {"slider.position": 0.0437 - 0.004, "drive.speed": -0.01})).sliding
+    largest = [max(found.modes, key=lambda mode: mode.growth) for found in (on, back)]
+    assert largest[0].growth > 100.0
+    assert largest[1].growth == pytest.approx(largest[0].growth, rel=1e-2)
+    assert largest[1].frequency == pytest.approx(largest[0].frequency, rel=1e-5)
+    for name in ("friction_force", "pressure_centre_x", "pitch_displacement"):  # rows lie between other places there
+        assert back.equilibrium[name] == pytest.approx(-on.equilibrium[name], rel=1e-3)
+
+
 def test_flutter_by_position() -> None:
     """Sliding is stable at the end and in the middle of the plate, and flutters between them; a run is not refused."""
     swept = rig.sweep("plate", "slider.position", [0.0, 0.004, 0.02])
