@@ -1,7 +1,5 @@
 """Controllers: pure objects that see measurements and send commands, and the process that runs one of them.
 
-base             what a controller is; change of parameters while it works
-loop             a controller at work: state, command in force, values that are no numbers
 normal_force     press less when the body runs with the belt
 belt_velocity    let the belt follow the body
 dither           the least amplitude that keeps the cycle away
@@ -10,13 +8,9 @@ narrow_band      damp the modes of a band through the voltage of a stack
 shunt_schedule   a shunt connected by the clock
 squeal_switch    a shunt connected when the brake squeals
 shunt_tuner      a shunt's inductance after the squeal's frequency
-resonator        a narrow band of a signal: amplitude, phase, frequency
-velocity         the velocity fed back: measured or observed, filtered, predicted
-observer         a Kalman observer as plain arithmetic
-native           a controller whose `update` is compiled: translate, body make it text for a compiler
-file             a user's own controller from a file
-service          its events and parameters on the bus
-process          the process main
+
+blocks           what controllers are built from
+runtime          what runs them
 
 A controller never sees the plant: what it needs of the matrices comes as numbers from the design step.
 """
@@ -26,8 +20,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from controllers.base import Controller, Numbers
 from controllers.belt_velocity import BeltVelocity, BeltVelocityFeedback
+from controllers.blocks.base import Controller, Numbers
 from controllers.dither import Dither, DitherSearch
 from controllers.dither_sampled import SampledDither, SampledDitherSignal
 from controllers.narrow_band import NarrowBand, NarrowBandFeedback

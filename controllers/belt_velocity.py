@@ -12,8 +12,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from controllers.base import OptionalSpeed
-from controllers.feedback import FeedbackSection, VelocityFeedback
+from controllers.blocks.base import OptionalSpeed
+from controllers.blocks.feedback import FeedbackSection, VelocityFeedback
 from rig.quantities import Number, Speed
 
 

@@ -21,7 +21,7 @@ from typing import ClassVar, Literal, NamedTuple, Self
 
 from pydantic import model_validator
 
-from controllers.base import ControllerSection, Fraction, Margin, Numbers, OptionalHertz, OptionalSpeed, Values
+from controllers.blocks.base import ControllerSection, Fraction, Margin, Numbers, OptionalHertz, OptionalSpeed, Values
 from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveSecond, Second, Speed
 

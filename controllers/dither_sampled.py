@@ -14,7 +14,7 @@ from typing import ClassVar, Literal, Self
 
 from pydantic import model_validator
 
-from controllers.base import ControllerSection, Numbers, OptionalSpeed, Values
+from controllers.blocks.base import ControllerSection, Numbers, OptionalSpeed, Values
 from rig.errors import UsageError
 from rig.quantities import Hertz, MetrePerSecond, PositiveMetrePerSecond, Second, Speed
 

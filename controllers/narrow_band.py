@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from controllers.base import ControllerSection, Gain, Numbers, Values
+from controllers.blocks.base import ControllerSection, Gain, Numbers, Values
 from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveVolt, Second, Speed
 

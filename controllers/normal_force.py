@@ -11,8 +11,8 @@ from __future__ import annotations
 
 from typing import Literal
 
-from controllers.base import ForcePerSpeed, OptionalForce
-from controllers.feedback import FeedbackSection, VelocityFeedback
+from controllers.blocks.base import ForcePerSpeed, OptionalForce
+from controllers.blocks.feedback import FeedbackSection, VelocityFeedback
 from rig.quantities import PositiveNewton
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal
 
-from controllers.base import ControllerSection, Numbers, Values
+from controllers.blocks.base import ControllerSection, Numbers, Values
 from rig.quantities import PositiveSecond, Second
 
 

@@ -14,8 +14,8 @@ import cmath
 import math
 from typing import ClassVar, Literal, NamedTuple
 
-from controllers.base import ControllerSection, Fraction, Numbers, Samples, Values
-from controllers.resonator import Resonator
+from controllers.blocks.base import ControllerSection, Fraction, Numbers, Samples, Values
+from controllers.blocks.resonator import Resonator
 from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveNumber, PositiveSecond, Second
 

@@ -10,8 +10,8 @@ from __future__ import annotations
 
 from typing import ClassVar, Literal, NamedTuple
 
-from controllers.base import ControllerSection, Numbers, OptionalSecond, Samples, Values
-from controllers.resonator import Resonator
+from controllers.blocks.base import ControllerSection, Numbers, OptionalSecond, Samples, Values
+from controllers.blocks.resonator import Resonator
 from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveMetrePerSecond, Second
 

@@ -16,18 +16,16 @@ as ideal for noise). With `ideal = true` every flaw that is not stated is absent
 its instant. Flaws that are stated hold (`Instrument.perfect`).
 At an instant where a signal jumps the value before the jump is read: a measurement never knows the command it causes.
 
-instrument  what all instruments declare      front_end  the one description each compiles to
-filters     transfer functions, modal form    streams    random numbers, drawn ahead
-bank        all instruments of a scene        instants   when samples are taken
+The package `chain` holds what all instruments are made of.
 What runs them in every frame is compiled: rig.solve.sampling, rig.solve.response.
 """
 
 from __future__ import annotations
 
 from sensors.accelerometer import Accelerometer
+from sensors.chain.instrument import Instrument
 from sensors.disc_speed import DiscSpeed
 from sensors.displacement_laser import DisplacementLaser
-from sensors.instrument import Instrument
 from sensors.laser_vibrometer import LaserVibrometer
 from sensors.microphone import Microphone
 from sensors.normal_force import NormalForce

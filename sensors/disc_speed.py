@@ -6,10 +6,10 @@ import math
 from typing import Any, ClassVar, Literal
 
 from rig.quantities import Hertz, PositiveMetre, RadianPerSecond
-from sensors import filters
-from sensors.front_end import FrontEnd, deviation
-from sensors.instrument import Instrument
-from sensors.units import TurnDensity, TurnSpan, TurnStep
+from sensors.chain import filters
+from sensors.chain.front_end import FrontEnd, deviation
+from sensors.chain.instrument import Instrument
+from sensors.chain.units import TurnDensity, TurnSpan, TurnStep
 
 
 class DiscSpeed(Instrument):

@@ -8,9 +8,9 @@ from typing import Any, ClassVar, Literal
 from pydantic import Field
 
 from rig.quantities import Metre, PositiveMetre
-from sensors.front_end import FrontEnd
-from sensors.instrument import Instrument
-from sensors.units import Length
+from sensors.chain.front_end import FrontEnd
+from sensors.chain.instrument import Instrument
+from sensors.chain.units import Length
 
 
 class DisplacementLaser(Instrument):

@@ -8,10 +8,10 @@ from typing import Any, ClassVar, Literal
 from pydantic import ValidationInfo, field_validator
 
 from rig.quantities import Hertz, MetrePerSecond, PositiveMetrePerSecond, Second
-from sensors import filters
-from sensors.front_end import FrontEnd, deviation
-from sensors.instrument import Instrument
-from sensors.units import AccelerationSpan, PerSecond, SpeedDensity, SpeedStep
+from sensors.chain import filters
+from sensors.chain.front_end import FrontEnd, deviation
+from sensors.chain.instrument import Instrument
+from sensors.chain.units import AccelerationSpan, PerSecond, SpeedDensity, SpeedStep
 
 
 class LaserVibrometer(Instrument):

@@ -8,10 +8,10 @@ from typing import Any, ClassVar, Literal, Self
 from pydantic import model_validator
 
 from rig.quantities import Hertz, PositiveMetre, PositiveMetrePerSecond
-from sensors import filters
-from sensors.front_end import FrontEnd, deviation
-from sensors.instrument import Instrument
-from sensors.units import (
+from sensors.chain import filters
+from sensors.chain.front_end import FrontEnd, deviation
+from sensors.chain.instrument import Instrument
+from sensors.chain.units import (
     Paths,
     Pressure,
     PressureDensity,

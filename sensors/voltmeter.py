@@ -6,10 +6,10 @@ import math
 from typing import Any, ClassVar, Literal
 
 from rig.quantities import Hertz, PositiveVolt, Volt
-from sensors import filters
-from sensors.front_end import FrontEnd, deviation
-from sensors.instrument import Instrument
-from sensors.units import Voltage, VoltageDensity
+from sensors.chain import filters
+from sensors.chain.front_end import FrontEnd, deviation
+from sensors.chain.instrument import Instrument
+from sensors.chain.units import Voltage, VoltageDensity
 
 
 class Voltmeter(Instrument):

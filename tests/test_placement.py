@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import controllers
-from controllers import process
+from controllers.runtime import process
 from rig import bus, placement
 from rig.bus import encode, messages
 from rig.bus.setup import Setup

@@ -25,7 +25,7 @@ from rig.bus.publisher import Publisher
 from rig.bus.setup import Setup
 from rig.errors import UsageError
 from rig.scenes.scene import heard
-from sensors.instants import Instants
+from sensors.chain.instants import Instants
 
 BLOCK_NS = 20_000_000
 STATE_NS = 5_000_000

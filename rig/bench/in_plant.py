@@ -11,8 +11,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import controllers
-from controllers.loop import Loop
-from controllers.service import Service
+from controllers.runtime.loop import Loop
+from controllers.runtime.service import Service
 from rig.bench.inside import Inside
 from rig.bench.operation import Operation
 from rig.bench.simulate import carry_on

@@ -12,7 +12,7 @@ from collections.abc import Collection, Generator, Sequence
 from math import inf, nan
 from typing import Any, NamedTuple
 
-from controllers.native import Native
+from controllers.runtime.native import Native
 from rig.bench.line import AS_SENT, SAFE, Line
 from rig.bench.operation import Operation
 from rig.bench.playback import Playback, Played

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.record.run import Samples
-from sensors.bank import Bank
+from sensors.chain.bank import Bank
 
 
 class Measurements:

@@ -7,7 +7,7 @@ import numpy as np
 from rig.effects.noise import SIGNAL
 from rig.solve.chance import DRAWN, PLACE, Chance
 from rig.solve.system import System
-from sensors.streams import Stream
+from sensors.chain.streams import Stream
 
 ROOM = 1 << 12
 _NAME = "process noise"  # no instrument has this name, as it is not one word

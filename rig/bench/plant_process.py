@@ -47,7 +47,7 @@ from rig.bus import address
 from rig.bus.port import Session
 from rig.bus.setup import Setup
 from rig.errors import Interrupted, NumericsError, RigError
-from rig.plants import model_store
+from rig.plants.structures import model_store
 from rig.process import as_process, told_to_stop
 from rig.quantities import si
 from rig.record.provenance import provenance

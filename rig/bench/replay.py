@@ -31,10 +31,8 @@ def replay(
         raise UsageError(f"the recording has no controller {', '.join(unknown)}; it has: {known}. A file ends in .py")
     with bus.host(scene="replay") as session:
         tell(f"run {session.run}")
-        children = [
-            Child(f"controller {one}", ["controllers.process", one, "--run", session.run, "--wait", str(JOIN_S)])
-            for one in into
-        ]
+        joining = ["--run", session.run, "--wait", str(JOIN_S)]
+        children = [Child(f"controller {one}", ["controllers.runtime.process", one, *joining]) for one in into]
         try:
             return recorded.replay(session, log, names, pace, JOIN_S, lambda seconds: _at(tell, seconds))
         except BusError as fault:

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers.base import Controller
-from controllers.loop import Loop
+from controllers.blocks.base import Controller
+from controllers.runtime.loop import Loop
 from rig.bench.exchange import Exchange
 from rig.bench.inside import Inside
 from rig.bench.operation import Operation
@@ -21,7 +21,7 @@ from rig.bench.playback import Playback
 from rig.bench.stand import Stand
 from rig.bench.working import Working
 from rig.errors import NumericsError, UsageError
-from rig.plants import model_store
+from rig.plants.structures import model_store
 from rig.record.run import Commands, Run
 from rig.scenes.scene import Scene
 

@@ -29,7 +29,7 @@ from rig.solve.control import Controls, controls
 from rig.solve.frames import Around
 from rig.solve.method import chosen, seen
 from rig.solve.motion import Frames, Motion
-from sensors.bank import Bank
+from sensors.chain.bank import Bank
 
 Array = NDArray[np.float64]
 

@@ -7,10 +7,10 @@ from contextlib import suppress
 from itertools import repeat
 from typing import Any
 
-from controllers.base import Controller, Values
-from controllers.body import Untranslatable
-from controllers.loop import Loop
-from controllers.native import Native
+from controllers.blocks.base import Controller, Values
+from controllers.runtime.body import Untranslatable
+from controllers.runtime.loop import Loop
+from controllers.runtime.native import Native
 from rig.bench.operation import Operation
 
 TRIALS = 200

@@ -75,7 +75,7 @@ def control(
 ) -> None:
     """Run one controller as a process of its own: one of the scene, or one of yours from a file."""
     overrides, patience = changes(p), seconds(wait, "--wait", low=0.0) or 0.0
-    from controllers.process import run as serve
+    from controllers.runtime.process import run as serve
 
     serve(name, run, changes=overrides, wait=patience, say=tell.note)
 

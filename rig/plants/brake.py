@@ -11,7 +11,7 @@ proportional to it, and its stiffness, kn (p / p0)^exponent.
 Coordinates count from the pressed state. `load.at` says which: "sliding", every contact bears N0 while the disc turns,
 so that sliding is q = 0 and friction's static moment is borne elsewhere; or "rest", they do so before friction acts,
 which then loads one end of a pad more than the other. C acts between pad and disc when a contact is open too. With
-`disc_modes` the disc bends (rig.plants.brake_disc); its contacts then slide each in a direction of its own.
+`disc_modes` the disc bends (rig.plants.structures.brake_disc); its contacts then slide each in a direction of its own.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3c, figures 15 to 17 (the model's kind;
 the paper has no numbers: springs, masses and the pressure law are ours, calibrated to its 0.64 and 2140 Hz).
 """
@@ -32,8 +32,8 @@ from rig.effects.friction import Friction
 from rig.effects.inhomogeneity import Inhomogeneity
 from rig.effects.piezo import Piezo, WithStack
 from rig.plants.belt import RAMPED
-from rig.plants.brake_disc import Bending
-from rig.plants.multibody import Body, Spring, adrift, apart, held, motion, unknown
+from rig.plants.structures.brake_disc import Bending
+from rig.plants.structures.multibody import Body, Spring, adrift, apart, held, motion, unknown
 from rig.quantities import (
     Hertz,
     MetrePerSecond,

@@ -38,8 +38,8 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.sector import Sector
-from rig.plants import series
 from rig.plants.belt import RAMPED, contact_outputs
+from rig.plants.structures import series
 from rig.quantities import (
     Angle,
     KilogramSquareMetre,

@@ -7,8 +7,8 @@
 The slider's upper face is guided: it heaves (z), pitches (theta) and rolls (psi) about axes in that face, and the load
 F presses on it. h: from there to the plate. It travels along the plate's x from `slider.position` on, at the speed of
 the drive, and drags the plate along. Half of the film moves with the slider. The plate's modes are of finite elements
-(rig.plants.plate_model); the damping ratio of the highest is given, those of the others follow the frequency. A plate
-without a slider, on foam or free, is a scene as well: to be knocked and listened to.
+(rig.plants.structures.plate_model); the damping ratio of the highest is given, those of the others follow the
+frequency. A plate without a slider, on foam or free, is a scene as well: to be knocked and listened to.
 
 Source: paper 002, "A new mechanism of friction-induced vibration: detachment and reattachment", section 3.2.
 """
@@ -30,10 +30,10 @@ from rig.effects.friction import Constant
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.errors import SceneError
-from rig.plants import model_store, plate_model
 from rig.plants.belt import RAMPED
-from rig.plants.plate_elements import Foam, Plate
-from rig.plants.plate_model import Grid, Reduced
+from rig.plants.structures import model_store, plate_model
+from rig.plants.structures.plate_elements import Foam, Plate
+from rig.plants.structures.plate_model import Grid, Reduced
 from rig.quantities import (
     KilogramPerCubicMetre,
     Metre,

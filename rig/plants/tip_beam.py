@@ -1,6 +1,6 @@
 """The tip of a clamped beam on a disc, in several modes: a beam of finite elements that stands inclined.
 
-    q_i'' + 2 zeta w_i q_i' + w_i^2 q_i = t_i T + n_i (N - N0)           mass one each (rig.plants.bending)
+    q_i'' + 2 zeta w_i q_i' + w_i^2 q_i = t_i T + n_i (N - N0)           mass one each (rig.plants.structures.bending)
     t_i = cos(a) across_i - sin(a) along_i,   n_i = sin(a) across_i + cos(a) along_i          at the tip
     x = sum t_i q_i,   y = sum n_i q_i,   w = V - x'
     N = N0 - kc y
@@ -28,8 +28,8 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.waviness import Waviness
-from rig.plants import bending
 from rig.plants.belt import RAMPED, contact_outputs
+from rig.plants.structures import bending
 from rig.plants.tip import refuse_jam
 from rig.quantities import (
     AcuteAngle,

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator
 import zstandard
 from mcap.records import Attachment
 
-from rig.plants import model_store
+from rig.plants.structures import model_store
 
 MEDIA_TYPE = "application/zstd"
 _FOLDER = "model/"

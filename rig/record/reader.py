@@ -14,7 +14,7 @@ from google.protobuf.message import DecodeError
 from rig.bus import messages
 from rig.bus.setup import Setup
 from rig.errors import BusError
-from rig.plants import model_store
+from rig.plants.structures import model_store
 from rig.record.run import Commands, Integers, Reals, Run, Samples
 from rig.record.scan import Record, Scan, head
 

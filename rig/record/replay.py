@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 import controllers
-from controllers.base import hears
+from controllers.blocks.base import hears
 from rig.bus import encode, messages, topics
 from rig.bus.port import Receiver, Session
 from rig.bus.setup import Setup

@@ -10,7 +10,7 @@ from math import isqrt
 from typing import Any
 
 from controllers import KINDS
-from controllers.base import hears
+from controllers.blocks.base import hears
 from rig.quantities import LONGEST
 from rig.scenes.faults import near, shown
 from rig.scenes.protocol import Connect, Disconnect, Load, Ramp, Repeat, Set, flat, longest_ns

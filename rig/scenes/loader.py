@@ -19,7 +19,7 @@ from rig.scenes.protocol import UNKNOWN, Known, Load, Mark, Ramp, Step, flat
 from rig.scenes.scene import STEP, STEPS, Clock, Origin, Scene, assembled, known, plant_module
 from rig.scenes.shelf import path as path_of
 from sensors import KINDS as SENSORS
-from sensors.instants import common_step
+from sensors.chain.instants import common_step
 
 S = TypeVar("S", bound=Section)
 MOST = 100

@@ -14,14 +14,15 @@ from annotated_types import Ge, Gt, Le
 from pydantic import BaseModel, TypeAdapter, model_validator
 
 from controllers import KINDS as CONTROLLERS
-from controllers.base import hears
+from controllers.blocks.base import hears
 from rig.effects import noise
-from rig.plants import PLANTS, model_store
+from rig.plants import PLANTS
+from rig.plants.structures import model_store
 from rig.quantities import PositiveMetrePerSecond, Section, duration, quantity
 from rig.scenes.faults import unit_of
 from rig.scenes.protocol import Known, Load, Ramp, Set, Step, flat, longest_ns
 from sensors import KINDS as SENSORS
-from sensors.instants import common_step
+from sensors.chain.instants import common_step
 
 Count = Annotated[int, Gt(0), Le(1_000_000)]
 Frame: Any = duration(1_000, 1_000_000_000)

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.observer import propagated
+from controllers.blocks.observer import propagated
 from rig.errors import SceneError
 from rig.solve.assembly import Assembly
 from rig.study import squeal_design

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import controllers
-from controllers.feedback import VelocityFeedback
+from controllers.blocks.feedback import VelocityFeedback
 from rig.errors import SceneError, Singular
 from rig.quantities import unit_of
 from rig.scenes.faults import near

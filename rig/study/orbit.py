@@ -18,7 +18,7 @@ from rig.solve.frames import Around
 from rig.solve.motion import Event, Frames, Motion
 from rig.solve.system import CLOSED, STICK
 from rig.study.dense import Dense
-from sensors.bank import Bank
+from sensors.chain.bank import Bank
 
 Array = NDArray[np.float64]
 BLOCK = 16  # ticks in one call

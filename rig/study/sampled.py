@@ -25,11 +25,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.feedback import VelocityFeedback
+from controllers.blocks.feedback import VelocityFeedback
+from controllers.blocks.velocity import VelocityPath
 from controllers.narrow_band import NarrowBandFeedback
-from controllers.velocity import VelocityPath
 from rig.study.plant import Plant
-from sensors.front_end import FrontEnd
+from sensors.chain.front_end import FrontEnd
 
 Array = NDArray[np.float64]
 Feedback = VelocityFeedback | NarrowBandFeedback

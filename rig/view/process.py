@@ -20,7 +20,7 @@ from rig import bus
 from rig.bus import setup
 from rig.bus.port import Receiver, Session, Watch
 from rig.errors import BusError
-from rig.plants import model_store
+from rig.plants.structures import model_store
 from rig.process import stopping
 from rig.scheduling import stand_back
 from rig.view import viewer

@@ -8,7 +8,7 @@ import pytest
 
 import controllers
 from controllers.normal_force import NormalForceFeedback
-from controllers.process import Worker
+from controllers.runtime.process import Worker
 from rig import scenes
 from rig.bench import lockstep
 from rig.bench.job import Job

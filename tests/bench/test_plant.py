@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 import controllers
-from controllers.file import load_file
-from controllers.process import Worker
+from controllers.runtime.file import load_file
+from controllers.runtime.process import Worker
 from rig import scenes
 from rig.bench.conclude import _verdict
 from rig.bench.job import Job

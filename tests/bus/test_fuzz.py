@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import controllers
-from controllers.process import Worker
+from controllers.runtime.process import Worker
 from rig import scenes
 from rig.bench.job import Job
 from rig.bench.plant_process import Plant

@@ -1,7 +1,7 @@
 import pytest
 
 import controllers
-from controllers.base import Controller, hears, parameters, retune
+from controllers.blocks.base import Controller, hears, parameters, retune
 from controllers.normal_force import NormalForce
 from rig.errors import UsageError
 

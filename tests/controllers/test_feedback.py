@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 import controllers
-from controllers.base import retune
 from controllers.belt_velocity import BeltVelocity
+from controllers.blocks.base import retune
+from controllers.blocks.velocity import VelocityPath, VelocitySection
 from controllers.normal_force import NormalForce
-from controllers.velocity import VelocityPath, VelocitySection
 from rig.errors import UsageError
 
 

@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from controllers.base import Controller, retune
-from controllers.file import load_file
-from controllers.loop import Loop
+from controllers.blocks.base import Controller, retune
+from controllers.runtime.file import load_file
+from controllers.runtime.loop import Loop
 from rig.errors import UsageError
 
 GOOD = """

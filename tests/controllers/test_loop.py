@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import controllers
-from controllers.loop import Loop
 from controllers.normal_force import NormalForce
+from controllers.runtime.loop import Loop
 from rig.errors import UsageError
 
 NAN = math.nan

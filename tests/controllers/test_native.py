@@ -10,10 +10,10 @@ import pytest
 
 import controllers
 import rig
-from controllers.base import retune
-from controllers.body import Untranslatable
-from controllers.native import Native
-from controllers.translate import translate
+from controllers.blocks.base import retune
+from controllers.runtime.body import Untranslatable
+from controllers.runtime.native import Native
+from controllers.runtime.translate import translate
 from rig.study.design import numbers
 
 SHIPPED = (

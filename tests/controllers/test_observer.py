@@ -7,9 +7,9 @@ import pytest
 import scipy.linalg
 
 import controllers
+from controllers.blocks.observer import Observer, propagated
+from controllers.blocks.velocity import VelocityPath, VelocitySection
 from controllers.normal_force import NormalForce
-from controllers.observer import Observer, propagated
-from controllers.velocity import VelocityPath, VelocitySection
 from rig.errors import UsageError
 
 A = np.array([[0.0, 1.0, 0.0], [-500.0, -0.4, 0.2], [0.0, 0.0, 0.0]])

@@ -17,9 +17,9 @@ import numpy as np
 import pytest
 
 import controllers
-from controllers import process
-from controllers.loop import Loop
 from controllers.normal_force import NormalForce
+from controllers.runtime import process
+from controllers.runtime.loop import Loop
 from controllers.squeal_switch import SquealSwitch
 from rig import bus
 from rig.bus import encode, messages
@@ -282,7 +282,7 @@ def spawned(what, **given):
         door = session.serve("cmd/plant", lambda _: {})
         session.announce()
         name = Path(what).stem
-        command = [sys.executable, "-m", "controllers.process", what, "--run", "here"]
+        command = [sys.executable, "-m", "controllers.runtime.process", what, "--run", "here"]
         with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as child:
             try:
                 deadline = time.monotonic() + 20.0
@@ -383,7 +383,7 @@ def test_when_the_plant_is_killed_the_controller_ends_within_three_seconds(priva
         try:
             plant.stdin.write(described().to_text() + "\n")
             plant.stdin.flush()
-            command = [sys.executable, "-m", "controllers.process", "feedback", "--run", "here"]
+            command = [sys.executable, "-m", "controllers.runtime.process", "feedback", "--run", "here"]
             with subprocess.Popen(command, cwd=ROOT) as child:
                 try:
                     assert plant.stdout.readline() == "joined\n"

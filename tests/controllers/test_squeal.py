@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 import controllers
-from controllers.loop import Loop
+from controllers.blocks.resonator import Resonator
 from controllers.narrow_band import NarrowBand
-from controllers.resonator import Resonator
+from controllers.runtime.loop import Loop
 from controllers.shunt_schedule import ShuntSchedule
 from controllers.shunt_tuner import ShuntTuner
 from controllers.squeal_switch import SquealSwitch

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import brentq
 
 import rig
-from rig.plants.brake_disc import Bending
+from rig.plants.structures.brake_disc import Bending
 
 PLATE = {
     "disc_modes.inner_radius": 0.07,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from rig.plants.hexahedra import Material, Part, assemble, left_out, modes
+from rig.plants.structures.hexahedra import Material, Part, assemble, left_out, modes
 
 STEEL = Material(200e9, 0.3, 7800.0)
 FOAM, STIFF = Material(10e9, 0.0, 1000.0), Material(200e9, 0.0, 7800.0)

@@ -14,7 +14,8 @@ from scipy.optimize import brentq
 
 import rig
 from rig.errors import SceneError
-from rig.plants import lever, series
+from rig.plants import lever
+from rig.plants.structures import series
 
 LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_lever.json").read_text())
 RPM = math.pi / 30.0

@@ -4,8 +4,8 @@ import os
 
 import pytest
 
-from rig.plants import model_store
-from rig.plants.model_store import kept
+from rig.plants.structures import model_store
+from rig.plants.structures.model_store import kept
 
 
 @pytest.fixture

@@ -13,9 +13,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rig.plants.plate_elements import surface
-from rig.plants.plate_model import Foam, Grid, Plate, Reduced, build
-from rig.plants.plate_surface import framed, unframed
+from rig.plants.structures.plate_elements import surface
+from rig.plants.structures.plate_model import Foam, Grid, Plate, Reduced, build
+from rig.plants.structures.plate_surface import framed, unframed
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "plate.json").read_text())
 GRID = Grid(0.043, 0.0253, 12, 8)
@@ -177,8 +177,8 @@ def test_bytes_that_are_no_model_are_refused(soft, harm):
 
 BUILD = """
 import sys, hashlib
-from rig.plants.plate_model import Foam, Grid, Plate, Reduced, build
-from rig.plants.plate_surface import framed, unframed
+from rig.plants.structures.plate_model import Foam, Grid, Plate, Reduced, build
+from rig.plants.structures.plate_surface import framed, unframed
 plate = Plate(length=0.0867, width=0.0766, thickness=0.0126, young=230e9, density=7740.0, poisson=0.28)
 foam = Foam(thickness=0.018, young=7e9, density=1000.0, poisson=0.25)
 found = build(plate, foam, Grid(0.043, 0.0253, 12, 8), (0.01, 0.02))

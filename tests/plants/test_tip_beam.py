@@ -12,7 +12,7 @@ from scipy.optimize import brentq
 
 import rig
 from rig.errors import SceneError
-from rig.plants.bending import clamped, matrices
+from rig.plants.structures.bending import clamped, matrices
 from rig.plants.tip import Inclination
 from rig.plants.tip_beam import shapes
 from rig.study.stages import stages

@@ -7,8 +7,9 @@ import pytest
 
 import rig
 from rig.bench.verify import verify
-from rig.plants import model_store, plate, plate_model
-from rig.plants.plate_surface import Surface
+from rig.plants import plate
+from rig.plants.structures import model_store, plate_model
+from rig.plants.structures.plate_surface import Surface
 from rig.record import reader
 from rig.record.provenance import provenance
 from rig.record.recover import recover

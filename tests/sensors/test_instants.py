@@ -17,7 +17,7 @@ from rig.record.save import save
 from rig.solve import motion
 from rig.study.recorded.series import places
 from sensors import KINDS
-from sensors.instants import Instants, common_step
+from sensors.chain.instants import Instants, common_step
 
 HOURS = 24 * 3_600_000_000_000
 ODD = [300.0, 400.0, 777.0, 44100.0, 1024.0, 333.3, 65.5, 1.7]

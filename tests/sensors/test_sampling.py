@@ -11,7 +11,7 @@ from scipy import signal
 from rig.errors import SceneError
 from rig.solve.segments import Segments
 from sensors import KINDS
-from sensors.bank import Bank
+from sensors.chain.bank import Bank
 
 SIGNALS = {
     "velocity": lambda t: 0.3 * np.sin(120.0 * t + 0.2) + 0.1,

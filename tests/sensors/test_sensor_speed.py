@@ -9,7 +9,7 @@ import pytest
 
 from rig.solve.segments import Segments
 from sensors import KINDS
-from sensors.bank import Bank
+from sensors.chain.bank import Bank
 
 COLUMNS = ["velocity", "displacement", "acceleration", "normal_force"]
 FOUR = ("laser_vibrometer", "displacement_laser", "accelerometer", "normal_force")

@@ -12,7 +12,7 @@ from rig.kernel import kernel
 from rig.solve import response
 from rig.solve.response import COLUMNS, PART, PEEK, POLE, STATE, STEP
 from rig.solve.segments import DEGREE
-from sensors import filters
+from sensors.chain import filters
 
 
 @kernel

@@ -14,10 +14,10 @@ import scipy.linalg
 
 import controllers
 from controllers.belt_velocity import BeltVelocity
+from controllers.blocks.observer import Observer
 from controllers.dither import Dither
 from controllers.dither_sampled import SampledDither
 from controllers.normal_force import NormalForce
-from controllers.observer import Observer
 from rig.errors import SceneError
 from rig.solve.assembly import Assembly, Input, Output
 from rig.solve.laws import stribeck
@@ -227,5 +227,5 @@ def test_python_control_is_loaded_only_for_an_observer():
     import subprocess
     import sys
 
-    code = "import sys, rig.study.design, controllers.process; sys.exit('control' in sys.modules)"
+    code = "import sys, rig.study.design, controllers.runtime.process; sys.exit('control' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

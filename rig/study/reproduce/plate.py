@@ -18,7 +18,7 @@ from rig.study.reproduce.entry import Comparison, Entry
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rig.plants.plate_model import Reduced
+    from rig.plants.structures.plate_model import Reduced
     from rig.scenes.scene import Scene
 
 _FREE = {230e9: (6114.0, 8613.6, 11623.4), 200e9: (5701.3, 8032.2, 10838.9)}  # Hz, with 16 x 14 x 2 elements

@@ -15,8 +15,8 @@ import cmath
 import math
 from typing import ClassVar, Literal
 
-from controllers.base import Ahead, ControllerSection, Numbers, OptionalForce, OptionalHertz
-from controllers.observer import Observer, Vector
+from controllers.blocks.base import Ahead, ControllerSection, Numbers, OptionalForce, OptionalHertz
+from controllers.blocks.observer import Observer, Vector
 from rig.errors import UsageError
 from rig.quantities import Second
 

@@ -18,7 +18,7 @@ from collections.abc import Callable, Sequence
 from types import FunctionType, MethodType
 from typing import Any, NamedTuple
 
-from controllers.body import Body, Path, Untranslatable
+from controllers.runtime.body import Body, Path, Untranslatable
 
 
 class Translated(NamedTuple):

@@ -14,7 +14,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from controllers.base import Numbers
+from controllers.blocks.base import Numbers
 from rig.errors import UsageError
 
 Vector = tuple[float, ...]

@@ -8,9 +8,9 @@ from typing import Any, ClassVar, Self
 from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 
 from rig.quantities import Section
-from sensors.front_end import FrontEnd
-from sensors.instants import Instants
-from sensors.units import Delay, GainError, Rate
+from sensors.chain.front_end import FrontEnd
+from sensors.chain.instants import Instants
+from sensors.chain.units import Delay, GainError, Rate
 
 
 class Instrument(Section):

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from annotated_types import Ge, Le
 
-from rig.plants.plate_surface import Array, Surface, element_at
+from rig.plants.structures.plate_surface import Array, Surface, element_at
 from rig.quantities import KilogramPerCubicMetre, Pascal, PoissonRatio, PositiveMetre, Ratio, Section, SomeMetre
 
 if TYPE_CHECKING:
-    from rig.plants.hexahedra import Structure
+    from rig.plants.structures.hexahedra import Structure
 
 Elements = Annotated[int, Ge(1), Le(64)]
 Count = Annotated[int, Ge(1), Le(200)]
@@ -64,7 +64,7 @@ def surface(plate: Plate, foam: Foam | None, footprint: tuple[float, float]) -> 
             f"the elements of plate and foam have {unknowns} unknowns; at most {LARGEST} are allowed: "
             f"lower elements_along, elements_across or elements_through, or foam.overhang"
         )
-    from rig.plants import hexahedra  # it imports a second's worth of scipy
+    from rig.plants.structures import hexahedra  # it imports a second's worth of scipy
 
     length, width = footprint
     structure, first = _structure(plate, foam)
@@ -98,8 +98,8 @@ def surface(plate: Plate, foam: Foam | None, footprint: tuple[float, float]) -> 
 
 def _structure(plate: Plate, foam: Foam | None) -> tuple[Structure, tuple[int, int]]:
     """The elements, and how many of them lie before the plate along x and y."""
-    from rig.plants import hexahedra
-    from rig.plants.hexahedra import Material, Part
+    from rig.plants.structures import hexahedra
+    from rig.plants.structures.hexahedra import Material, Part
 
     a, b, c = plate.elements_along, plate.elements_across, plate.elements_through
     steel = Material(plate.young, plate.poisson, plate.density)

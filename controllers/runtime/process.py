@@ -23,10 +23,10 @@ from pathlib import Path
 from typing import Any
 
 import controllers
-from controllers.base import Controller, Samples
-from controllers.file import load_file
-from controllers.loop import Loop
-from controllers.service import Service
+from controllers.blocks.base import Controller, Samples
+from controllers.runtime.file import load_file
+from controllers.runtime.loop import Loop
+from controllers.runtime.service import Service
 from rig import bus
 from rig.bus import encode, setup
 from rig.bus.port import Session
@@ -182,8 +182,8 @@ def run(
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """`python -m controllers.process NAME_OR_FILE [--run RUN] [--wait S]`, started by a supervisor."""
-    parser = argparse.ArgumentParser(prog="controllers.process", description=__doc__.partition("\n")[0])
+    """`python -m controllers.runtime.process NAME_OR_FILE [--run RUN] [--wait S]`, started by a supervisor."""
+    parser = argparse.ArgumentParser(prog="controllers.runtime.process", description=__doc__.partition("\n")[0])
     parser.add_argument("what", help="name of a controller in the scene, or a Python file")
     parser.add_argument("--run", help="the run to join; the newest by default")
     parser.add_argument("--wait", type=float, default=10.0, help="longest wait for the run [s]")

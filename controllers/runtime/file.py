@@ -19,8 +19,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from controllers.base import Controller, hears
-from controllers.loop import Loop
+from controllers.blocks.base import Controller, hears
+from controllers.runtime.loop import Loop
 from rig.errors import UsageError
 from rig.quantities import Section, brief
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from rig.effects.disc_modes import Disc, Mode, free_modes
-from rig.plants.multibody import Body
+from rig.plants.structures.multibody import Body
 from rig.solve.assembly import Row
 
 

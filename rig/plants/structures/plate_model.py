@@ -24,9 +24,9 @@ from typing import Any, Self
 import numpy as np
 import scipy
 
-from rig.plants import model_store, plate_elements
-from rig.plants.plate_elements import Foam, Plate
-from rig.plants.plate_surface import Array, Surface, framed, unframed
+from rig.plants.structures import model_store, plate_elements
+from rig.plants.structures.plate_elements import Foam, Plate
+from rig.plants.structures.plate_surface import Array, Surface, framed, unframed
 
 __all__ = ["Foam", "Grid", "Plate", "Reduced", "Surface", "build"]
 
@@ -128,8 +128,8 @@ class Reduced:
 def build(plate: Plate, foam: Foam | None, grid: Grid, point: tuple[float, float]) -> Reduced:
     """The reduced structure for a slider's contact grid, and for a probe at `point` (x, y) [m].
 
-    Takes seconds the first time; then it is read from disk (rig.plants.model_store). Raises ValueError for a slider
-    larger than the plate, a point beside the plate, and as rig.plants.plate_elements.surface does.
+    Takes seconds the first time; then it is read from disk (`model_store`). Raises ValueError for a slider larger than
+    the plate, a point beside the plate, and as `plate_elements.surface` does.
     """
     for name in ("length", "width"):
         slider, most = getattr(grid, name), getattr(plate, name)

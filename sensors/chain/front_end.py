@@ -6,7 +6,7 @@ import cmath
 import math
 from dataclasses import dataclass
 
-from sensors.instants import Instants
+from sensors.chain.instants import Instants
 
 
 @dataclass(frozen=True)

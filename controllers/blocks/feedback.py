@@ -6,8 +6,8 @@ from typing import ClassVar, Self
 
 from pydantic import model_validator
 
-from controllers.base import Numbers, Values
-from controllers.velocity import PathState, VelocityPath, VelocitySection
+from controllers.blocks.base import Numbers, Values
+from controllers.blocks.velocity import PathState, VelocityPath, VelocitySection
 from rig.errors import UsageError
 
 

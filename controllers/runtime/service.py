@@ -7,8 +7,8 @@ import traceback
 from collections.abc import Mapping
 from typing import Any
 
-from controllers.base import parameters, tunable
-from controllers.loop import Loop
+from controllers.blocks.base import parameters, tunable
+from controllers.runtime.loop import Loop
 from rig.bus import messages
 from rig.bus.port import Session
 from rig.bus.questions import param_request

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from math import isfinite
 from typing import Any
 
-from controllers.base import Controller, State, Values, hears, retune
+from controllers.blocks.base import Controller, State, Values, hears, retune
 from rig.errors import UsageError
 from rig.quantities import brief
 

@@ -1,6 +1,6 @@
 """A controller whose `update` is compiled: the same answers, to the last bit, without Python.
 
-What can be translated (controllers.translate) is compiled without leave to fuse or to reorder, so that it rounds as
+What can be translated (`translate`) is compiled without leave to fuse or to reorder, so that it rounds as
 Python does. Where Python would have raised, or a value is not finite, it declines, and nothing has changed: who asked
 then asks the controller itself. Before it is trusted it has to give the answers that the controller has given.
 """
@@ -16,9 +16,9 @@ import numpy as np
 from numba import typeof as _typeof
 from numba import types
 
-from controllers.base import Controller, State, Values, hears
-from controllers.body import Untranslatable
-from controllers.translate import Translated, fact, found, translate, words
+from controllers.blocks.base import Controller, State, Values, hears
+from controllers.runtime.body import Untranslatable
+from controllers.runtime.translate import Translated, fact, found, translate, words
 from rig.kernel import as_python, called_by_address, told_as
 
 typeof: Any = _typeof

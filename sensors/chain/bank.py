@@ -16,10 +16,10 @@ from rig.loan import Loan
 from rig.solve.response import COLUMNS, POLE, RESIDUE, STATE
 from rig.solve.sampling import FRONT, NOW, SHORT, Rack, advance, prepare
 from rig.solve.segments import DEGREE, Segments
-from sensors.front_end import FrontEnd
-from sensors.instants import SECOND, Integers, common_step
-from sensors.instrument import Instrument
-from sensors.streams import Stream
+from sensors.chain.front_end import FrontEnd
+from sensors.chain.instants import SECOND, Integers, common_step
+from sensors.chain.instrument import Instrument
+from sensors.chain.streams import Stream
 
 _CHUNK = 1024  # random numbers drawn and samples kept at a time, at least
 _FRAMES = 64  # and for so many frames

@@ -1,0 +1,8 @@
+"""Structures that plants are made of: beams, rigid bodies, plates of finite elements, and the store of reduced models.
+
+bending         modes of a clamped beam              series          power series of two small angles
+multibody       rigid bodies on springs              brake_disc      the disc of the brake that bends
+hexahedra       finite elements of solids            plate_elements  plate and foam of finite elements
+plate_model     the plate, reduced to its modes      plate_surface   shapes of the plate at its top face
+model_store     reduced models, kept on disk and in recordings
+"""
