@@ -131,7 +131,7 @@ def phases(axes: Axes, run: Run) -> None:
     for i, span in enumerate(story.phases(run)):
         axes.axvspan(span.begin, span.end, 0.02, 0.46, color="#e9edf3" if i % 2 else "#d9e0ea", lw=0)
         room = letters * (span.end - span.begin) - 1
-        shorter = (span.text, "to" + span.text.partition(" to")[2])
+        shorter = (span.text, "to" + span.text.partition(" to")[2], span.text.rpartition(" to ")[2])
         text = next((t for t in shorter if len(t) <= room and t != "to"), _fitting(span.text, room))
         axes.text((span.begin + span.end) / 2, 0.48, text, ha="center", va="center", fontsize=8.5, color="#333333")
     marks = story.marks(run)

@@ -1,0 +1,83 @@
+"""The pages: their Python runs, their commands are ones that the program takes, their links lead somewhere."""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+import typer
+
+from rig import scenes
+from rig.cli.app import app
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", ROOT / "CHANGELOG.md", ROOT / "recordings" / "README.md",
+         *sorted(path for path in (ROOT / "docs").glob("*.md") if path.name != "decisions.md")]  # fmt: skip
+FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
+PYTHON = ("README.md", "docs/python.md")
+
+
+def blocks(page, language):
+    return [body for kind, body in FENCE.findall((ROOT / page).read_text()) if kind == language]
+
+
+def commands():
+    """(page, words) of every line in a fence that starts with `rig`."""
+    for page in PAGES:
+        for body in blocks(page, ""):
+            for line in body.splitlines():
+                if line.startswith("rig "):
+                    yield page.relative_to(ROOT).as_posix(), shlex.split(line, comments=True)
+
+
+@pytest.mark.parametrize("page", PYTHON)
+def test_the_python_of_a_page_runs(page, tmp_path):
+    code = f"import os; os.chdir({str(ROOT)!r})\n" + "\n".join(blocks(page, "python"))
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    found = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, env=environment, cwd=tmp_path
+    )
+    assert found.returncode == 0, found.stderr
+
+
+def test_the_readme_shows_five_lines_of_python_that_print_what_they_say():
+    (code,) = blocks("README.md", "python")
+    assert len(code.splitlines()) == 5
+
+
+@pytest.mark.parametrize(("page", "words"), [*commands()], ids=str)
+def test_a_command_of_a_page_is_one_that_the_program_takes(page, words):
+    command = typer.main.get_command(app)
+    words = words[1:]
+    while hasattr(command, "commands"):
+        assert words[0] in command.commands, f"{page}: no command {words[0]}"
+        command, words = command.commands[words[0]], words[1:]
+    options = {name for one in command.params for name in one.opts if name.startswith("-")}
+    given = {word for word in words if re.match(r"--?[a-z]", word)}
+    assert given <= options, f"{page}: {sorted(given - options)}"
+    if any(one.metavar == "SCENE" for one in command.params) and words[0] in scenes.names():
+        changed = [words[i + 1] for i, word in enumerate(words) if word == "-p"]
+        scenes.load(words[0], dict(one.split("=", 1) for one in changed))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.name)
+def test_links_of_a_page_lead_somewhere(page):
+    for target in re.findall(r"\]\(([^)]+)\)", page.read_text()):
+        if "://" not in target:
+            name, _, part = target.partition("#")
+            file = page.parent / name if name else page
+            assert file.exists(), target
+            if part:
+                heads = [re.sub(r"[^\w\- ]", "", head).strip().lower().replace(" ", "-")
+                         for head in re.findall(r"^#+ (.*)$", file.read_text(), re.MULTILINE)]  # fmt: skip
+                assert part in heads, target
+
+
+def test_the_version_is_the_same_everywhere():
+    version = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["version"]
+    assert re.search(r"^version: (.*)$", (ROOT / "CITATION.cff").read_text(), re.MULTILINE)[1] == version
+    assert re.search(r"^## \[?([\d.]+)", (ROOT / "CHANGELOG.md").read_text(), re.MULTILINE)[1] == version
