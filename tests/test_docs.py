@@ -44,9 +44,9 @@ def test_the_python_of_a_page_runs(page, tmp_path):
     assert found.returncode == 0, found.stderr
 
 
-def test_the_readme_shows_five_lines_of_python_that_print_what_they_say():
+def test_the_first_lines_of_python_are_five():
     (code,) = blocks("README.md", "python")
-    assert len(code.splitlines()) == 5
+    assert len([line for line in code.splitlines() if line]) == 5
 
 
 @pytest.mark.parametrize(("page", "words"), [*commands()], ids=str)

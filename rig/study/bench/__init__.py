@@ -1,4 +1,4 @@
-"""What this machine does: figures for the README, made by `make bench`. Nothing here is a test.
+"""What this machine does: figures for docs/benchmarks.md, made by `make bench`. Nothing here is a test.
 
 kernels  real-time factor of the pendulum over event-time error, per method; ratio to scipy
 twins    kernels against their C twins: quiet tick, fixed step, the exact run of a stiff shunt, a film of points (film)

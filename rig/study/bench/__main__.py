@@ -1,4 +1,4 @@
-"""`make bench`: every figure of the README, on this machine.
+"""`make bench`: every figure of docs/benchmarks.md, on this machine.
 
 `--json FILE` keeps them, `--quick` takes less time, `--map` measures maps alone, `--loop SECONDS` the loop over the bus
 alone, with a paced run of so many seconds, `--against COMMIT` compares the speed with that of another version of the
