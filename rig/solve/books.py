@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from rig.kernel import inner
-from rig.solve.forces import dot
 from rig.solve.ledger import RESISTOR
+from rig.solve.rows import dot
 
 
 @inner

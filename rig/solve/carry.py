@@ -7,10 +7,11 @@ import numpy as np
 from rig.kernel import inlined, inner, kernel
 from rig.solve import ride
 from rig.solve.emit import crowded
-from rig.solve.forces import dot, inputs
+from rig.solve.forces import inputs
 from rig.solve.lanes import multiply
 from rig.solve.leaf import any_shape, call
 from rig.solve.records import BEYOND, EVENTS, KEY, PAST, PENDING, PLACE, REACHED, REPEAT, TICK
+from rig.solve.rows import dot
 from rig.solve.settle import CHATTER, DONE, LOST, OVERFULL, READY, SETTLE, digit, of_sector, settle
 from rig.solve.system import G_NEXT
 

@@ -10,9 +10,10 @@ import numpy as np
 
 from rig.kernel import inlined, inner
 from rig.solve.emit import quartic
-from rig.solve.forces import dot, refill, rounding
+from rig.solve.forces import refill
 from rig.solve.leaf import any_shape, states
 from rig.solve.roots import NONE, first_fall
+from rig.solve.rows import dot, rounding
 
 _EARLY = 0.5  # share of a step
 _PROBE = 0.9  # of a step, where a quartic through its quarters is off by most

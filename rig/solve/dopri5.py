@@ -18,9 +18,10 @@ from rig.loan import lent
 from rig.solve.books import book
 from rig.solve.dense import at, clear, dense, fall
 from rig.solve.emit import close, crowded, part, through
-from rig.solve.forces import dot, lend, rate, refill
+from rig.solve.forces import lend, rate, refill
 from rig.solve.leaf import any_shape, call, local, states
 from rig.solve.records import HOPED, KEY, LENGTH, MOST, PLACE, REACHED, TICK, TRIALS, TRY
+from rig.solve.rows import dot
 from rig.solve.settle import land, passed
 from rig.solve.stage import begin, complete, rubbing, stage
 

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 from rig.kernel import inlined, inner
 from rig.solve.emit import crowded, emit_linear
-from rig.solve.forces import dot, rounding
 from rig.solve.leaf import call, local, states
 from rig.solve.ledger import book
 from rig.solve.records import KEY, OPENED, PLACE, REACHED, TICK
 from rig.solve.roots import NONE, first_fall
+from rig.solve.rows import dot, rounding
 from rig.solve.settle import passed
 from rig.solve.wide import along as along_cell
 from rig.solve.wide import book as book_part

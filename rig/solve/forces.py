@@ -16,27 +16,9 @@ from rig.solve.exponential import factors
 from rig.solve.laws import STRIBECK, coefficient
 from rig.solve.leaf import multiplies, states
 from rig.solve.products import early, late
+from rig.solve.rows import dot
 
 Array = NDArray[np.float64]
-ROUND = 64.0 * 2.2e-16
-
-
-@inner
-def dot(row, x):
-    """Row . x, summed in index order."""
-    s = 0.0
-    for j in range(row.shape[0]):
-        s += row[j] * x[j]
-    return s
-
-
-@inner
-def rounding(row, x):
-    """Size of the rounding error of row . x."""
-    s = 0.0
-    for j in range(row.shape[0]):
-        s += abs(row[j] * x[j])
-    return s * ROUND
 
 
 class Field(NamedTuple):

@@ -27,11 +27,11 @@ from rig.kernel import inlined, inner
 from rig.solve import expm, ledger
 from rig.solve.books import read
 from rig.solve.emit import crowded, emit_chord
-from rig.solve.forces import ROUND, rounding
 from rig.solve.formulation import ModeSet
 from rig.solve.lanes import BLOCK, blocks, gather, multiply, zeros
 from rig.solve.products import PRESS, Factor, Product
 from rig.solve.records import KEY, PLACE, REACHED, TICK
+from rig.solve.rows import ROUND, rounding
 from rig.solve.settle import passed
 from rig.solve.system import Normal, System
 

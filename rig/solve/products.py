@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.kernel import inner
+from rig.solve.rows import dot
 
 Array = NDArray[np.float64]
 STATE, SINE, VERSINE, NORMAL, FRICTION, PRESS = range(6)
@@ -99,14 +100,6 @@ def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> P
 
 
 @inner
-def _row(row, x):
-    s = 0.0
-    for j in range(row.shape[0]):
-        s += row[j] * x[j]
-    return s
-
-
-@inner
 def _fill(t, begin, end, T):
     """T of the products `begin` to `end`."""
     p = t.products
@@ -128,15 +121,15 @@ def early(t, slot, x, T):
     for i in range(x.shape[0]):
         p.state[i] = x[i]
     for a in range(p.angles.shape[0]):
-        angle = _row(p.angles[a], x)
+        angle = dot(p.angles[a], x)
         half = np.sin(0.5 * angle)
         p.sine[a], p.versine[a] = np.sin(angle), -2.0 * half * half
     for a in range(p.presses.shape[0]):
-        p.pressed[a] = max(_row(p.presses[a], x), 0.0)
+        p.pressed[a] = max(dot(p.presses[a], x), 0.0)
     _fill(t, 0, p.upto[0], T)
     if p.upto[2] > p.upto[0]:
         for k in range(p.normal.shape[0]):
-            p.normal[k] = _row(t.press[slot, k], x) + _row(t.press_t[slot, k], T)
+            p.normal[k] = dot(t.press[slot, k], x) + dot(t.press_t[slot, k], T)
         _fill(t, p.upto[0], p.upto[1], T)
 
 
@@ -146,7 +139,7 @@ def late(t, slot, x, T):
     p = t.products
     if p.upto[2] > p.upto[1]:
         for q in range(p.friction.shape[0]):
-            p.friction[q] = _row(t.friction[slot, q], x) + _row(t.friction_t[slot, q], T)
+            p.friction[q] = dot(t.friction[slot, q], x) + dot(t.friction_t[slot, q], T)
         _fill(t, p.upto[1], p.upto[2], T)
 
 

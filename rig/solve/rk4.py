@@ -10,9 +10,10 @@ from rig.kernel import inlined, inner
 from rig.loan import lent
 from rig.solve.books import book, read
 from rig.solve.emit import crowded, emit_quartic
-from rig.solve.forces import guard, inputs, lend, rate, rounding
+from rig.solve.forces import guard, inputs, lend, rate
 from rig.solve.leaf import bends, call, local, states
 from rig.solve.records import FELL, KEY, LENGTH, PLACE, REACHED, TICK
+from rig.solve.rows import rounding
 from rig.solve.settle import land, passed
 
 ENDED, ASKS = range(2)  # what the leaf returns

@@ -10,10 +10,11 @@ its position here; what the network then stores less is booked.
 from __future__ import annotations
 
 from rig.kernel import inlined, inner
-from rig.solve.forces import ROUND, dot, inputs, rounding
+from rig.solve.forces import inputs
 from rig.solve.laws import SMOOTH
 from rig.solve.ledger import SWITCH, held
 from rig.solve.records import BEGUN, KEY, PENDING, REPEAT
+from rig.solve.rows import ROUND, dot, rounding
 from rig.solve.system import (
     G_CLOSE,
     G_LIMIT_BACK,

@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from rig.kernel import inlined, inner, kernel
 from rig.solve import expm
 from rig.solve.economy import bernstein, economy
-from rig.solve.forces import rounding
 from rig.solve.lanes import BLOCK, blocks, gather, multiply, zeros
 from rig.solve.ledger import gathered
 from rig.solve.roots import DEGREE as ORDER
 from rig.solve.roots import NONE, first_fall
+from rig.solve.rows import rounding
 from rig.solve.segments import DEGREE
 
 Array = NDArray[np.float64]

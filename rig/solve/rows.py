@@ -1,0 +1,25 @@
+"""Rows over the state: their product with it, and what rounding may make of that product."""
+
+from __future__ import annotations
+
+from rig.kernel import inner
+
+ROUND = 64.0 * 2.2e-16
+
+
+@inner
+def dot(row, x):
+    """Row . x, summed in index order."""
+    s = 0.0
+    for j in range(row.shape[0]):
+        s += row[j] * x[j]
+    return s
+
+
+@inner
+def rounding(row, x):
+    """Size of the rounding error of row . x."""
+    s = 0.0
+    for j in range(row.shape[0]):
+        s += abs(row[j] * x[j])
+    return s * ROUND
