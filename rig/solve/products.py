@@ -71,17 +71,18 @@ def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> P
     """The arrays of `products`, which are in the order of their levels."""
     angles: list[Array] = []
     presses: list[Array] = []
+    known: dict[tuple[bool, bytes], int] = {}
     kind, index, first = [], [], [0]
     for product in products:
         for factor in product.factors:
             kind.append(factor.kind)
             index.append(factor.index)
             if factor.row is not None:
-                rows = presses if factor.kind == PRESS else angles
-                known = [i for i, row in enumerate(rows) if np.array_equal(row, factor.row)]
-                if not known:
+                pressed = factor.kind == PRESS
+                rows = presses if pressed else angles
+                index[-1] = known.setdefault((pressed, (factor.row + 0.0).tobytes()), len(rows))  # -0.0 is 0.0
+                if index[-1] == len(rows):
                     rows.append(factor.row)
-                index[-1] = known[0] if known else len(rows) - 1
         first.append(len(kind))
     levels = [product.level for product in products]
     ends = np.cumsum([0, n, len(angles), len(angles), normals, patches, len(presses)])  # in the order of the kinds
