@@ -1,5 +1,13 @@
 """What tests of several rooms share."""
 
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+from pathlib import Path
+
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -54,3 +62,36 @@ def rig(capsys):
         return left.value.code or 0, said.out, said.err
 
     return call
+
+
+@pytest.fixture
+def runs(monkeypatch):
+    """A directory of live runs that belongs to this test alone; short, for socket paths are."""
+    here = tempfile.mkdtemp(prefix="rig-")
+    monkeypatch.setenv("XDG_RUNTIME_DIR", here)
+    yield Path(here)
+    shutil.rmtree(here)
+
+
+@pytest.fixture
+def script(runs):
+    """Starts Python code in a process of its own; each is gone after 25 s, or after the test."""
+    started = []
+
+    def start(code, *args):
+        process = subprocess.Popen(
+            [sys.executable, "-c", code, *map(str, args)],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])},
+        )
+        started.append((process, threading.Timer(25.0, process.kill)))
+        started[-1][1].start()
+        return process
+
+    yield start
+    for process, deadline in started:
+        deadline.cancel()
+        process.kill()
+        process.communicate()

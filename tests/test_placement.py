@@ -7,13 +7,13 @@ import time
 
 import numpy as np
 import pytest
+from twin import Twin
 
 import controllers
 from controllers.runtime import process
 from rig import bus, placement
 from rig.bus import encode, messages
 from rig.bus.setup import Setup
-from rig.bus.twin import Twin
 from rig.scenes import load
 from rig.study.design import numbers
 

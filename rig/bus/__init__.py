@@ -1,4 +1,4 @@
-"""How processes talk: one table of topics, protobuf messages, a Zenoh session, and a twin of it within one process.
+"""How processes talk: one table of topics, protobuf messages, a Zenoh session.
 
 The plant hosts a run, everyone else joins it:
 
@@ -25,7 +25,6 @@ The plant hosts a run, everyone else joins it:
 
 What arrives malformed, or from a process that does not own the topic, is refused and counted: `session.door`.
 A receiver tells `received` and `lost`; `counts[topic].tail(sent)` adds what was lost after the last message.
-`twin.Twin("name").open(role, name)` gives the same session without Zenoh.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """What a process sees of the bus: publishers, receivers, signs of life, and the session that has them.
 
-The classes here count; how bytes travel is the business of `rig.bus.session` (Zenoh, between processes) and
-`rig.bus.twin` (within one process). Every message carries 16 bytes before its payload: its number on this topic,
+The classes here count. How bytes travel is the business of `rig.bus.session` (Zenoh, between processes); the tests have
+another session, within one process. Every message carries 16 bytes before its payload: its number on this topic,
 counted from 0 by the publisher, and the simulated time. A receiver that finds a number missing has lost a message;
 what was lost after the last one it got shows when the sender tells its totals.
 """

@@ -1,4 +1,4 @@
-"""Publishers: each numbers what it sends on one topic. How bytes travel is for `rig.bus.session` or `rig.bus.twin`."""
+"""Publishers: each numbers what it sends on one topic. How bytes travel is for `rig.bus.session`."""
 
 from __future__ import annotations
 

@@ -5,6 +5,7 @@ import threading
 
 import numpy as np
 import pytest
+from twin import Twin
 
 import controllers
 from controllers.normal_force import NormalForceFeedback
@@ -16,7 +17,6 @@ from rig.bench.plant_process import Plant
 from rig.bench.simulate import simulate
 from rig.bus import messages
 from rig.bus.setup import fetch
-from rig.bus.twin import Twin
 from rig.errors import BusError, SceneError
 from rig.scenes.scene import Scene
 from rig.study import design

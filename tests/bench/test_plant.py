@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from twin import Twin
 
 import controllers
 from controllers.runtime.file import load_file
@@ -24,7 +25,6 @@ from rig.bench.supervise import Team
 from rig.bus import encode, messages
 from rig.bus.arrivals import HEADER, Arrived, Count
 from rig.bus.setup import fetch
-from rig.bus.twin import Twin
 from rig.errors import BusError, UsageError
 from rig.quantities import si
 from rig.record.run import Commands

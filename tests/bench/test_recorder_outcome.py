@@ -1,10 +1,7 @@
 """What becomes of the recorder is part of what becomes of the run: dead, out of room, or unable to tell."""
 
 import resource
-import shutil
 import signal
-import tempfile
-from pathlib import Path
 
 import pytest
 
@@ -33,15 +30,6 @@ def scene():
     return loaded
 
 
-@pytest.fixture
-def folder(monkeypatch):
-    """A directory of live runs that belongs to this test alone; short, for socket paths are."""
-    here = tempfile.mkdtemp(prefix="rig-")
-    monkeypatch.setenv("XDG_RUNTIME_DIR", here)
-    yield Path(here)
-    shutil.rmtree(here)
-
-
 def killed(recorder, path):
     recorder.send(signal.SIGKILL)
 
@@ -55,19 +43,19 @@ def full(recorder, path):
 @pytest.mark.parametrize(
     ("strikes", "told"), [(killed, "was killed by SIGKILL"), (full, "cannot be written: File too large")]
 )
-def test_a_recorder_that_fails_after_the_last_frame_fails_the_run(folder, scene, monkeypatch, strikes, told):
+def test_a_recorder_that_fails_after_the_last_frame_fails_the_run(runs, scene, monkeypatch, strikes, told):
     ends = supervise.end
 
     def end(children, patience):
         for child in children:
             if child.name == "recorder recorder" and child.code is None:
-                strikes(child, folder / "run.mcap")
+                strikes(child, runs / "run.mcap")
         return ends(children, patience)
 
     monkeypatch.setattr(supervise, "end", end)
     lines = []
     outcome = supervise.run(
-        scene, numbers=design.numbers(scene), pace=None, duration=0.5, out=folder / "run.mcap", say=lines.append
+        scene, numbers=design.numbers(scene), pace=None, duration=0.5, out=runs / "run.mcap", say=lines.append
     )
     assert outcome.exit_code == 1
     assert outcome.summary["verdict"] == "DEGRADED"
@@ -75,11 +63,11 @@ def test_a_recorder_that_fails_after_the_last_frame_fails_the_run(folder, scene,
     assert "the recording is not complete: recorder recorder" in outcome.summary["reasons"][-1]
     assert told in outcome.text()
     assert outcome.to_json()["verdict"] == "DEGRADED"
-    assert f"rig recover {folder / 'run.mcap'}" in outcome.text()
-    assert rig.open(folder / "run.mcap").damage
+    assert f"rig recover {runs / 'run.mcap'}" in outcome.text()
+    assert rig.open(runs / "run.mcap").damage
 
 
-def test_a_disk_that_fills_up_while_it_runs_fails_the_run(folder, scene):
+def test_a_disk_that_fills_up_while_it_runs_fails_the_run(runs, scene):
     going, struck = {}, []
 
     def say(text):
@@ -96,17 +84,17 @@ def test_a_disk_that_fills_up_while_it_runs_fails_the_run(folder, scene):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(supervise, "Team", Team)
         outcome = supervise.run(
-            scene, numbers=design.numbers(scene), duration=3.0, out=folder / "run.mcap", say=say, name="fills"
+            scene, numbers=design.numbers(scene), duration=3.0, out=runs / "run.mcap", say=say, name="fills"
         )
     assert struck
     assert outcome.exit_code in (1, 3)
     assert outcome.summary["verdict"] != "VALID"
     assert "nothing lost" not in outcome.summary["reasons"]
     assert "cannot be written: File too large; recorded up to t = " in outcome.text()
-    assert rig.open(folder / "run.mcap").damage
+    assert rig.open(runs / "run.mcap").damage
 
 
-def test_a_recorder_that_is_stopped_in_mid_run_fails_the_run(folder, scene, monkeypatch):
+def test_a_recorder_that_is_stopped_in_mid_run_fails_the_run(runs, scene, monkeypatch):
     teams, struck = [], []
 
     def say(text):
@@ -120,7 +108,7 @@ def test_a_recorder_that_is_stopped_in_mid_run_fails_the_run(folder, scene, monk
             teams.append(self)
 
     monkeypatch.setattr(supervise, "Team", Team)
-    outcome = supervise.run(scene, numbers=design.numbers(scene), duration=1.5, out=folder / "run.mcap", say=say)
+    outcome = supervise.run(scene, numbers=design.numbers(scene), duration=1.5, out=runs / "run.mcap", say=say)
     assert struck
     assert outcome.exit_code in (1, 3)
     assert outcome.summary["verdict"] != "VALID"
@@ -128,8 +116,8 @@ def test_a_recorder_that_is_stopped_in_mid_run_fails_the_run(folder, scene, monk
     assert "rig recover" not in outcome.text()  # the file is whole as far as it goes
 
 
-def test_the_file_of_another_run_is_not_told_as_the_recording_of_this_one(folder, scene):
-    path = folder / "theirs.mcap"
+def test_the_file_of_another_run_is_not_told_as_the_recording_of_this_one(runs, scene):
+    path = runs / "theirs.mcap"
     theirs = Writer(path, Setup("theirs", scene.to_json(), scene.frame_ns, scene.step_ns, {}, {}), "recorded")
     outcome = supervise.run(
         scene, numbers=design.numbers(scene), pace=None, duration=0.2, out=path, replace=True, say=lambda _: None
@@ -142,7 +130,7 @@ def test_the_file_of_another_run_is_not_told_as_the_recording_of_this_one(folder
 
 
 def test_a_recorder_that_does_not_know_what_a_killed_controller_had_sent_has_finished_its_file(
-    folder, scene, monkeypatch
+    runs, scene, monkeypatch
 ):
     """What to do next must be possible: there is nothing to recover, and verify says what is not known."""
     teams, successors = [], []
@@ -159,7 +147,7 @@ def test_a_recorder_that_does_not_know_what_a_killed_controller_had_sent_has_fin
             teams.append(self)
 
     monkeypatch.setattr(supervise, "Team", Team)
-    path = folder / "run.mcap"
+    path = runs / "run.mcap"
     outcome = supervise.run(scene, numbers=design.numbers(scene), duration=6.0, out=path, say=say)
     assert end(successors, 5.0) == []
     assert outcome.exit_code in (1, 3)

@@ -1,12 +1,16 @@
 """The run before a paced run: what it finds out, and that it leaves nothing for the frames that count."""
 
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
+import twin
+from twin import Twin
 
 import controllers
 from rig import scenes
@@ -15,7 +19,6 @@ from rig.bench.plant_process import Plant, carry_out
 from rig.bench.rehearse import visited
 from rig.bench.simulate import begun, simulate
 from rig.bench.upcoming import MOST, Upcoming
-from rig.bus.twin import Twin
 from rig.errors import UsageError
 from rig.scenes.scene import Scene
 from rig.solve import motion as moving
@@ -29,7 +32,7 @@ from rig.bench.job import Job
 from rig.bench.plant_process import Plant
 from rig.bench.rehearse import visited
 from rig.bench.timing import Interruptions
-from rig.bus.twin import Twin
+from twin import Twin
 from rig.study import design
 scene = scenes.load("belt_normal_force")
 job = Job(scene.to_json(), design.numbers(scene), wait=0.0, duration=0.4, expect=(("controller", "nf"),))
@@ -152,7 +155,9 @@ def test_a_protocol_that_repeats_itself_forever_is_prepared_as_far_as_is_chosen(
 
 
 def test_nothing_is_left_to_import_or_compile():
-    done = subprocess.run([sys.executable, "-c", LEFT], text=True, timeout=300, capture_output=True)
+    path = os.pathsep.join([str(Path(scenes.__file__).parents[2]), str(Path(twin.__file__).parent)])
+    env = {**os.environ, "PYTHONPATH": path}
+    done = subprocess.run([sys.executable, "-c", LEFT], text=True, timeout=300, capture_output=True, env=env)
     assert done.returncode == 0, done.stderr
     assert done.stdout.strip() == "0 []"
 

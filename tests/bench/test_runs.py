@@ -3,11 +3,9 @@
 import contextlib
 import os
 import re
-import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections import Counter
@@ -44,15 +42,12 @@ def _compiled():
 
 
 @pytest.fixture
-def folder(monkeypatch):
-    """A directory of live runs that belongs to this test alone; short, for socket paths are."""
-    here = tempfile.mkdtemp(prefix="rig-")
-    monkeypatch.setenv("XDG_RUNTIME_DIR", here)
-    yield Path(here)
+def folder(runs):
+    """A directory of live runs; no process that the test has started is left."""
+    yield runs
     left = [one for one in psutil.Process().children(recursive=True) if one.is_running()]
     for one in left:
         one.kill()
-    shutil.rmtree(here)
     psutil.wait_procs(left, 5.0)
     assert not left
 

@@ -7,6 +7,7 @@ import time
 
 import numpy as np
 import pytest
+from twin import Asked, Twin
 
 import controllers
 from controllers.runtime.process import Worker
@@ -18,7 +19,6 @@ from rig.bus.arrivals import FASTEST, HEADER, Arrived, Count, Refused
 from rig.bus.inbound import Door
 from rig.bus.json_text import DEPTH, read_json
 from rig.bus.setup import Setup, fetch
-from rig.bus.twin import Twin
 from rig.errors import BusError
 from rig.record import reader
 from rig.record.process import _Recorder
@@ -122,25 +122,19 @@ class Stranger:
             if not alive():
                 return
             found = message(self.rng)
-            for receiver in self.hub._receivers:
+            for receiver in self.hub.receivers:
                 if receiver.door is self.door:
                     receiver.queue.put(found)
                     while receiver.queue.qsize() > 200 and receiver.patterns != ("total/*",) and alive():
                         time.sleep(0.0005)
-            for _, watch in self.hub._watches:
+            for _, watch in self.hub.watches:
                 if watch.door is self.door:
                     watch.queue.put(token(self.rng))
             if self.rng.random() < 0.1:
-                for topic, server in list(self.hub._servers.items()):
+                for topic, server in list(self.hub.servers.items()):
                     if server.door is self.door and server.queue.qsize() < 20:
-                        server.queue.put(asking(self.hub, topic, question(self.rng)))
+                        server.queue.put(Asked(Arrived("stranger", topic, question(self.rng))))
             self.sent += 1
-
-
-def asking(hub, topic, text):
-    from rig.bus.twin import _Request
-
-    return _Request(Arrived("stranger", topic, text))
 
 
 @pytest.mark.parametrize("count", MANY)

@@ -5,12 +5,12 @@ import time
 
 import numpy as np
 import pytest
+from twin import Twin
 
 from rig.bus import encode, messages
 from rig.bus.arrivals import Arrived, Count
 from rig.bus.batch import LONGEST
 from rig.bus.setup import Setup, fetch
-from rig.bus.twin import Twin
 from rig.errors import BusError
 
 

@@ -6,7 +6,6 @@ import re
 import signal
 import subprocess
 import sys
-import tempfile
 import threading
 from contextlib import ExitStack
 from pathlib import Path
@@ -236,15 +235,7 @@ def test_a_recording_that_is_not_there_is_a_failed_check(rig, tmp_path):
 
 
 @pytest.fixture
-def runs_of_its_own(monkeypatch):
-    """A directory of live runs of this test's own; short, for socket paths are."""
-    with tempfile.TemporaryDirectory(prefix="rig-") as here:
-        monkeypatch.setenv("XDG_RUNTIME_DIR", here)
-        yield here
-
-
-@pytest.fixture
-def plant(runs_of_its_own):
+def plant(runs):
     """A run with one topic and one parameter, in this process."""
     from rig import bus
     from rig.bus import encode

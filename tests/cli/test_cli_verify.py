@@ -1,7 +1,6 @@
 """A recording that is made, checked, tampered with, and played into a controller once more, all by commands."""
 
 import json
-import tempfile
 
 import numpy as np
 import pytest
@@ -88,14 +87,6 @@ def test_missing_samples_are_counted(rig, log, tmp_path):
     code, out, _ = rig("verify", tmp_path / "holed.mcap")
     assert code == 1
     assert "1 samples of vibrometer are missing" in out
-
-
-@pytest.fixture
-def runs(monkeypatch):
-    """A directory of live runs of this test's own; short, for socket paths are."""
-    with tempfile.TemporaryDirectory(prefix="rig-") as here:
-        monkeypatch.setenv("XDG_RUNTIME_DIR", here)
-        yield here
 
 
 @pytest.mark.usefixtures("runs")

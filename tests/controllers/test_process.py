@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from twin import Twin
 
 import controllers
 from controllers.normal_force import NormalForce
@@ -24,7 +25,6 @@ from controllers.squeal_switch import SquealSwitch
 from rig import bus
 from rig.bus import encode, messages
 from rig.bus.setup import Setup
-from rig.bus.twin import Twin
 from rig.errors import BusError, UsageError
 
 ROOT = Path(__file__).parents[2]
@@ -223,8 +223,7 @@ def test_it_leaves_when_the_plant_leaves_and_says_what_it_did():
         plant.answer()
         totals = plant.session.subscribe("total/*")
         began = time.monotonic()
-        plant.session._hub.tell("plant", "plant", False)
-        plant.session._announced = False
+        plant.session.leave()
         assert plant.event().kind == "left"
         assert time.monotonic() - began < 1.0
         said = messages.decode("total/feedback", totals.get(1.0).payload)

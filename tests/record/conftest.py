@@ -1,50 +1,9 @@
-"""A private directory of runs, processes that never outlive their test, and a made-up run to record."""
-
-import os
-import shutil
-import subprocess
-import sys
-import tempfile
-import threading
-from pathlib import Path
+"""A made-up run to record."""
 
 import numpy as np
 import pytest
 
 from rig.record.run import Commands, Run, Samples
-
-
-@pytest.fixture
-def runs(monkeypatch):
-    """A directory of live runs that belongs to this test alone; short, for socket paths are."""
-    here = tempfile.mkdtemp(prefix="rig-")
-    monkeypatch.setenv("XDG_RUNTIME_DIR", here)
-    yield Path(here)
-    shutil.rmtree(here)
-
-
-@pytest.fixture
-def script(runs):
-    """Starts Python code in a process of its own; each is gone after 25 s, or after the test."""
-    started = []
-
-    def start(code, *args):
-        process = subprocess.Popen(
-            [sys.executable, "-c", code, *map(str, args)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
-        )
-        started.append((process, threading.Timer(25.0, process.kill)))
-        started[-1][1].start()
-        return process
-
-    yield start
-    for process, deadline in started:
-        deadline.cancel()
-        process.kill()
-        process.communicate()
 
 
 @pytest.fixture(scope="session")

@@ -11,10 +11,10 @@ import pytest
 from mcap.opcode import Opcode
 from mcap.reader import make_reader
 from mcap.writer import Writer as PlainWriter
+from twin import Twin
 
 from rig.bus import encode, messages
 from rig.bus.setup import Setup
-from rig.bus.twin import Twin
 from rig.errors import BusError, LogError, UsageError
 from rig.record import container, reader
 from rig.record.compare import compare

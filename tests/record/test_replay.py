@@ -5,11 +5,11 @@ import time
 
 import numpy as np
 import pytest
+from twin import Twin
 
 from rig import bus
 from rig.bus import encode, messages
 from rig.bus.setup import fetch
-from rig.bus.twin import Twin
 from rig.errors import BusError
 from rig.record import reader
 from rig.record.replay import replay

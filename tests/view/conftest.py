@@ -1,22 +1,16 @@
-"""Private runs, processes that never outlive their test, a made-up plant on the bus, what stands in an .rrd file."""
+"""A made-up plant on the bus, and what stands in an .rrd file."""
 
 import json
-import os
-import shutil
-import subprocess
-import sys
-import tempfile
 import threading
 from collections import defaultdict
-from pathlib import Path
 
 import numpy as np
 import pytest
+from twin import Twin
 
 import rig
 from rig.bus import encode, messages
 from rig.bus.setup import Setup
-from rig.bus.twin import Twin
 from rig.scenes.scene import Scene
 from rig.solve.system import SLIP_PLUS, STICK
 
@@ -28,39 +22,6 @@ OUTPUTS = {
     "surface_speed": "m/s",
 }
 SENSORS = {"laser": ("m/s", 100_000), "gauge": ("1", 1_000_000)}
-
-
-@pytest.fixture
-def runs(monkeypatch):
-    """A directory of live runs that belongs to this test alone; short, for socket paths are."""
-    here = tempfile.mkdtemp(prefix="rig-")
-    monkeypatch.setenv("XDG_RUNTIME_DIR", here)
-    yield Path(here)
-    shutil.rmtree(here)
-
-
-@pytest.fixture
-def script(runs):
-    """Starts Python code in a process of its own; each is gone after 25 s, or after the test."""
-    started = []
-
-    def start(code, *args):
-        process = subprocess.Popen(
-            [sys.executable, "-c", code, *map(str, args)],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
-        )
-        started.append((process, threading.Timer(25.0, process.kill)))
-        started[-1][1].start()
-        return process
-
-    yield start
-    for process, deadline in started:
-        deadline.cancel()
-        process.kill()
-        process.communicate()
 
 
 @pytest.fixture(scope="session")

@@ -1,4 +1,4 @@
-"""The bus within one process: the same interface without Zenoh, for tests and for runs that need no processes."""
+"""The bus within one process: the sessions of `rig.bus` without Zenoh, for tests that need no processes."""
 
 from __future__ import annotations
 
@@ -21,33 +21,33 @@ class Twin:
     def __init__(self, run: str = "twin") -> None:
         self.run = run
         self._lock = threading.RLock()
-        self._receivers: list[_Receiver] = []
-        self._watches: list[tuple[str, _Watch]] = []
-        self._servers: dict[str, _Server] = {}
+        self.receivers: list[_Receiver] = []
+        self.watches: list[tuple[str, _Watch]] = []
+        self.servers: dict[str, _Server] = {}
         self._alive: list[tuple[str, str]] = []
 
     def open(self, role: str, name: str) -> Session:
         """A session for the one who plays `role` under `name`."""
-        return _TwinSession(self, role, name)
+        return TwinSession(self, role, name)
 
     def receivers_of(self, topic: str, speaker: Session) -> list[_Receiver]:
         """Everyone who wants `topic`, but for the one who speaks."""
         with self._lock:
             looped = topics.way(topic) == topics.LOOP
             return [
-                r for r in self._receivers
+                r for r in self.receivers
                 if r.owner is not speaker and topics.matches(r.heard, topic) and not (looped and r.heard == "**")
             ]  # fmt: skip
 
     def listen(self, receiver: _Receiver) -> None:
         """Deliver to `receiver` from now on."""
         with self._lock:
-            self._receivers.append(receiver)
+            self.receivers.append(receiver)
 
     def look(self, who: str, watch: _Watch) -> None:
         """Tell `watch` who is here, and of everyone who comes and goes."""
         with self._lock:
-            self._watches.append((who, watch))
+            self.watches.append((who, watch))
             for role, name in self._alive:
                 if topics.matches(who, f"{role}/{name}"):
                     watch.queue.put(Arrived(name, f"alive/{role}/{name}"))
@@ -61,7 +61,7 @@ class Twin:
         """Someone joins or leaves."""
         with self._lock:
             (self._alive.append if here else self._alive.remove)((role, name))
-            for who, watch in self._watches:
+            for who, watch in self.watches:
                 if topics.matches(who, f"{role}/{name}"):
                     watch.queue.put(Arrived(name, f"alive/{role}/{name}", put=here))
 
@@ -74,18 +74,18 @@ class Twin:
     def offer(self, topic: str, server: _Server) -> None:
         """Let `server` answer questions on `topic`."""
         with self._lock:
-            self._servers[topic] = server
+            self.servers[topic] = server
 
     def server_of(self, topic: str) -> _Server | None:
         """Who answers `topic`."""
         with self._lock:
-            return self._servers.get(topic)
+            return self.servers.get(topic)
 
     def forget(self, receivers: list[Receiver], servers: list[_Server]) -> None:
         """A session has closed."""
         with self._lock:
-            self._receivers = [one for one in self._receivers if one not in receivers]
-            self._servers = {topic: server for topic, server in self._servers.items() if server not in servers}
+            self.receivers = [one for one in self.receivers if one not in receivers]
+            self.servers = {topic: server for topic, server in self.servers.items() if server not in servers}
 
 
 class _Publisher(Publisher):
@@ -124,7 +124,9 @@ class _Watch(Watch):
         return self.queue.take(timeout)
 
 
-class _Request(Request):
+class Asked(Request):
+    """A question, and where its answer is put."""
+
     def __init__(self, asked: Arrived) -> None:
         self.asked = asked
         self.answer = Inbox[tuple[bool, bytes]](1)
@@ -139,13 +141,13 @@ class _Request(Request):
 class _Server(Server):
     def __init__(self, door: Door, answer: Answer) -> None:
         super().__init__(door, answer)
-        self.queue = Inbox[_Request](WAITING)
+        self.queue = Inbox[Asked](WAITING)
 
     def _next(self, timeout: float) -> Request | None:
         return self.queue.take(timeout)
 
 
-class _TwinSession(Session):
+class TwinSession(Session):
     def __init__(self, hub: Twin, role: str, name: str) -> None:
         super().__init__(hub.run, role, name, name, frozenset({"plant", "operator"}))
         self._hub = hub
@@ -164,6 +166,12 @@ class _TwinSession(Session):
     def announce(self) -> None:
         self._hub.tell(self.role, self.name, True)
         self._announced = True
+
+    def leave(self) -> None:
+        """Take back what `announce` has told."""
+        if self._announced:
+            self._hub.tell(self.role, self.name, False)
+            self._announced = False
 
     def stand_in(self, role: str, name: str) -> Session:
         self._stand_ins.append(self._hub.open(role, name))
@@ -188,7 +196,7 @@ class _TwinSession(Session):
         server = self._hub.server_of(topic)
         if server is None:
             return None
-        request = _Request(Arrived(self.user, topic, text))
+        request = Asked(Arrived(self.user, topic, text))
         server.queue.put(request)
         return request.answer.take(timeout)
 
@@ -201,6 +209,4 @@ class _TwinSession(Session):
             other.close()
         self.flush()
         self._hub.forget(self._receivers, self._servers)
-        if self._announced:
-            self._hub.tell(self.role, self.name, False)
-            self._announced = False
+        self.leave()
