@@ -20,11 +20,13 @@ import re
 from collections.abc import Iterable
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from functools import cache, partial
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel, BeforeValidator, ConfigDict, GetCoreSchemaHandler, PlainSerializer
 from pydantic_core import CoreSchema, core_schema
+
+from rig.about import About
 
 ORIGINS = ("paper", "public", "derived", "calibrated", "chosen", "user")
 LONGEST = 1_000_000_000_000_000
@@ -66,7 +68,12 @@ class Unit(str):
 
 
 class Section(BaseModel):
-    """One table of a scene: frozen, and a key it does not know is a fault."""
+    """One table of a scene: frozen, and a key it does not know is a fault.
+
+    `declares`: what it says of itself where a plant may be without it.
+    """
+
+    declares: ClassVar[About] = About()
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
 

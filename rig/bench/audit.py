@@ -7,8 +7,7 @@ instant: what accelerates each body, how fast each other state moves, what each 
 
 with |a|, |r| the sums of the sizes of their terms, so that steady sliding, where all forces balance, is no nought. This
 is not the error of the motion, which `rig explain SCENE --measure` tells by paired runs; but it needs no second run. An
-absent effect has the values of a shipped scene of the same plant. What is bought and mounted, such as an absorber, a
-stack or a source of dither, is absent on purpose.
+absent effect has the values of a shipped scene of the same plant. Hardware (rig.about) is absent on purpose.
 """
 
 from __future__ import annotations
@@ -22,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import RigError
+from rig.scenes.effects import declared, switches
 from rig.scenes.scene import Scene
-from rig.scenes.variants import SWITCHED, SWITCHES, absent, added, dropped, without
+from rig.scenes.variants import SWITCHED, absent, added, dropped, without
 from rig.solve.formulation import ModeSet, assemble
 from rig.solve.linear import inputs, loads, own_law
 from rig.solve.method import seen
@@ -37,7 +37,6 @@ LEAST = 1e-3
 MOST = 24
 """States that are kept of a run."""
 _ROUNDING = 1e-12
-DEVICES = ("amplifier", "dither", "foam", "noise", "piezo", "shunt", "slider", "tuned_mass")
 
 
 class Visited(NamedTuple):
@@ -54,11 +53,11 @@ class Witness:
     `open`: switches of effects (`shunt.connected`) that have been open all the time.
     """
 
-    def __init__(self, values: Mapping[str, float]) -> None:
+    def __init__(self, scene: Scene, values: Mapping[str, float]) -> None:
         """`values`: of all inputs at the start."""
         self.kept: list[Visited] = []
         self.due = self._every = 1
-        self.open = {key for key, value in values.items() if key.rpartition(".")[2] in SWITCHES and value < SWITCHED}
+        self.open = {key for key in switches(scene.parameters) if values.get(key, SWITCHED) < SWITCHED}
 
     def hears(self, name: str, value: Any) -> None:
         """An input or a parameter now has this value."""
@@ -138,8 +137,9 @@ def _judged(scene: Scene, witness: Witness, motion: Motion) -> Iterator[Judged]:
         limited = clamped.get(name.removesuffix(" limits"), 0.0) if name.endswith(" limits") else 0.0
         switch = next((key for key in witness.open if key.partition(".")[0] == name), "")
         yield Judged(name, True, max(share(kept, other, own), limited), open=switch)
+    about = declared(scene.parameters)
     for name, keys in absent(scene).items():
-        if name in DEVICES:
+        if about[name].hardware:
             continue
         try:
             more, like = added(scene, keys)

@@ -86,7 +86,7 @@ class Stand:
         self._coefficients = frozenset(name for name, one in driven.items() if not (one.state or one.write))
         """Actuators that have no command state even when somebody drives them: each value needs its own matrices."""
         self._look = True
-        self._witness = Witness(self.values)
+        self._witness = Witness(scene, self.values)
         self._needs, self._truthful = len(needs), truthful
         self._prepared: list[Variant] = []
         self.keep_samples: Callable[[], object] = lambda: None

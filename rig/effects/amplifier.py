@@ -9,22 +9,25 @@ Source: Kroeger, Neubauer, Popp (2008), section 4 a and figure 21 (active contro
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Self
+from typing import ClassVar, Self
 
 from pydantic import model_validator
 
-from rig.effects.drive import actuator
+from rig.about import About
+from rig.effects.drive import Lag, actuator
 from rig.effects.stack import Stack, scaled
-from rig.quantities import PositiveSecond, PositiveVolt, Section, Volt
+from rig.quantities import PositiveVolt, Section, Volt
 from rig.solve.assembly import Assembly, Output
 
 
 class Amplifier(Section):
     """Voltage at the start, largest voltage of either sign, lag."""
 
+    declares: ClassVar = About("a commanded voltage on the stack's electrodes", hardware=True, needs=("piezo",))
+
     voltage: Volt = 0.0
     limit: PositiveVolt
-    lag: PositiveSecond | None = None
+    lag: Lag = None
 
     @model_validator(mode="after")
     def _within(self) -> Self:

@@ -14,13 +14,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 from pydantic import model_validator
 
+from rig.about import About
 from rig.quantities import KilogramPerCubicMetre, Pascal, PoissonRatio, PositiveMetre, Ratio, Section
 
 Array = NDArray[np.float64]
@@ -33,6 +34,8 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
 
 class Disc(Section):
     """The disc: measures, material, `damping_ratio` of each mode in the frame of the material, how many modes."""
+
+    declares: ClassVar = About("the disc bends, in place of moving along its axis and tilting as a rigid body")
 
     inner_radius: PositiveMetre
     outer_radius: PositiveMetre

@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from rig.about import About
 from rig.effects.drive import reach
 from rig.quantities import Angle, Hertz, PositiveNewton, Section, Speed
 from rig.solve.assembly import Assembly, Input
@@ -25,6 +26,8 @@ from rig.solve.assembly import add as add_row
 
 
 class _Dither(Section):
+    declares: ClassVar = About("a fast vibration of belt, mass or load", hardware=True, switch="enable")
+
     frequency: Hertz
     phase: Angle = 0.0
     enable: bool = True

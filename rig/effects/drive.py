@@ -11,17 +11,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Self
+from typing import Annotated, Any, ClassVar, Self
 
 from pydantic import model_validator
 
+from rig.about import About, Bound
 from rig.quantities import MetrePerSecond, PositiveSecond, RadianPerSecond, Section
 from rig.solve.assembly import Assembly, Input, Row
 
+Lag = Annotated[PositiveSecond | None, About("a first-order actuator")]
+"""Of an actuator that does not reach its command at once."""
+_LOW, _HIGH = Bound(of="speed", sign=-1), Bound(of="speed", sign=1)
+
 
 class _Drive(Section):
+    declares: ClassVar = About("moves the surface at the speed commanded")
+
     speed: Any
-    lag: PositiveSecond | None = None
+    lag: Lag = None
     speed_min: Any = None
     speed_max: Any = None
 
@@ -39,16 +46,16 @@ class BeltDrive(_Drive):
     """Drives a belt; speeds in m/s."""
 
     speed: MetrePerSecond
-    speed_min: MetrePerSecond | None = None
-    speed_max: MetrePerSecond | None = None
+    speed_min: Annotated[MetrePerSecond | None, _LOW] = None
+    speed_max: Annotated[MetrePerSecond | None, _HIGH] = None
 
 
 class DiscDrive(_Drive):
     """Drives a disc; speeds in rad/s (rpm are understood)."""
 
     speed: RadianPerSecond
-    speed_min: RadianPerSecond | None = None
-    speed_max: RadianPerSecond | None = None
+    speed_min: Annotated[RadianPerSecond | None, _LOW] = None
+    speed_max: Annotated[RadianPerSecond | None, _HIGH] = None
 
 
 FASTEST = {"m/s": 100.0, "rad/s": 1e4}
@@ -96,8 +103,9 @@ def actuator(
     if how:
         state, slope = f"{owner}.command", f"{owner}.slope" if how == "ramped" else ""
         if slope:
-            a.signal(slope, {}, 0.0, f"{owner} ramp")
-        a.signal(state, {slope: 1.0} if slope else {}, value, f"{owner} command")
+            a.signal(slope, {}, 0.0, f"{owner} ramp", "the slope of a value that runs linearly")
+        told = "the value commanded, held from tick to tick"
+        a.signal(state, {slope: 1.0} if slope else {}, value, f"{owner} command", told)
         row = {state: 1.0}
     if lag is not None:
         real = f"{owner}.actual"

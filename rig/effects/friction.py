@@ -15,11 +15,12 @@ the paper gives its shape), seal from its equation 3.1; exponential from Liu and
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from rig.about import About
 from rig.quantities import (
     NewtonPerRootSpeed,
     PositiveMetrePerSecond,
@@ -36,7 +37,11 @@ from rig.solve import laws
 from rig.solve.laws import Law
 
 
-class Stribeck(Section):
+class _OverSpeed(Section):
+    declares: ClassVar = About("a coefficient over the slip speed; stick and slip")
+
+
+class Stribeck(_OverSpeed):
     """Exponential fall from the static to the dynamic coefficient."""
 
     law: Literal["stribeck"]
@@ -49,7 +54,7 @@ class Stribeck(Section):
         return laws.stribeck(self.mu_static, self.mu_dynamic, self.speed_scale)
 
 
-class Falling(Section):
+class Falling(_OverSpeed):
     """Linear fall down to a floor."""
 
     law: Literal["falling"]
@@ -68,7 +73,7 @@ class Falling(Section):
         return laws.falling(self.mu_zero, self.slope, self.mu_floor)
 
 
-class Coulomb(Section):
+class Coulomb(_OverSpeed):
     """One coefficient at rest, one in slip."""
 
     law: Literal["coulomb"]
@@ -89,7 +94,7 @@ class Coulomb(Section):
         return laws.coulomb(self.mu_static, self.mu_kinetic)
 
 
-class Constant(Section):
+class Constant(_OverSpeed):
     """One coefficient, at rest and in slip: the friction of mode coupling, where nothing falls with the speed."""
 
     law: Literal["constant"]
@@ -100,7 +105,7 @@ class Constant(Section):
         return laws.coulomb(self.mu, self.mu)
 
 
-class Exponential(Section):
+class Exponential(_OverSpeed):
     """Exponential fall, its decay a constant in s/m. A decay of zero is refused: it would be mu_static throughout."""
 
     law: Literal["exponential"]
@@ -125,7 +130,7 @@ class Exponential(Section):
         return laws.stribeck(self.mu_static, self.mu_kinetic, 1.0 / self.decay)
 
 
-class Table(Section):
+class Table(_OverSpeed):
     """Measured points. Without `mu_static` a stuck contact holds the first value."""
 
     law: Literal["table"]
@@ -147,7 +152,7 @@ class Table(Section):
         return laws.table(np.array(self.speeds), np.array(self.values), static)
 
 
-class Seal(Section):
+class Seal(_OverSpeed):
     """The friction force of a lubricated seal as measured over speed; `load` is what pressed it on then.
 
     Under another load the force changes in proportion.

@@ -12,10 +12,11 @@ the turn (depth derived).
 from __future__ import annotations
 
 import math
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 from annotated_types import Ge, Gt, Le, Lt
 
+from rig.about import About
 from rig.quantities import Section, quantity
 from rig.solve.assembly import Assembly, Output, Row
 
@@ -29,6 +30,8 @@ Count = Annotated[int, Ge(4), Le(96)]
 
 class Inhomogeneity(Section):
     """Share by which the scale swings, into how many sectors the disc is cut, and theta at the start."""
+
+    declares: ClassVar = About("stiffness that swings with the turn of the disc")
 
     depth: Depth
     sectors: Count = 24

@@ -10,22 +10,25 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Self
+from typing import Annotated, ClassVar, Self
 
 from pydantic import model_validator
 
-from rig.effects.drive import actuator
-from rig.quantities import PositiveNewton, PositiveSecond, Section
+from rig.about import About, Bound
+from rig.effects.drive import Lag, actuator
+from rig.quantities import PositiveNewton, Section
 from rig.solve.assembly import Assembly, Row
 
 
 class Load(Section):
     """The force [N] at the start, and what the magnet can do."""
 
+    declares: ClassVar = About("presses the bodies together")
+
     force: PositiveNewton
-    lag: PositiveSecond | None = None
+    lag: Lag = None
     force_min: PositiveNewton = 0.0
-    force_max: PositiveNewton | None = None
+    force_max: Annotated[PositiveNewton | None, Bound(of="force")] = None
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:

@@ -9,12 +9,19 @@ Source: Liu and Ouyang, Meccanica 55 (2020), equations 19, 29, 30 (geometry); sl
 
 from __future__ import annotations
 
+from typing import ClassVar
+
+from rig.about import About
 from rig.quantities import Section
 
 
 class Geometry(Section):
     """The contact moves round with the slider. It has no numbers of its own."""
 
+    declares: ClassVar = About("the contact moves round with the slider; without it, it stays where it was")
+
 
 class Slope(Section):
     """The normal force pushes along the inclined surface. It has no numbers of its own."""
+
+    declares: ClassVar = About("the normal force pushes along the inclined surface")

@@ -11,10 +11,11 @@ alone, so a recording is verified to the bit.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 from annotated_types import Ge
 
+from rig.about import About
 from rig.quantities import Section, quantity
 from rig.solve.assembly import Assembly, Output
 
@@ -25,6 +26,10 @@ Density: Any = quantity("N/Hz^0.5", Ge(0.0))
 
 class Noise(Section):
     """One-sided spectral density of the force."""
+
+    declares: ClassVar = About(
+        "a random force along the sliding direction, a new one in every frame", hardware=True, random=True
+    )
 
     force: Density
 

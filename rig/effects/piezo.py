@@ -12,10 +12,11 @@ Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equation
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Self
+from typing import ClassVar, Self
 
 from pydantic import model_validator
 
+from rig.about import About
 from rig.effects import amplifier, shunt
 from rig.effects.amplifier import Amplifier
 from rig.effects.noise import Noisy
@@ -30,6 +31,10 @@ class Piezo(Section):
 
     `stiffness`: c33, what the stack adds to the path; 0 where a spring of the rig is the stack with shorted electrodes.
     """
+
+    declares: ClassVar = About(
+        "a stack in the load path that turns extension into charge; open without a shunt", hardware=True
+    )
 
     capacitance: Farad
     coupling: NewtonPerVolt | None = None

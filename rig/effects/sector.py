@@ -10,10 +10,11 @@ Source: Liu and Ouyang, Mechanical Systems and Signal Processing (2022), the dis
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 from annotated_types import Ge, Gt, Lt
 
+from rig.about import About
 from rig.effects.friction import Friction
 from rig.quantities import Section, quantity
 from rig.solve.assembly import Assembly, Output, Row
@@ -27,6 +28,8 @@ Place: Any = quantity("rad", Ge(0.0), Lt(_PERIOD))
 
 class Sector(Section):
     """Its span, its friction, and the place under the pin at the start, counted from the sector's first edge."""
+
+    declares: ClassVar = About("a part of the disc with a friction of its own")
 
     span: Span
     friction: Friction

@@ -8,8 +8,13 @@ Source: Liu and Ouyang, Meccanica 55 (2020), section 2.
 
 from __future__ import annotations
 
+from typing import ClassVar
+
+from rig.about import About
 from rig.quantities import Section
 
 
 class Separation(Section):
     """The contact lifts off where its normal force would become negative. It has no numbers of its own."""
+
+    declares: ClassVar = About("a contact spring that lifts off and comes back; without it the spring pulls as well")

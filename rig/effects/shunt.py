@@ -23,13 +23,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from annotated_types import Gt
 from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from rig.about import About
 from rig.effects import shunt_limits
 from rig.effects.drive import reach
 from rig.effects.stack import Stack, scaled, total
@@ -45,20 +46,26 @@ Beyond: Any = quantity("1", Gt(-1.0))
 Bank = Annotated[tuple[PositiveHenry, ...], Field(min_length=2)]
 
 
-class Open(Section):
+class _Network(Section):
+    declares: ClassVar = About(
+        "an electrical network on the stack's electrodes", hardware=True, needs=("piezo",), switch="connected"
+    )
+
+
+class Open(_Network):
     """Nothing on the electrodes but perhaps the resistance of their insulation."""
 
     kind: Literal["open"]
     leak: PositiveOhm | None = None
 
 
-class Short(Section):
+class Short(_Network):
     """Electrodes shorted."""
 
     kind: Literal["short"]
 
 
-class Series(Section):
+class Series(_Network):
     """R, L, C in one loop; `delta` = Cps/C, 0: no capacitor. `connected`: at the start.
 
     `bank`: inductances to choose from while it runs; a command takes the nearest. Without it a new inductance is a new
@@ -88,7 +95,7 @@ class Series(Section):
         return self
 
 
-class Parallel(Section):
+class Parallel(_Network):
     """R, L and C = `ratio` Cps side by side; a negative ratio is a negative capacitance, at least -1."""
 
     kind: Literal["parallel"]
@@ -135,7 +142,7 @@ def _open(a: Assembly, stack: Stack, leak: float | None) -> None:
         a.keep[VOLTAGE] = _charge(stack, voltage)
         return
     a.network[VOLTAGE] = total(scaled(stack.pumped, -1.0), {VOLTAGE: -1.0 / (leak * stack.capacitance)})
-    a.owners[VOLTAGE] = "shunt"
+    a.own("shunt", VOLTAGE)
     a.losses.append((1.0 / leak, {VOLTAGE: 1.0}))
     stack.couple(a, {VOLTAGE: 1.0})
 
@@ -191,10 +198,11 @@ def _series(a: Assembly, stack: Stack, given: Series, moved: Mapping[str, str]) 
     if L and shunt.bank is None:
         a.stores.append((L, {CURRENT: 1.0}))
     a.network |= rates
-    a.owners |= dict.fromkeys(rates, "shunt")
+    a.own("shunt", *rates)
     if drifts:
         a.network[OFFSET] = total(bleeds, scaled(leaks, -1.0))
-        a.owners[OFFSET] = "shunt leak"
+        told = "resistors that bleed stack or capacitor; what they change is the offset of the charges"
+        a.own("shunt leak", OFFSET, about=told)
         a.start[OFFSET] = _at_start(a, stack)
     if clamped:
         limit = float(shunt.saturation or 0.0)
@@ -242,7 +250,8 @@ def _switch(
     def write(x: NDArray[np.float64], values: Mapping[str, float], t: float) -> None:
         x[a.names.index(POSITION)] = position(values["shunt.connected"], values.get("shunt.inductance", coil))
 
-    a.signal(POSITION, {}, position(float(on), coil), "shunt switch")
+    told = "connected or open, and which coil of a bank"
+    a.signal(POSITION, {}, position(float(on), coil), "shunt switch", told)
     a.switch("shunt", POSITION, (opened, *closed))
     a.inputs["shunt.connected"] = Input("1", 0.0, 1.0, float(on), float(on), write=write)
 
@@ -279,7 +288,7 @@ def _parallel(a: Assembly, stack: Stack, shunt: Parallel, moved: Mapping[str, st
     stack.couple(a, {VOLTAGE: 1.0})
     if shunt.ratio:
         a.stores.append((shunt.ratio * Cps, {VOLTAGE: 1.0}))
-    a.owners |= {name: "shunt" for name in (VOLTAGE, CURRENT) if name in a.network}
+    a.own("shunt", *(name for name in (VOLTAGE, CURRENT) if name in a.network))
     a.outputs["shunt_current"] = Output(taken, "A")
     if "shunt.connected" in moved:
         silent: dict[str, Row] = {CURRENT: {}} if L else {}

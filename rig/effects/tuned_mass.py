@@ -15,11 +15,12 @@ Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equation
 from __future__ import annotations
 
 import math
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from annotated_types import Ge
 from pydantic import field_validator, model_validator
 
+from rig.about import About
 from rig.quantities import Angle, NewtonPerMetre, Section, optional, quantity
 from rig.solve.assembly import Assembly, Output
 from rig.solve.assembly import add as add_row
@@ -31,6 +32,8 @@ DampingRatio: Any = optional("1", Ge(0.0))
 
 class TunedMass(Section):
     """Tilt, mass and spring; damped by `damping` or by `damping_ratio` D2 = d2 / (2 sqrt(c2 m2)), or by nothing."""
+
+    declares: ClassVar = About("a tilted absorber; its inertia enters the normal force", hardware=True)
 
     angle: Angle
     mass: AbsorberMass
@@ -67,7 +70,7 @@ def add(a: Assembly, tuned: TunedMass, normal: str, coordinate: str, arm: float 
     a.mass[coordinate, "absorber"] = a.mass["absorber", coordinate] = tuned.mass * s * arm
     add_row(a.load(normal), {"absorber": tuned.stiffness * c, "absorber'": tuned.damper * c})
     add_row(a.inertia(normal), {coordinate: tuned.mass * s * c * arm})
-    a.owners |= {"absorber": "tuned_mass", "absorber'": "tuned_mass"}
+    a.own("tuned_mass", "absorber", "absorber'")
     a.outputs |= {
         "absorber_displacement": Output({"absorber": 1.0}, "m"),
         "absorber_velocity": Output({"absorber'": 1.0}, "m/s"),

@@ -10,10 +10,11 @@ pass over the elements of the other body (docs/tip.md).
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 from annotated_types import Gt, Lt
 
+from rig.about import About
 from rig.quantities import Angle, PositiveMetre, Section, quantity
 from rig.solve.assembly import Assembly, Output, Row
 
@@ -23,6 +24,8 @@ Depth: Any = quantity("1", Gt(0.0), Lt(1.0))
 
 class Waviness(Section):
     """Share by which the normal force swings, length of a wave along the surface, place in the wave at the start."""
+
+    declares: ClassVar = About("the surface is wavy: the normal force swings with the slip distance")
 
     depth: Depth
     wavelength: PositiveMetre

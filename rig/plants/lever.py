@@ -25,13 +25,14 @@ of the springs is read from the text.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 from pydantic import model_validator
 
+from rig.about import About
 from rig.effects import drive, load, sector
 from rig.effects.drive import DiscDrive
 from rig.effects.friction import Friction
@@ -75,6 +76,8 @@ class Cylinder(Section):
 class Lever(Section):
     """I, c2, length r3 of its two legs."""
 
+    declares: ClassVar = About("turns with the slider's motion and presses it on the disc")
+
     inertia: KilogramSquareMetre
     damping: NewtonMetreSecondPerRadian = 0.0
     leg: PositiveMetre
@@ -92,9 +95,9 @@ class Springs(Section):
 
     free_length: PositiveMetre
     order: Order = 2
-    arm: Spring | None = None
-    fixture: Spring | None = None
-    tail: Spring | None = None
+    arm: Annotated[Spring | None, About("holds the arm of the cylinder")] = None
+    fixture: Annotated[Spring | None, About("between the pin's fixture and the lever; presses the pin on")] = None
+    tail: Annotated[Spring | None, About("between the tail of the cylinder and the lever")] = None
 
     @model_validator(mode="after")
     def _of_some_length(self) -> Self:
@@ -111,12 +114,16 @@ class Springs(Section):
 class LoadCell(Section):
     """Holds the tip of the arm in place of its spring, and reads the force there."""
 
+    declares: ClassVar = About("holds the tip of the arm in place of its spring, and reads the force there")
+
     stiffness: NewtonPerMetre
     damping: NewtonSecondPerMetre = 0.0
 
 
 class Disc(Section):
     """Radius rd at which the pin rubs."""
+
+    declares: ClassVar = About("turns under the pin; without it the pin is lifted")
 
     radius: PositiveMetre
 

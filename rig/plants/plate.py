@@ -17,13 +17,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import Annotated, NamedTuple, Self
+from typing import Annotated, ClassVar, NamedTuple, Self
 
 import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 from pydantic import model_validator
 
+from rig.about import About
 from rig.effects import drive, load
 from rig.effects.drive import BeltDrive
 from rig.effects.friction import Constant
@@ -60,6 +61,8 @@ MOST_PLACES = 1000
 class Slider(Section):
     """A rigid block; `position`: of its rear edge from the plate's at the start. `travels`: false holds it there."""
 
+    declares: ClassVar = About("a rigid block that the load presses on the film", hardware=True)
+
     length: PositiveMetre
     width: PositiveMetre
     thickness: PositiveMetre
@@ -76,6 +79,8 @@ class Film(Section):
     bonds it to the plate: then all points slide and pull as well. `lateral`: friction across the travel too.
     `completed`: what the plate's modes leave out of its deflection is in series with it.
     """
+
+    declares: ClassVar = About("a film that presses and sticks point by point: its forces, those of each point")
 
     thickness: PositiveMetre
     young: Pascal
@@ -129,7 +134,7 @@ class Parameters(Noisy):
     """The tables of a plate scene. Slider, film, drive, load and friction are there together, or none of them."""
 
     plate: Plate
-    foam: Foam | None = None
+    foam: Annotated[Foam | None, About("holds the plate; without it the plate is free", hardware=True)] = None
     probe: Probe
     slider: Slider | None = None
     film: Film | None = None

@@ -23,11 +23,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 from annotated_types import Gt, Le
 from pydantic import model_validator
 
+from rig.about import About
 from rig.effects import drive, load, waviness
 from rig.effects.drive import BeltDrive
 from rig.effects.friction import Friction
@@ -71,6 +72,10 @@ class Inclination(Section):
 
     With it the stiffness of the tip is that of bending alone, and the relief follows.
     """
+
+    declares: ClassVar = About(
+        "the beam stands inclined: bending takes load off the contact; else `relief` says by how much"
+    )
 
     angle: AcuteAngle
     compliance: Share

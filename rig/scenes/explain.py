@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import inspect
 import re
-import types
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Any, Union, get_args, get_origin
+from typing import Any
 
 from pydantic import BaseModel
 
+from rig.about import Bound
 from rig.quantities import ORIGINS
+from rig.scenes.effects import about, optional
 from rig.scenes.scene import Origin, Scene, known, leaves
 from rig.solve.film import lay
 
@@ -121,63 +122,26 @@ def _effects(scene: Scene) -> Iterator[Effect]:
         yield Effect(f"lift-off at {where}", True, (), "a contact opens where its normal force becomes zero")
     for name, _, low, high, *_ in assembly.limiters:
         yield Effect(f"{name} limits", True, (), f"clamped to {low:g} .. {high:g} {_unit(assembly, name)}")
-    named = dict(optional(scene.parameters))
     for owner, states in owned.items():
-        yield Effect(owner, True, tuple(states), ABOUT.get(owner.rpartition(" ")[2], ""))
-    for owner, given in named.items():
-        if owner not in owned and not owner.endswith(BOUNDS):
-            yield Effect(owner, given, (), ABOUT.get(owner.rpartition(" ")[2], ""))
-    limited = {name for name, *_ in assembly.limiters}
-    tables = {owner.partition(" ")[0] for owner in named if owner.endswith(BOUNDS)}
-    for table in sorted(tables - limited):
-        yield Effect(f"{table} limits", False, (), "a clamp inside the plant, behind a lag")
+        told = assembly.about.get(owner) or about(scene.parameters, owner)
+        yield Effect(owner, True, tuple(states), told)
+    clamps = {f"{name} limits" for name, *_ in assembly.limiters}
+    lacking = {}
+    for one in optional(scene.parameters):
+        if isinstance(one.about, Bound):
+            if one.name not in clamps:
+                lacking[one.name] = one.about.text
+        elif one.name not in owned:
+            yield Effect(one.name, one.given, (), one.about.text)
+    for name, told in sorted(lacking.items()):
+        yield Effect(name, False, (), told)
 
 
 _SINGLE = 8  # contacts that open, listed one by one
-BOUNDS = ("_min", "_max")
-ABOUT = {
-    "command": "the value commanded, held from tick to tick",
-    "ramp": "the slope of a value that runs linearly",
-    "lag": "a first-order actuator",
-    "disc_modes": "the disc bends, in place of moving along its axis and tilting as a rigid body",
-    "inhomogeneity": "stiffness that swings with the turn of the disc",
-    "dither": "a fast vibration of belt, mass or load",
-    "separation": "a contact spring that lifts off and comes back; without it the spring pulls as well",
-    "geometry": "the contact moves round with the slider; without it, it stays where it was",
-    "slope": "the normal force pushes along the inclined surface",
-    "inclination": "the beam stands inclined: bending takes load off the contact; else `relief` says by how much",
-    "waviness": "the surface is wavy: the normal force swings with the slip distance",
-    "piezo": "a stack in the load path that turns extension into charge; open without a shunt",
-    "shunt": "an electrical network on the stack's electrodes",
-    "switch": "connected or open, and which coil of a bank",
-    "leak": "resistors that bleed stack or capacitor; what they change is the offset of the charges",
-    "amplifier": "a commanded voltage on the stack's electrodes",
-    "tuned_mass": "a tilted absorber; its inertia enters the normal force",
-    "film": "a film that presses and sticks point by point: its forces, those of each point",
-    "foam": "holds the plate; without it the plate is free",
-    "slider": "a rigid block that the load presses on the film",
-    "noise": "a random force along the sliding direction, a new one in every frame",
-}
 
 
 def _unit(assembly: Any, table: str) -> str:
     return next((str(i.unit) for name, i in assembly.inputs.items() if name.startswith(f"{table}.")), "")
-
-
-def optional(section: BaseModel) -> Iterator[tuple[str, bool]]:
-    """Names of effects that a scene may leave out, and whether this one names them: `dither`, `drive lag`."""
-    for name, info in type(section).model_fields.items():
-        value = getattr(section, name)
-        if _may_be_none(info.annotation):
-            yield name, value is not None
-        elif isinstance(value, BaseModel) and name != "friction":
-            for inner, field in type(value).model_fields.items():
-                if _may_be_none(field.annotation):
-                    yield f"{name} {inner}", getattr(value, inner) is not None
-
-
-def _may_be_none(annotation: Any) -> bool:
-    return get_origin(annotation) in (Union, types.UnionType) and type(None) in get_args(annotation)
 
 
 def _values(scene: Scene) -> Iterator[Value]:

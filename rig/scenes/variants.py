@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import chain
@@ -10,17 +10,16 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from rig.about import Bound
 from rig.errors import RigError, SceneError
 from rig.quantities import Section
-from rig.scenes.explain import BOUNDS, optional
+from rig.scenes.effects import optional, switches
 from rig.scenes.loader import load
 from rig.scenes.protocol import Set, flat
 from rig.scenes.scene import Scene, controller_drives
 from rig.scenes.shelf import names, plant
 
 Keys = list[str]
-SWITCHES = ("connected", "enable")
-"""Inputs that switch an effect on and off, by the last part of their key."""
 SWITCHED = 0.5
 """Value of a switch from which on it is closed."""
 
@@ -38,18 +37,17 @@ def absent(scene: Scene) -> dict[str, Keys]:
 
 def _named(scene: Scene, on: bool) -> dict[str, Keys]:
     found: dict[str, Keys] = {}
-    for name, named in optional(scene.parameters):
-        if named == on:
-            owner = f"{name.partition(' ')[0]} limits" if name.endswith(BOUNDS) else name
-            found.setdefault(owner, []).append(name.replace(" ", "."))
+    for one in optional(scene.parameters):
+        if one.given == on:
+            found.setdefault(one.name, []).append(one.key)
     return found
 
 
 def opened(scene: Scene) -> dict[str, str]:
     """Switches of its effects that are open at the start (`shunt.connected`) -> who closes them, in words."""
     inputs = scene.assemble().inputs
-    keys = [f"{name}.{switch}" for name in dropped(scene) for switch in SWITCHES]
-    return {key: _closes(scene, key) for key in keys if key in inputs and inputs[key].value < SWITCHED}
+    keys = [key for key in switches(scene.parameters) if key in inputs and inputs[key].value < SWITCHED]
+    return {key: _closes(scene, key) for key in keys}
 
 
 def _closes(scene: Scene, key: str) -> str:
@@ -87,13 +85,15 @@ def _offered(scene: Scene, keys: Keys, of_others: bool) -> Iterator[tuple[dict[s
     for name in chain.from_iterable(map(_of_plant, dict.fromkeys(plants))):
         other = _loaded(name)
         raw = other.parameters.model_dump()
-        values = {key: _at_work(value) for key in keys if (value := _at(raw, key)) is not None}
+        closing = switches(other.parameters)
+        values = {key: _at_work(key, value, closing) for key in keys if (value := _at(raw, key)) is not None}
         if values:
             yield values, other.name
-    if of_others and all(key.endswith(BOUNDS) for key in keys):
+    bounds = {one.key: one.about for one in optional(scene.parameters) if isinstance(one.about, Bound)}
+    if of_others and bounds.keys() >= set(keys):
         raw = scene.parameters.model_dump()
-        twice = {key: 2.0 * abs(_at(raw, key.rpartition("_")[0]) or 0.0) for key in keys}
-        yield {key: -top if key.endswith("_min") else top for key, top in twice.items()}, ""
+        limited = {key: f"{key.rpartition('.')[0]}.{bounds[key].of}" for key in keys}
+        yield {key: bounds[key].sign * 2.0 * abs(_at(raw, limited[key]) or 0.0) for key in keys}, ""
 
 
 _loaded = cache(load)
@@ -126,9 +126,10 @@ def _changed(scene: Scene, values: dict[str, Any]) -> Scene:
     return replace(changed, sensors=sensors, limits=limits)
 
 
-def _at_work(value: Any) -> Any:
-    """A table that its scene switches on later, switched on."""
-    off = [key for key in SWITCHES if isinstance(value, dict) and value.get(key) is False]
+def _at_work(key: str, value: Any, closing: Sequence[str]) -> Any:
+    """The table of `key`, that its scene switches on later by one of `closing`, switched on."""
+    own = [switch for table, _, switch in (one.rpartition(".") for one in closing) if table == key]
+    off = [switch for switch in own if value.get(switch) is False]
     return {**value, **dict.fromkeys(off, True)} if off else value
 
 

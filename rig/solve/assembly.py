@@ -97,7 +97,8 @@ class Assembly:
     in place of a network state, where a parameter changes. `judges` look at the rig before a run (rig.solve.verdict).
     `free`: natural frequencies [Hz] of a part of the rig by itself, told beside those of the rig. `limits`:
     coefficients of friction at which something of it is used up. `struck`: where a knock strikes, over coordinates, if
-    that is not along the sliding direction of the first patch. `film`: see rig.solve.film.
+    that is not along the sliding direction of the first patch. `film`: see rig.solve.film. `about`: a line for each
+    owner of states that is no table of the scene.
     """
 
     title: str = ""
@@ -124,6 +125,7 @@ class Assembly:
     outputs: dict[str, Output] = field(default_factory=dict)
     inputs: dict[str, Input] = field(default_factory=dict)
     owners: dict[str, str] = field(default_factory=dict)
+    about: dict[str, str] = field(default_factory=dict)
     free: dict[str, float] = field(default_factory=dict)
     limits: dict[str, float] = field(default_factory=dict)
     struck: Row = field(default_factory=dict)
@@ -136,11 +138,17 @@ class Assembly:
         self.damping[name, name] = damping
         self.stiffness[name, name] = stiffness
 
-    def signal(self, name: str, rate: Row, start: float, owner: str) -> None:
-        """A state s with s' = rate; `owner` is the effect it belongs to."""
+    def signal(self, name: str, rate: Row, start: float, owner: str, about: str = "") -> None:
+        """A state s with s' = rate; `owner`, `about`: see `own`."""
         self.signals[name] = dict(rate)
         self.start[name] = start
-        self.owners[name] = owner
+        self.own(owner, name, about=about)
+
+    def own(self, owner: str, *states: str, about: str = "") -> None:
+        """Say which effect states belong to, and in a line what it is, unless its table declares it (rig.about)."""
+        self.owners.update(dict.fromkeys(states, owner))
+        if about:
+            self.about[owner] = about
 
     def push(self, coordinate: str, row: Row) -> None:
         """Add a force row to a coordinate."""

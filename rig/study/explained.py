@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from rig.bench.pieces import length
-from rig.effects.noise import SIGNAL as CHANCE
 from rig.errors import RigError
 from rig.record.points import grouped
+from rig.scenes.effects import declared
 from rig.scenes.scene import Scene, controller_reads
 from rig.scenes.variants import absent, added
 from rig.solve.method import chosen
@@ -23,7 +23,6 @@ from rig.study.cost.problem import held
 from rig.study.cost.settings import eligible
 
 BLOCKS = 50.0  # blocks of samples a second, from sensors faster than 1 kHz
-ELECTRIC = ("shunt", "amplifier")  # they come with the stack that they need
 STATES = 200.0  # state messages a second, at most
 
 
@@ -43,7 +42,7 @@ class Part:
 
 def parts(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], object] | None = None) -> list[Part]:
     """Every effect that the plant of `scene` can be with or without; those that are on first."""
-    lacking = absent(scene)
+    lacking, about = absent(scene), declared(scene.parameters)
     total, done = 1 + len(lacking), 0
 
     def say() -> None:
@@ -57,12 +56,12 @@ def parts(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], objec
     base, values = bare(scene), held(scene, scene.assemble())
     for name, keys in lacking.items():
         why = f"the scene has no {', '.join(keys)}"
-        if name == CHANCE:
+        if about[name].random:
             found.append(Part(name, False, why, Paired(name, fault=NO_CHANCE, on=False)))
             say()
             continue
         try:
-            also = [] if name not in ELECTRIC else lacking.get("piezo", [])
+            also = [key for other in about[name].needs for key in lacking.get(other, [])]
             more, like = added(scene, [*also, *keys], of_others=True)
             [paired] = compared(bare(more), {name: base}, values, rounds)
             own = "with limits at twice the value" if name.endswith(" limits") else "as it is, for it has no numbers"

@@ -4,6 +4,7 @@ import pytest
 
 import rig
 from rig.errors import SceneError
+from rig.scenes.effects import declared
 from rig.scenes.shelf import names
 from rig.scenes.variants import absent, added, dropped
 from rig.study import explained
@@ -43,11 +44,11 @@ def test_a_controller_in_the_plants_process_sends_nothing_and_its_commands_are_t
 )
 def test_every_absent_effect_has_values_to_be_measured_with(name):
     scene = rig.load(name)
-    lacking = absent(scene)
+    lacking, about = absent(scene), declared(scene.parameters)
     for effect, keys in lacking.items():
-        if effect == explained.CHANCE:
+        if about[effect].random:
             continue
-        also = lacking["piezo"] if effect in explained.ELECTRIC else []
+        also = [key for other in about[effect].needs for key in lacking[other]]
         more, like = added(scene, [*also, *keys], of_others=True)
         assert len(dropped(more)) > len(dropped(scene)), effect
         assert like in names() or effect in ("slope", "separation", "drive limits", "load limits"), effect

@@ -24,8 +24,8 @@ from typing import Any
 import numpy as np
 
 from rig.bench import pace
-from rig.effects.noise import SIGNAL as CHANCE
 from rig.errors import NumericsError, RigError
+from rig.scenes.effects import declared
 from rig.scenes.scene import Scene
 from rig.scenes.variants import SWITCHED, dropped, opened, without
 from rig.study.cost.changes import Change, changed
@@ -143,11 +143,11 @@ def effects(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], obj
     """Every effect that `scene` names and that its plant can do without."""
     values = held(scene, scene.assemble())
     base = bare(scene)
-    names = dropped(base)
+    names, about = dropped(base), declared(scene.parameters)
     others: dict[str, Scene] = {}
     found: dict[str, Paired] = {}
     for name, keys in names.items():
-        if name == CHANCE:
+        if about[name].random:
             found[name] = Paired(name, fault=NO_CHANCE)
             continue
         try:

@@ -1,0 +1,42 @@
+"""What an effect declares of itself, so that nothing else has to know it by name.
+
+An effect is a table that a plant may be without, or an optional value of a table that it always has:
+
+    class TunedMass(Section):                                       # a table: of its class
+        declares = About("a tilted absorber on the body", hardware=True)
+
+    lag: Annotated[PositiveSecond | None, About("a first-order actuator")] = None       # a value: of its field
+    speed_max: Annotated[MetrePerSecond | None, Bound(of="speed", sign=1)] = None       # two bounds are one effect
+
+What a field declares comes before what its class declares. An optional value that declares nothing is no effect.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class About:
+    """One effect: its description in a line.
+
+    hardware  a device that is bought and mounted: absent on purpose, so the audit of a run does not miss it
+    needs     other tables of the plant without which it cannot be
+    switch    its value that switches it on and off, an input of the rig
+    random    runs with it and without it cannot be compared one by one
+    """
+
+    text: str = ""
+    hardware: bool = False
+    needs: tuple[str, ...] = ()
+    switch: str = ""
+    random: bool = False
+
+
+@dataclass(frozen=True)
+class Bound(About):
+    """A bound of the value `of` in the same table, lower (`sign` -1) or upper (1): a clamp inside the plant."""
+
+    text: str = "a clamp inside the plant, behind a lag"
+    of: str = ""
+    sign: int = 1
