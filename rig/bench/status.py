@@ -1,4 +1,4 @@
-"""What one sees of a run: the line while it goes on, the summary after it."""
+"""Progress line and summary of a run, as text."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from typing import Any, TextIO
 
 LABEL = 10
 REFUSED = 5
-"""Kinds of refused messages that the summary lists."""
+"""Number of kinds of refused messages that the summary lists."""
 
 
 class Live:
-    """The line of a run, written again and again in one place of a terminal; nothing where there is no terminal.
+    """A progress line that stays in one place of a terminal; without a terminal only the lines of `say` are written.
 
-    A thread of its own writes: a terminal that is held up must not hold up a plant.
+    A separate thread writes, so that a slow terminal does not delay the plant.
     """
 
     def __init__(self, stream: TextIO | None = None) -> None:
@@ -28,16 +28,16 @@ class Live:
         self._thread.start()
 
     def show(self, health: Mapping[str, Any]) -> None:
-        """Put the line of `health` in place of the one before."""
+        """Replace the progress line by that of `health`."""
         if self._terminal:
             self._queue.put((line(health), False))
 
     def say(self, text: str) -> None:
-        """A line that stays."""
+        """Write a line that stays."""
         self._queue.put((text, True))
 
     def done(self) -> None:
-        """Clear the line; waits a moment for what is still to be written."""
+        """Clear the progress line; waits up to one second for the writing thread."""
         self._queue.put(None)
         self._thread.join(1.0)
 
@@ -58,7 +58,7 @@ class Live:
 
 
 def line(health: Mapping[str, Any]) -> str:
-    """One line from the health of a plant, with `t` [s] of simulated time; a terminal of 80 shows all but the end."""
+    """The progress line from the health of a plant, with simulated time `t` [s]; 80 columns show all but the end."""
     left, late = health["eta_s"], health["lateness_us"] / 1e3
     parts = [
         health["phase"],
@@ -77,7 +77,7 @@ def line(health: Mapping[str, Any]) -> str:
 
 
 def summary(found: Mapping[str, Any], log: str = "", following: Iterable[str] = ()) -> str:
-    """The summary of a run; `log`: what became of the recording, `following`: what to try next."""
+    """The summary of a run; `log`: state of the recording, `following`: commands to try next."""
     parts = [("timing", _timing(found)), ("loop", _loop(found)), ("lost", _lost(found)), ("refused", _refused(found))]
     parts += [("plant", _plant(found)), ("protocol", _postponed(found))]
     parts.append(("note", [*found["faults"], *found["fault"].splitlines(), *found.get("died", ())]))
@@ -95,23 +95,26 @@ def _table(parts: Iterable[tuple[str, Iterable[str]]]) -> str:
 
 
 def _timing(found: Mapping[str, Any]) -> list[str]:
-    frames = f"{found['ticks']} frames, {found['seconds']:g} s in {found['wall_seconds']:.3g} s ({found['mode']})"
-    lines = [f"{found['verdict']}: {'; '.join(found['reasons'])}", f"{frames}; {found['ended']}"]
+    frames = f"{found['ticks']} frames, {found['seconds']:g} s simulated in {found['wall_seconds']:.3g} s"
+    lines = [
+        f"{found['verdict']}: {'; '.join(found['reasons'])}",
+        f"{frames} ({found['mode']}); ended: {found['ended']}",
+    ]
     timing = found["timing"]
     if timing:
         late = timing["lateness"]
         lines.append(f"lateness {late['p50']:.0f} / {late['p95']:.0f} / {late['p99']:.0f} / {late['max']:.0f} us "
-                     f"(p50, p95, p99, worst), waiting by {_waiting(found)}")  # fmt: skip
+                     f"(p50, p95, p99, worst); the plant waits by {_waiting(found)}")  # fmt: skip
         spans = [f"{name} {s['mean']:.0f}/{s['p95']:.0f}/{s['max']:.0f}" for name, s in timing["spans"].items()]
         each = timing.get("each", 1)
-        what = "frame" if each == 1 else f"piece of {each} frames:"
-        lines.append(f"{what} {', '.join(spans)} us (mean/p95/worst)")
-        lines.append(f"scheduling {found['scheduling'] or 'in real time'}; {found['memory'] or 'memory is locked'}")
+        what = "compute time per frame" if each == 1 else f"compute time per piece of {each} frames"
+        lines.append(f"{what}: {', '.join(spans)} us (mean/p95/worst)")
+        lines.append(f"scheduling {found['scheduling'] or 'real-time'}; {found['memory'] or 'memory is locked'}")
         causes = [f"{count} {cause}" for cause, count in timing["overruns"].items()]
         if causes:
             lines.append(f"overruns by cause: {', '.join(causes)}")
         if timing["given_up"]:
-            lines.append(f"{timing['given_up']} {'frames' if each == 1 else 'pieces'} of the wall clock given up")
+            lines.append(f"{timing['given_up']} {'frames' if each == 1 else 'pieces'} of the wall clock skipped")
     return lines
 
 
@@ -124,8 +127,8 @@ def _loop(found: Mapping[str, Any]) -> list[str]:
     lines = []
     trip = found["round_trip"]
     if trip["max"]:
-        lines.append(f"step to command {trip['p50'] / 1e3:.2f} ms p50, {trip['p99'] / 1e3:.2f} p99, "
-                     f"{trip['max'] / 1e3:.2f} worst")  # fmt: skip
+        lines.append(f"time from step to command {trip['p50'] / 1e3:.2f} / {trip['p99'] / 1e3:.2f} / "
+                     f"{trip['max'] / 1e3:.2f} ms (p50, p99, worst)")  # fmt: skip
     for name, counts in found["loop"].items():
         if name == "refused":
             lines += [f"{sender}: {count} commands refused" for sender, count in counts.items()]
@@ -135,7 +138,7 @@ def _loop(found: Mapping[str, Any]) -> list[str]:
 
 
 def _refused(found: Mapping[str, Any]) -> list[str]:
-    """Messages that were not let in, those of whom there are most first."""
+    """Refused messages by sender and kind, the most frequent first."""
     known = sorted(found.get("refused", {}).items(), key=lambda one: -one[1])
     lines = [f"{count} from {sender}" for sender, count in known[:REFUSED]]
     return lines + ([f"{sum(n for _, n in known[REFUSED:])} others"] if known[REFUSED:] else [])
@@ -145,13 +148,13 @@ def _counted(name: str, counts: Mapping[str, int]) -> list[str]:
     words = [f"{counts['taken']} commands"]
     words += [f"{n} {what.replace('_', ' ')}" for what, n in counts.items() if n and what not in ("taken", "oldest")]
     if counts["oldest"]:
-        words.append(f"oldest {counts['oldest']} frames")
+        words.append(f"oldest {counts['oldest']} frame{'s' * (counts['oldest'] != 1)}")
     return [f"{name}: {', '.join(words)}"]
 
 
 def _lost(found: Mapping[str, Any]) -> list[str]:
     lines = [f"{count} of {topic}" for topic, count in found["lost"].items()]
-    return lines + [f"unknown what did not reach {who}" for who in found["unknown"]]
+    return lines + [f"unknown losses on the way to {who}" for who in found["unknown"]]
 
 
 def _postponed(found: Mapping[str, Any]) -> list[str]:
@@ -160,7 +163,7 @@ def _postponed(found: Mapping[str, Any]) -> list[str]:
         return []
     steps = "1 step" if told["waited"] == 1 else f"{told['waited']} steps"
     never = f"; {told['never']} never took effect" if told["never"] else ""
-    return [f"{steps} waited for other matrices, the longest {told['longest_s']:.3g} s{never}"]
+    return [f"{steps} waited for new matrices, the longest {told['longest_s']:.3g} s{never}"]
 
 
 def _plant(found: Mapping[str, Any]) -> list[str]:
@@ -168,11 +171,11 @@ def _plant(found: Mapping[str, Any]) -> list[str]:
 
 
 def plant(told: Mapping[str, Any], energy_error: float) -> str:
-    """How the plant went, in a line."""
+    """Method, events, stick share and residuals of the plant in one line."""
     text = f"method {told['method']}, {told['events']} events"
     if "stick_share" in told:  # a rig with a friction patch
         text += f", stick {told['stick_share']:.0%}"
-    text += f", energy error {energy_error:.0e}"
+    text += f", energy residual {energy_error:.0e}"
     if "kick_residual" in told:
         text += f", residual of kick {told['kick_residual']['share']:.0e}"
     return text

@@ -21,36 +21,43 @@ if TYPE_CHECKING:
 
 Signal = Annotated[
     str,
-    typer.Option(metavar="NAME", help="Sensor or plant output to analyse; a sensor that reads a vibration by default."),
+    typer.Option(metavar="NAME", help="Sensor or plant output to analyse. Default: a sensor that measures vibration."),
 ]
 Over = Annotated[
-    str, typer.Option("--over", metavar="NAME", help="Sensor or plant output that rises and falls; the drive's speed.")
+    str,
+    typer.Option(
+        "--over", metavar="NAME", help="Sensor or plant output that rises and falls. Default: the speed of the drive."
+    ),
 ]
 Window = Annotated[
     str | None,
-    typer.Option("--window", metavar="TIME", help="Length of the centred window; about five periods by default."),
+    typer.Option("--window", metavar="TIME", help="Length of the centred window. Default: about five periods."),
 ]
 Windows = Annotated[
     str | None,
     typer.Option(
-        "--window", metavar="TIME", help="Length of the windows; an eighth, for the spectrogram an eightieth."
+        "--window",
+        metavar="TIME",
+        help="Length of the windows. Default: 1/8 of the time span; for the spectrogram 1/80.",
     ),
 ]
 Turn = Annotated[
     str,
     typer.Option(
-        "--orders", metavar="NAME", help='Orders over the turn or way of this speed or angle; "drive": the drive\'s.'
+        "--orders", metavar="NAME", help='Compute orders over this speed, angle or travel; "drive": speed of the drive.'
     ),
 ]
-First = Annotated[str | None, typer.Option("--from", metavar="TIME", help="Leave out what was before.")]
-Last = Annotated[str | None, typer.Option("--to", metavar="TIME", help="Leave out what came after.")]
+First = Annotated[str | None, typer.Option("--from", metavar="TIME", help="Start of the evaluated time span.")]
+Last = Annotated[str | None, typer.Option("--to", metavar="TIME", help="End of the evaluated time span.")]
 Picture = Annotated[
-    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw it (PNG, SVG, PDF).")
+    Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the result (PNG, SVG, PDF).")
 ]
 Times = Annotated[
     str,
     typer.Option(
-        "--at", metavar="TIMES", help='Instants, with commas: "0.5, 0.56 s, 600 ms"; else those that tell most.'
+        "--at",
+        metavar="TIMES",
+        help='Instants, separated by commas: "0.5, 0.56 s, 600 ms". Default: chosen from the run.',
     ),
 ]
 Table = Annotated[Path | None, typer.Option("--csv", metavar="FILE", callback=new, help="Write all numbers as CSV.")]
@@ -87,7 +94,7 @@ def hysteresis(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """RMS of a vibration over the speed of the drive, as the speed rises and as it falls; at which speeds it stuck."""
+    """Compute the RMS of a vibration over rising and falling drive speed, and the speeds at which the contact stuck."""
     from rig.study.recorded import hysteresis as find
     from rig.study.recorded.figure import draw_hysteresis as draw
 
@@ -118,7 +125,7 @@ def spectrum(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Power spectral density and spectrogram of a signal; its orders over the turn of a disc or the way of a belt."""
+    """Compute power spectral density and spectrogram of a measurement or output; with --orders, its orders too."""
     from rig.study.recorded import orders
     from rig.study.recorded import spectrum as find
     from rig.study.recorded.figure import draw_spectrum as draw
@@ -148,7 +155,7 @@ def spectrum(
 def pressure(
     log: Log, at: Times = "", figure: Picture = None, csv: Table = None, force: Force = False, as_json: Json = False
 ) -> None:
-    """Maps of the pressure under a slider at chosen instants: where a film is open, where it presses most."""
+    """Draw maps of the contact pressure under a slider at chosen instants."""
     from rig.study.recorded import pressure as find
     from rig.study.recorded.figure import draw_pressure as draw
 
@@ -189,7 +196,7 @@ def span(faults: _Faults, first: str | None, last: str | None) -> tuple[float, f
     begin = faults(lambda: seconds(first, "--from", low=0.0), None) or 0.0
     end = faults(lambda: seconds(last, "--to"), None)
     if end is not None and begin >= end:
-        faults.found.append(f"--from {begin:g} s to {end:g} s: nothing is left; --to must be later")
+        faults.found.append(f"--from {begin:g} s to {end:g} s: the time span is empty; --to must be later")
         return 0.0, float("inf")
     return begin, float("inf") if end is None else end
 

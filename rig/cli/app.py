@@ -11,8 +11,8 @@ from rig.errors import RigError
 
 app = typer.Typer(
     name="rig",
-    help="friction-rig: a laboratory in software for friction-induced vibration.",
-    epilog="First steps:  rig demo  |  rig list  |  rig explain pendulum  |  rig run pendulum --view",
+    help="friction-rig: a virtual test rig for friction-induced vibration.",
+    epilog="First steps:  rig demo | rig list | rig run pendulum --view",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -21,19 +21,19 @@ app = typer.Typer(
 for panel, room in {
     "Run a scene": runs,
     "Look at scenes": scenes,
-    "What one learns from a rig": study,
-    "What accuracy costs": cost,
-    "What stays stable": torture,
+    "Analyse a rig": study,
+    "Choose the accuracy": cost,
+    "Test the methods": torture,
     "Recordings": logs,
-    "What a recording shows": analyses,
-    "A run that is going on": live,
-    "Processes one by one": processes,
-    "This machine": host,
+    "Analyse a recording": analyses,
+    "Use a live run": live,
+    "Start processes one by one": processes,
+    "Check this machine": host,
 }.items():
     for name, (function, example) in room.COMMANDS.items():
         cls = live.CLASSES.get(name)
         app.command(name, cls=cls, epilog=f"Example:  {example}", rich_help_panel=panel)(function)
-app.add_typer(live.topic, name="topic", rich_help_panel="A run that is going on")
+app.add_typer(live.topic, name="topic", rich_help_panel="Use a live run")
 
 
 def run(arguments: list[str] | None = None) -> None:

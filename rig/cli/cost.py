@@ -1,4 +1,4 @@
-"""The command that tells what accuracy costs in time."""
+"""The command `rig cost`: error against compute time."""
 
 from __future__ import annotations
 
@@ -17,12 +17,19 @@ if TYPE_CHECKING:
     from rig.study.cost.delay import Delayed
     from rig.study.cost.effects import Paired
 
-Metric = Annotated[str, typer.Option(metavar="MEASURE", help="Error to judge by; the largest of all by default.")]
-Target = Annotated[float, typer.Option(metavar="ERROR", help="Relative error that is asked for.")]
-Folder = Annotated[Path, typer.Option(metavar="FOLDER", help="Where the folder of this scene is made or found.")]
+Metric = Annotated[
+    str,
+    typer.Option(metavar="MEASURE", help="Error measure that decides. Default: worst, the largest of all measures."),
+]
+Target = Annotated[float, typer.Option(metavar="ERROR", help="Target relative error.")]
+Folder = Annotated[
+    Path, typer.Option(metavar="FOLDER", help="Folder for the results; each scene has a folder of its own in it.")
+]
 Peers = Annotated[
     bool,
-    typer.Option("--peers", help="Race scipy, SUNDIALS, diffrax, PathSim and MuJoCo in place of it, where installed."),
+    typer.Option(
+        "--peers", help="Compare with scipy, SUNDIALS, diffrax, PathSim and MuJoCo instead, as far as installed."
+    ),
 ]
 
 
@@ -37,9 +44,11 @@ def cost(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """What accuracy costs: error in physical measures against compute, per method and step, and what to take.
+    """Measure error against compute time for each method and step, and recommend a setting.
 
-    Measured on this machine. Table, CSV, Parquet, figure; `rig run SCENE --accuracy 1e-4` makes use of it.
+    The errors are those of physical measures, such as period and amplitude.
+    Writes a table (CSV, Parquet) and figures. `rig run SCENE --accuracy 1e-4`
+    uses the table.
     """
     wanted, most = accuracy(target, "--target"), share(budget)
     from rig.errors import UsageError
@@ -60,7 +69,7 @@ def cost(
         with tell.bar("settings") as progress:
             found = measure(loaded, out, progress)
     except KeyboardInterrupt:
-        tell.note(f"broken off; what has been found is kept in {folder}")
+        tell.note(f"interrupted; the results so far are in {folder}")
         raise
     by = found.metric(metric)
     try:
@@ -73,11 +82,11 @@ def cost(
         told |= {"recommended": None if pick is None else pick.flat(), "why": why}
         tell.report({**told, "loops": [vars(one) for one in loops], "effects": [one.to_json() for one in parts]})
     else:
-        tell.table(f"{found.scene}: what accuracy costs here", COLUMNS, lines(found, by, pick))
+        tell.table(f"{found.scene}: error and compute time on this machine", COLUMNS, lines(found, by, pick))
         tell.line()
         for line in [*notes(found, by), *(one.text() for one in loops), *map(text, parts)]:
             tell.line(f"  {line}")
-        tell.line(f"\nrecommended for {wanted:g}: {why or pick.told(by)}")  # type: ignore[union-attr]
+        tell.line(f"\nrecommended for a relative error of {wanted:g}: {why or pick.told(by)}")  # type: ignore[union-attr]
     draw(found, by, pick, most, folder / "cost.png")
     _draw(found, loops, parts, folder)
     if not as_json:
@@ -99,8 +108,12 @@ def _race(scene: Scene, target: float, folder: Path, as_json: bool) -> None:
     if as_json:
         tell.report([vars(one) for one in found])
     else:
-        tell.table(f"{scene.name}: the quickest setting that meets {target:g}", COLUMNS, lines(found, target))
-        tell.line(f"\n{folder}/peers.png, peers.csv; what is not installed: pip install friction-rig[peers]")
+        tell.table(
+            f"{scene.name}: the fastest setting that meets a relative error of {target:g}",
+            COLUMNS,
+            lines(found, target),
+        )
+        tell.line(f"\n{folder}/peers.png, peers.csv; to install missing solvers: pip install friction-rig[peers]")
     draw(found, scene.title, provenance(scene.seed), target, folder / "peers.png")
 
 

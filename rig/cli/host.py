@@ -12,10 +12,12 @@ from rig.cli.options import Json
 
 
 def doctor(
-    scene: Annotated[list[str] | None, typer.Argument(metavar="[SCENE]...", help="Scenes; all by default.")] = None,
+    scene: Annotated[
+        list[str] | None, typer.Argument(metavar="[SCENE]...", help="Names of scenes. Default: all shipped scenes.")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Measure pacing and kernels on this machine and say which scenes would run VALID."""
+    """Measure this machine and predict which scenes run in real time with the timing verdict VALID."""
     from rig.study.doctor import doctor as examine
 
     found = examine(report=tell.note, names=scene or ())
@@ -28,15 +30,17 @@ def doctor(
 
 
 def warmup(
-    scene: Annotated[list[str] | None, typer.Argument(metavar="[SCENE]...", help="Scenes; all by default.")] = None,
+    scene: Annotated[
+        list[str] | None, typer.Argument(metavar="[SCENE]...", help="Names of scenes. Default: all shipped scenes.")
+    ] = None,
 ) -> None:
-    """Compile the kernels of the shipped scenes, so that the first run starts at once."""
+    """Compile the kernels of the shipped scenes, so that their first run starts without delay."""
     from rig.scheduling import cores
     from rig.study.warmup import warmup as compile_all
 
     begin = time.perf_counter()
     spent = compile_all(tell.note, scene or None, cores())
-    tell.line(f"ready; {sum(spent.values()):.0f} s of compiling in {time.perf_counter() - begin:.0f} s")
+    tell.line(f"ready: {sum(spent.values()):.0f} s of compiling in {time.perf_counter() - begin:.0f} s of wall time")
 
 
 COMMANDS = {"doctor": (doctor, "rig doctor"), "warmup": (warmup, "rig warmup pendulum")}

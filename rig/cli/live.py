@@ -16,9 +16,9 @@ from rig.errors import BusError, UsageError
 if TYPE_CHECKING:
     from rig.bus.port import Session
 
-topic = typer.Typer(no_args_is_help=True, help="See what is said on the bus of a run.")
-Pattern = Annotated[str, typer.Argument(help='Topics: "*" stands for one part, "**" for all that follow.')]
-For = Annotated[str, typer.Option("--for", metavar="TIME", help="How long to listen, in seconds or with a unit.")]
+topic = typer.Typer(no_args_is_help=True, help="Show the messages on the bus of a run.")
+Pattern = Annotated[str, typer.Argument(help='Topics: "*" matches one part of a name, "**" all following parts.')]
+For = Annotated[str, typer.Option("--for", metavar="TIME", help="Time to listen, in seconds or with a unit.")]
 
 
 class Numbers(TyperCommand):
@@ -34,18 +34,22 @@ class Numbers(TyperCommand):
 
 def tune(
     key: Annotated[
-        str | None, typer.Argument(metavar="KEY", help="An actuator or a parameter: friction.mu_static; none: list all")
+        str | None,
+        typer.Argument(metavar="KEY", help="Actuator or parameter, e.g. friction.mu_static. Without it: list all."),
     ] = None,
     value: Annotated[
-        str | None, typer.Argument(metavar="VALUE", help='A number, or a text with a unit: "15 N"; none: show it')
+        str | None,
+        typer.Argument(metavar="VALUE", help='A number, or a number with a unit: "15 N". Without it: show the value.'),
     ] = None,
     run: RunName = None,
     as_json: Json = False,
 ) -> None:
-    """Change a value of a live run: checked as a whole, in force from the next step on, and recorded.
+    """Show or change a value of a live run. The change takes effect at the next step and is recorded.
 
-    An actuator that a controller drives takes it when that one is disconnected. A parameter of a controller is named
-    NAME.KEY or controllers.NAME.KEY. Without VALUE the value of now is shown, without KEY everything that can be tuned.
+    Without VALUE: show the current value. Without KEY: list everything that
+    can be tuned. A parameter of a controller is named NAME.KEY or
+    controllers.NAME.KEY. An actuator that a controller drives takes the value
+    when the controller is disconnected.
     """
     from rig import bus
 
@@ -66,7 +70,7 @@ def tune(
     for name, new in found["values"].items():
         if name == inner and name in overruled:
             owner = overruled[name]
-            tell.line(f"{key} follows {owner}; {tell.number(new)} waits until {owner} is disconnected")
+            tell.line(f"{owner} drives {key}; the value {tell.number(new)} takes effect when {owner} is disconnected")
         elif name == inner:
             tell.line(f"{key} = {tell.number(new)}")
 
@@ -118,7 +122,7 @@ def _plain(value: str) -> Any:
 
 @topic.command("ls", epilog="Example:  rig topic ls")
 def topic_ls(run: RunName = None, listen: For = "1", as_json: Json = False) -> None:
-    """List the topics that are spoken on, with their senders and what they carry."""
+    """List the active topics, their senders and their contents."""
     from rig.bus import topics
 
     rows = []
@@ -134,7 +138,7 @@ def topic_ls(run: RunName = None, listen: For = "1", as_json: Json = False) -> N
 
 @topic.command("hz", epilog='Example:  rig topic hz "meas/*" --for 5')
 def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = "2", as_json: Json = False) -> None:
-    """Messages per second of each topic, and how many were lost on the way here."""
+    """Count messages per second of each topic, and messages lost on the way here."""
     length = _time(listen)
     heard = sorted(_heard(pattern, run, length).items())
     rows = [{"topic": name, "hz": count / length, "lost": lost} for name, (count, lost) in heard]
@@ -148,9 +152,9 @@ def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = "2", as
 def topic_echo(
     pattern: Pattern,
     run: RunName = None,
-    count: Annotated[int, typer.Option(min=0, help="Messages to show; 0 for all until the run ends or Ctrl-C.")] = 0,
+    count: Annotated[int, typer.Option(min=0, help="Number of messages; 0: all, until the run ends or Ctrl-C.")] = 0,
 ) -> None:
-    """Print messages as they come, one JSON object to a line."""
+    """Print messages as they arrive, one JSON object per line."""
     import json
 
     from google.protobuf.json_format import MessageToDict

@@ -39,7 +39,7 @@ Log = Annotated[Path, typer.Argument(metavar="LOG", help="A recording (MCAP).", 
 
 
 def opened(log: Path) -> Run:
-    """The run of a recording; what is damaged or missing in it is told beside the output."""
+    """The run of a recording; prints damage and missing parts on standard error."""
     from rig.record.reader import open as read
 
     run = read(log)
@@ -53,13 +53,17 @@ def replay(
     speed: Pace = "1.0",
     into: Annotated[
         list[str] | None,
-        typer.Option("--into", metavar="CONTROLLER", help="Start this controller too, and compare its answers."),
+        typer.Option(
+            "--into",
+            metavar="CONTROLLER",
+            help="Start this controller too and compare its commands with the recorded ones.",
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Put the measurements of a recording on the bus again, for viewers and controllers.
+    """Play the measurements of a recording back on the bus, for viewers and controllers.
 
-    With --pace max it goes as fast as the controllers answer.
+    With --pace max it runs as fast as the controllers answer.
     """
     from rig.bench.replay import replay as play
 
@@ -71,15 +75,15 @@ def replay(
     else:
         tell.line(f"{found.messages} messages, {found.steps} steps, {found.seconds:.3f} s of simulated time")
         for name, count in found.compared.items():
-            tell.line(f"{name}: {count} answers compared")
-        tell.line(str(found.divergence) if found.divergence else "no answer differs" if found.compared else "")
+            tell.line(f"{name}: {count} commands compared")
+        tell.line(str(found.divergence) if found.divergence else "no command differs" if found.compared else "")
     if found.divergence or found.unanswered or found.fault:
-        tell.note(found.fault or f"{found.unanswered} answers did not come again")
+        tell.note(found.fault or f"{found.unanswered} recorded commands were not answered again")
         raise typer.Exit(1)
 
 
 def verify(log: Log, as_json: Json = False) -> None:
-    """Check a recording: whole, nothing missing, and the same bits when it is simulated again."""
+    """Check a recording: complete, undamaged, and the same bits when it is simulated again."""
     from rig.bench.verify import verify as check
 
     found = check(log)
@@ -96,9 +100,10 @@ def diff(
     second: Annotated[Path, typer.Argument(metavar="B", help="Another one.", callback=_file)],
     as_json: Json = False,
 ) -> None:
-    """Show where two recordings part, to the bit, at the instants that both have.
+    """Compare two recordings bit by bit at the instants that both contain, and show where they differ.
 
-    Exit code 1 unless they take the same course; one may have samples between those of the other.
+    Exit code 1: they differ. One recording may have additional samples between
+    those of the other.
     """
     from rig.record.compare import compare
 
@@ -112,24 +117,25 @@ def diff(
         tell.line(f"identical: {found.compared} numbers, bit by bit")
     else:
         if found.agree:
-            tell.line(f"the same course: {found.compared} numbers at the instants that both have, bit by bit")
+            tell.line(f"agree at all common instants: {found.compared} numbers, bit by bit")
         for difference in found.differences:
             tell.line(str(difference))
         for name in found.missing:
-            tell.line(f"{name} is in one of the two only")
+            tell.line(f"{name} is in only one of the two recordings")
     if not found.agree:
         raise typer.Exit(1)
 
 
 def recover(
     log: Log,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Where to put the clean file.")] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="File to write.")] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Make a whole file from a recording that was cut off or damaged: all that its checksums prove.
+    """Recover a recording that was cut off or damaged: write all messages whose checksums are right to a new file.
 
-    Exit code 1 where messages were lost, or may have been: what followed a cut is unknown.
+    Exit code 1: messages were lost, or may have been (what followed a cut is
+    unknown).
     """
     from rig.record.recover import recover as save
 
@@ -149,17 +155,17 @@ def recover(
 
 def sound(
     log: Log,
-    channel: Annotated[
-        str, typer.Option(metavar="SENSOR", help="The sensor to listen to; the microphone by default.")
-    ] = "",
-    out: Annotated[Path | None, typer.Option(metavar="FILE", callback=new, help="Write it as a WAV file.")] = None,
+    channel: Annotated[str, typer.Option(metavar="SENSOR", help="Sensor to listen to. Default: the microphone.")] = "",
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", callback=new, help="Write the sound to a WAV file.")
+    ] = None,
     figure: Annotated[
-        Path | None, typer.Option(metavar="FILE", callback=new, help="Draw signal, spectrum and level (PNG, SVG, PDF).")
+        Path | None, typer.Option(metavar="FILE", callback=new, help="Draw sound, spectrum and level (PNG, SVG, PDF).")
     ] = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """What the microphone of a recording heard: level, squeals with their frequency; a WAV file to listen to."""
+    """Find squeals in the sound of a recording: level, frequency, times. Write a WAV file."""
     from rig.study.sound import hear
     from rig.study.sound.figure import draw
     from rig.study.sound.wav import write
@@ -179,11 +185,13 @@ def sound(
 
 def amplitude(
     log: Log,
-    first: Annotated[str | None, typer.Option("--from", metavar="TIME", help="Leave out what was before.")] = None,
-    last: Annotated[str | None, typer.Option("--to", metavar="TIME", help="Leave out what came after.")] = None,
+    first: Annotated[
+        str | None, typer.Option("--from", metavar="TIME", help="Start of the evaluated time span.")
+    ] = None,
+    last: Annotated[str | None, typer.Option("--to", metavar="TIME", help="End of the evaluated time span.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Amplitude and frequency of what each sensor measured, stage by stage; at which speeds a run still stuck."""
+    """Compute amplitude and frequency of each measurement, stage by stage, and the speeds of first and last stick."""
     from rig.study.amplitude import measured
     from rig.study.stages import stages
 
@@ -192,7 +200,7 @@ def amplitude(
     if not run.time.size:
         raise LogError(f"{log}: the recording ends before its first sample")
     if begin >= min(end, float(run.time[-1])):
-        raise UsageError(f"--from {begin:g} s to {min(end, float(run.time[-1])):g} s: nothing is left; "
+        raise UsageError(f"--from {begin:g} s to {min(end, float(run.time[-1])):g} s: the time span is empty; "
                          f"the recording has {run.time[0]:g} to {run.time[-1]:g} s")  # fmt: skip
     rows = list(measured(run, begin, end))
     turns = stages(run)

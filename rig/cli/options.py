@@ -23,28 +23,36 @@ def _scene(context: typer.Context, name: str) -> str:
 
 
 SceneName = Annotated[
-    str, typer.Argument(metavar="SCENE", help="Name of a shipped scene (rig list) or a TOML file.", callback=_scene)
+    str,
+    typer.Argument(metavar="SCENE", help="Name of a shipped scene (see rig list), or a TOML file.", callback=_scene),
 ]
 Changes = Annotated[
     list[str] | None,
     typer.Option(
-        "-p", metavar="KEY=VALUE", help='Change a value: -p drive.speed="2 rpm". May be repeated; "none" takes it away.'
+        "-p", metavar="KEY=VALUE", help='Change a value: -p drive.speed="2 rpm". "none" removes it. Repeatable.'
     ),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print the report as JSON.")]
 Duration = Annotated[
-    str | None, typer.Option(metavar="TIME", help='Simulated time, in seconds or with a unit ("500 ms").')
+    str | None, typer.Option(metavar="TIME", help='Simulated time, in seconds or with a unit: "500 ms".')
 ]
-Out = Annotated[Path | None, typer.Option(metavar="FILE", callback=new, help="Recording to write (MCAP).")]
-Force = Annotated[bool, typer.Option("--force", is_eager=True, help="Replace files that are there.")]
-RunName = Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name of the run; the newest by default.")]
+Out = Annotated[
+    Path | None, typer.Option(metavar="FILE", callback=new, help="Write the recording to this file (MCAP).")
+]
+Force = Annotated[bool, typer.Option("--force", is_eager=True, help="Overwrite existing files.")]
+RunName = Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name of the run. Default: the newest run.")]
 Pace = Annotated[
     str | None,
     typer.Option(
-        "--pace", metavar="FACTOR", help='Simulated seconds in a second of the clock, or "max"; 1, in lockstep max.'
+        "--pace",
+        metavar="FACTOR",
+        help='Real-time factor: simulated seconds per second, or "max". Default: 1, in lockstep max.',
     ),
 ]
-Lockstep = Annotated[bool, typer.Option("--lockstep", help="Wait for every controller at every step.")]
+Lockstep = Annotated[
+    bool,
+    typer.Option("--lockstep", help="Wait for every controller at every step, instead of following the wall clock."),
+]
 
 Wait = Annotated[str, typer.Option(metavar="TIME", help="Longest wait for the run, in seconds or with a unit.")]
 
@@ -54,14 +62,19 @@ PACES = (1e-3, 1e6)
 """Slowest and fastest pace."""
 
 Budget = Annotated[
-    str | None, typer.Option("--budget", metavar="SHARE", help="Of a frame, that compute may take at p99: 40%.")
+    str | None,
+    typer.Option(
+        "--budget",
+        metavar="SHARE",
+        help="Share of a frame that computing may take (99th percentile): 40%. Selects method and step.",
+    ),
 ]
 Accuracy = Annotated[
     float | None,
     typer.Option(
         "--accuracy",
         metavar="ERROR",
-        help="Method and step as cheap as is accurate to this here, from the table of rig cost; 1e-4.",
+        help="Target relative error, e.g. 1e-4. Selects the cheapest method and step that rig cost measured here.",
     ),
 ]
 
@@ -126,9 +139,9 @@ def share(given: str | None, option: str = "--budget") -> float | None:
 
 
 def at(folder: Path) -> Path:
-    """A folder that is there or can be made."""
+    """A folder that exists or can be made."""
     if folder.exists() and not folder.is_dir():
-        raise UsageError(f"--out {folder}: is a file; expected a folder, which is made where there is none")
+        raise UsageError(f"--out {folder}: is a file; expected a folder (it is made if it does not exist)")
     return folder
 
 

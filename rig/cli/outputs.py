@@ -57,8 +57,8 @@ def _claim(context: typer.Context, what: str, path: Path) -> None:
             continue
         if _READ in (what, other):
             option, written = (other, file) if what == _READ else (what, path)
-            raise UsageError(f"{option} {written}: is the file that is read; name another one")
-        raise UsageError(f"{what} {path}: is the file of {other} too; name another one")
+            raise UsageError(f"{option} {written}: is also the input file; name another one")
+        raise UsageError(f"{what} {path}: is also the file of {other}; name another one")
     taken[what] = path
 
 

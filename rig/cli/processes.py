@@ -33,10 +33,15 @@ def plant(
     speed: Pace = None,
     lockstep: Lockstep = False,
     duration: Duration = None,
-    name: Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name for the run.")] = None,
-    wait: Annotated[str, typer.Option(metavar="TIME", help="Longest wait for the controllers; 0 for none.")] = "30",
+    name: Annotated[str | None, typer.Option("--run", metavar="RUN", help="Name of the run.")] = None,
+    wait: Annotated[
+        str,
+        typer.Option(
+            metavar="TIME", help="Longest wait for the controllers, in seconds or with a unit; 0: do not wait."
+        ),
+    ] = "30",
 ) -> None:
-    """Run the plant with its sensors; controllers, recorder and viewer join as they come."""
+    """Start the plant with its sensors. Controllers, recorder and viewer may join at any time."""
     factor, length, overrides = pace(speed, lockstep), seconds(duration), changes(p)
     patience = seconds(wait, "--wait", low=0.0) or 0.0
     from rig.bench.job import Job
@@ -73,7 +78,7 @@ def control(
     p: Changes = None,
     wait: Wait = "10",
 ) -> None:
-    """Run one controller as a process of its own: one of the scene, or one of yours from a file."""
+    """Start one controller as a process: a controller of the scene, or your own from a file."""
     overrides, patience = changes(p), seconds(wait, "--wait", low=0.0) or 0.0
     from controllers.runtime.process import run as serve
 
@@ -98,9 +103,10 @@ def record(
 
 def view(
     run: RunName = None,
-    web: Annotated[bool, typer.Option("--web", help="Show it in a browser page.")] = False,
+    web: Annotated[bool, typer.Option("--web", help="Show the run on a page in the browser.")] = False,
     save: Annotated[
-        Path | None, typer.Option(metavar="FILE", callback=new, help="Write it to a file of rerun (.rrd) instead.")
+        Path | None,
+        typer.Option(metavar="FILE", callback=new, help="Write a rerun file (.rrd) instead of showing the run."),
     ] = None,
     force: Force = False,
     wait: Wait = "10",

@@ -37,21 +37,21 @@ if TYPE_CHECKING:
     from rig.record.run import Run
     from rig.scenes.scene import Scene
 
-View = Annotated[bool, typer.Option("--view", help="Show it live in rerun.")]
-Web = Annotated[bool, typer.Option("--web", help="Show it live in a browser page.")]
+View = Annotated[bool, typer.Option("--view", help="Show the run live in rerun.")]
+Web = Annotated[bool, typer.Option("--web", help="Show the run live on a page in the browser.")]
 Figure = Annotated[
-    Path | None, typer.Option(metavar="FILE", callback=new, help="Figure of the run to draw (PNG, SVG, PDF).")
+    Path | None, typer.Option(metavar="FILE", callback=new, help="Draw a figure of the run (PNG, SVG, PDF).")
 ]
 Repeat = Annotated[
     int | None,
-    typer.Option(min=2, max=10_000, metavar="N", help="Simulate with N seeds, on all cores; tell how numbers spread."),
+    typer.Option(min=2, max=10_000, metavar="N", help="Simulate with N seeds on all cores and report the spread."),
 ]
 
 DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 
 
 def demo(view: View = False, web: Web = False) -> None:
-    """Run the pendulum with its controller: recording, figure and summary within a minute."""
+    """Run the pendulum with its controller. Write a recording, a figure and a summary."""
     from rig.bench.supervise import run as supervise
     from rig.scenes import load
     from rig.study.design import numbers
@@ -80,7 +80,7 @@ def run(
     precision: Accuracy = None,
     as_json: Json = False,
 ) -> None:
-    """Run a scene in real time: plant, controllers and recorder as processes."""
+    """Run a scene in real time, with plant, controllers and recorder as processes."""
     factor, length, overrides = pace(speed, lockstep), seconds(duration), changes(p)
     from rig.bench.job import keeps_up
     from rig.bench.supervise import run as supervise
@@ -111,12 +111,12 @@ def run(
 
 
 def _set(scene: Scene, overrides: Mapping[str, object], precision: float | None, budget: str | None) -> Scene:
-    """The scene, integrated as accurately as asked or as the budget allows."""
+    """The scene with the method and step for the target error or the budget."""
     wanted, most = accuracy(precision, "--accuracy"), share(budget)
     if wanted is None and most is None:
         return scene
     if given := [key for key in DIALS if key in overrides]:
-        raise UsageError(f"{', '.join(given)}: --accuracy and --budget choose it; give one or the other")
+        raise UsageError(f"{', '.join(given)}: --accuracy and --budget select this value; give one or the other")
     from rig.study.cost import chosen
 
     with tell.bar("settings") as progress:
@@ -140,7 +140,13 @@ def simulate(
     scene: SceneName,
     p: Changes = None,
     duration: Duration = None,
-    method: Annotated[str | None, typer.Option(metavar="METHOD", help="One of clock.method; auto by default.")] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="METHOD",
+            help="Integration method, as clock.method: auto (default), exact, dopri5, rk4, kick, smooth.",
+        ),
+    ] = None,
     out: Out = None,
     figure: Figure = None,
     force: Force = False,
@@ -149,15 +155,17 @@ def simulate(
     repeat: Repeat = None,
     as_json: Json = False,
 ) -> None:
-    """Simulate a scene in this process, controllers and all, as fast as it goes; or with several seeds, on all cores.
+    """Simulate a scene with its controllers in one process, as fast as possible.
 
-    --repeat tells how onset, RMS, spectrum and other numbers spread. Ctrl-C tells it of the runs that are done.
+    With --repeat: simulate with several seeds on all cores and report the
+    spread of onset, RMS, spectrum and other results. Ctrl-C reports the runs
+    that are finished.
     """
     length, overrides = seconds(duration), changes(p)
     if method is not None:
         overrides["clock.method"] = method
     if repeat is not None and out is not None:
-        raise UsageError("--out: --repeat keeps no recording of its runs; leave one of the two out")
+        raise UsageError("--out: --repeat writes no recordings; leave out one of the two")
     import rig
 
     loaded = _set(the_scene(scene, overrides), overrides, precision, budget)
@@ -194,14 +202,14 @@ def simulate(
 
 @contextmanager
 def _asked_to_stop() -> Iterator[list[str]]:
-    """Signals that have asked this process to end; the second one ends it at once."""
+    """Signals that asked this process to end; the second one ends it at once."""
     asked: list[str] = []
 
     def heard(name: str) -> None:
         if asked:
             raise KeyboardInterrupt
         asked.append(name)
-        tell.note("ends here; once more leaves at once")
+        tell.note("ending the run; press Ctrl-C again to end at once")
 
     with told_to_stop(heard):
         yield asked
@@ -242,12 +250,12 @@ def _save(run: Run, scene: Scene, out: Path, replace: bool) -> None:
 
 
 def _told(run: Run, wall: float, out: Path | None, figure: Path | None) -> Iterator[tuple[str, str]]:
-    """A run of this process, told in lines."""
+    """The summary of a run in this process, as labelled lines."""
     from rig.bench import status
     from rig.record.statistics import contact
 
     plant, length = run.summary["plant"], float(run.time[-1])
-    yield "run", f"{run.summary['ended']}: {length:g} s in {wall:.2f} s, compiling included"
+    yield "run", f"{length:g} s simulated in {wall:.2f} s, compiling included; ended: {run.summary['ended']}"
     yield "plant", status.plant(plant, plant["energy_error"])
     for name in ("displacement", "velocity"):
         if name in run.signals:

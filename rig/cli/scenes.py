@@ -17,9 +17,11 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
     from rig.study.explained import Part, Told
 
-Measure = Annotated[bool, typer.Option("--measure", help="Measure each effect: ns of a step, what it changes.")]
+Measure = Annotated[
+    bool, typer.Option("--measure", help="Measure each effect: compute time per step in ns, and change of the motion.")
+]
 Figure = Annotated[
-    Path | None, typer.Option(metavar="FILE", callback=new, help="Figure of what was measured (PNG, SVG, PDF).")
+    Path | None, typer.Option(metavar="FILE", callback=new, help="Draw the result of --measure (PNG, SVG, PDF).")
 ]
 
 
@@ -40,22 +42,24 @@ def list_scenes(as_json: Json = False) -> None:
 def explain(
     scene: SceneName,
     p: Changes = None,
-    everything: Annotated[bool, typer.Option("--all", help="Show defaults too.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Show default values too.")] = False,
     measure: Annotated[
-        bool, typer.Option("--measure", help="Measure each effect: ns per step, what it changes.")
+        bool,
+        typer.Option("--measure", help="Measure each effect: compute time per step in ns, and change of the motion."),
     ] = False,
     figure: Figure = None,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Show what a scene is made of: effects on or absent, states each adds, the origin of every value.
+    """Show the contents of a scene: effects, state variables, origin of every value.
 
-    Of a recording (FILE.mcap): its audit, which effects changed nothing and which were missing in that run.
+    For a recording (FILE.mcap): show which effects had no influence in the
+    run, and which were missing.
     """
     from rig.scenes.explain import explain as take_apart
 
     if figure is not None and not measure:
-        raise UsageError("--figure: draws what is measured; say --measure as well")
+        raise UsageError("--figure: draws the result of --measure; add --measure")
     if scene.endswith(".mcap"):
         _audited(scene, as_json)
         return
@@ -86,8 +90,8 @@ def explain(
     if told.scene.slow:
         tell.line(f"Paced, {told.scene.slow}\n")
     if told.scene.assemble().film is not None:
-        tell.line("From the first opening of a contact point on the motion is chaotic: figures of it are statistics. "
-                  f"rig simulate {scene} --repeat 8 -p noise.force=1e-6 tells how they spread\n")  # fmt: skip
+        tell.line("After the first opening of a contact point the motion is chaotic: only statistics are meaningful. "
+                  f"Their spread: rig simulate {scene} --repeat 8 -p noise.force=1e-6\n")  # fmt: skip
     rows = [(e.name, "on" if e.on else "absent", len(e.states), e.told, e.about) for e in told.effects]
     tell.table(f"effects: {told.states} state{'s' * (told.states != 1)}", ("effect", "", "states", "", "about"), rows)
     tell.line()
@@ -95,12 +99,12 @@ def explain(
         (a.name, f"{a.low:g} .. {a.high:g}", a.unit if a.unit != "1" else "", f"{a.start:g}", f"{a.safe:g}")
         for a in told.actuators
     ]
-    tell.table("actuators", ("actuator", "range", "unit", "at the start", "left alone"), actuators)
+    tell.table("actuators", ("actuator", "range", "unit", "at the start", "safe value"), actuators)
     tell.line()
     shown = [(v.key, _text(v.value), v.unit if v.unit != "1" else "", v.origin.origin, v.origin.note) for v in values]
     tell.table("values", ("key", "value", "unit", "origin", "note"), shown)
     left = len(told.values) - len(values)
-    tell.line(f"\n{left} more values are defaults: rig explain {scene} --all" if left else "")
+    tell.line(f"\n{left} more values have defaults; to list them: rig explain {scene} --all" if left else "")
 
 
 def _audited(log: str, as_json: bool) -> None:
@@ -112,12 +116,12 @@ def _audited(log: str, as_json: bool) -> None:
         return
     state = ["on" if e["on"] else f"absent, as in {e['like']}" if e["like"] else "absent" for e in judged]
     rows = [(e["effect"], now, f"{e['share']:.2g}", e["text"] if e["noted"] else "") for e, now in zip(judged, state)]
-    tell.table(f"{log}: effects, judged on its own states", ("effect", "", "share of the forces", ""), rows)
+    tell.table(f"{log}: influence of each effect in this run", ("effect", "", "share of the forces", "remark"), rows)
     if not judged:
         tell.line(
-            "nothing to judge: the run was too short, or no shipped scene of its plant has values for what it lacks"
+            "no result: the run was too short, or no shipped scene of its plant has values for the absent effects"
         )
-        tell.line("(rig explain SCENE --measure takes those of other plants)")
+        tell.line("(rig explain SCENE --measure uses values of other plants too)")
 
 
 def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
@@ -147,15 +151,11 @@ def _tell(
     for one in parts:
         cost = "" if one.paired.fault else one.paired.cost()
         rows.append((one.name, "on" if one.on else "absent", one.paired.states, cost, one.paired.change(), one.why))
-    columns = ("effect", "", "states", "cost of a sample step", "largest change if it is left out", "why")
-    tell.table(f"{scene.name}: effects, by plants with and without each, in turns", columns, rows)
+    columns = ("effect", "", "states", "cost per sample step", "largest change without it", "remark")
+    tell.table(f"{scene.name}: effects, measured with and without each in turns", columns, rows)
     if any(one.paired.measurable and one.paired.tick.value < -one.paired.noise for one in parts):
-        tell.line(
-            "a cost below zero: the motion without the effect has more events, and they cost more than the effect"
-        )
-    tell.line(
-        "change: difference of the two values as a share of the larger one; < x ns: within the noise of the machine"
-    )
+        tell.line("negative cost: without the effect the motion has more events, and these cost more than the effect")
+    tell.line("change: difference of the two values over the larger one; < x ns: below the noise floor of this machine")
     from rig.study.columns import columns as columns_of
 
     tell.line("\nmethods")
@@ -164,7 +164,7 @@ def _tell(
     for title, computed in (("outputs", signals), ("topics of rig run", topics)):
         tell.line()
         rates = [(one.name, f"{one.rate:g}" if one.rate else "", one.asked) for one in computed]
-        tell.table(title, ("", "per s", "asked for by"), rates)
+        tell.table(title, ("", "per s", "used by"), rates)
 
 
 def _text(value: Any) -> str:

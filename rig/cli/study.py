@@ -23,34 +23,59 @@ Along = Annotated[
     typer.Option(
         "--sweep",
         metavar="KEY=A:B:N",
-        help='Follow the eigenvalues over a parameter and find the critical values: "drive.speed=0.05 m/s:0.4 m/s:50".',
+        help='Compute eigenvalues over a parameter, and critical values: "drive.speed=0.05 m/s:0.4 m/s:50".',
     ),
 ]
 Controller = Annotated[
     str | None,
-    typer.Option("--controller", metavar="NAME", help="Close the loop of this controller: eigenvalues and margins."),
+    typer.Option(
+        "--controller",
+        metavar="NAME",
+        help="Close the loop of this controller: eigenvalues, gain, phase and delay margins.",
+    ),
 ]
 Picture = Annotated[
     Path | None, typer.Option("--figure", metavar="FILE", callback=new, help="Draw the sweep (PNG, SVG, PDF).")
 ]
-XAxis = Annotated[str, typer.Option(metavar="KEY=FROM:TO:COUNT", help='Carried axis: --x "drive.speed=1:8 rpm:36".')]
-YAxis = Annotated[str | None, typer.Option(metavar="KEY=FROM:TO:COUNT", help="Second axis; a row of the map for each.")]
-Runs = Annotated[str, typer.Option(metavar="LIST", help="Some of up, down (carried), near, far (starts).")]
+XAxis = Annotated[
+    str,
+    typer.Option(
+        metavar="KEY=FROM:TO:COUNT", help='First axis, along which runs are continued: "drive.speed=1:8 rpm:36".'
+    ),
+]
+YAxis = Annotated[
+    str | None, typer.Option(metavar="KEY=FROM:TO:COUNT", help="Second axis: one row of the map for each value.")
+]
+Runs = Annotated[
+    str,
+    typer.Option(
+        metavar="LIST",
+        help="Runs: up, down (continued from point to point), near, far (start near to or far from sliding).",
+    ),
+]
 Output = Annotated[
-    str | None, typer.Option(metavar="NAME", help="Plant output to watch; the plant's first by default.")
+    str | None, typer.Option(metavar="NAME", help="Plant output to evaluate. Default: the first output of the plant.")
 ]
 Longest = Annotated[
-    str | None, typer.Option(metavar="TIME", help="Simulated time for one point; at least 480 slow periods.")
+    str | None,
+    typer.Option(metavar="TIME", help="Longest simulated time for one point. Default: at least 480 slow periods."),
 ]
 Settling = Annotated[
     str | None,
-    typer.Option("--longest", metavar="TIME", help="Simulated time within which the motion must settle; 120 s."),
+    typer.Option(
+        "--longest", metavar="TIME", help="Simulated time within which the motion must settle. Default: 120 s."
+    ),
 ]
-Workers = Annotated[int | None, typer.Option(min=1, max=256, help="Processes; one for each core by default.")]
+Workers = Annotated[int | None, typer.Option(min=1, max=256, help="Number of processes. Default: one for each core.")]
 Eigenvalues = Annotated[
-    bool, typer.Option("--eigenvalues", help="No runs: where sliding is unstable, by eigenvalues, over both axes.")
+    bool,
+    typer.Option(
+        "--eigenvalues", help="Simulate nothing: find where sliding is unstable, by eigenvalues, over both axes."
+    ),
 ]
-Folder = Annotated[Path, typer.Option(metavar="FOLDER", help="Where the folder of this map is made or found.")]
+Folder = Annotated[
+    Path, typer.Option(metavar="FOLDER", help="Folder for the results; each map has a folder of its own in it.")
+]
 
 
 def modes(
@@ -62,11 +87,11 @@ def modes(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Eigenvalues at the sliding equilibrium, or of the closed loop of a controller; along a parameter with --sweep."""
+    """Compute eigenvalues and eigenmodes at steady sliding, open or closed loop, also over a parameter (--sweep)."""
     loaded = the_scene(scene, changes(p))
     if along is not None or controller is not None:
         tell.warnings(loaded)
-    faults = ["--figure: draws a sweep; say over what: --sweep KEY=A:B:N"] if figure is not None and not along else []
+    faults = ["--figure: draws a sweep; add --sweep KEY=A:B:N"] if figure is not None and not along else []
     found: Modes | Loop | Sweep | None = None
     try:
         if along is not None:
@@ -105,7 +130,7 @@ def _refused(scene: Scene, found: Modes | Loop | Sweep) -> None:
         return
     more = f" (and {len(errors) - 1} more)" if len(errors) > 1 else ""
     tell.note(f"{scene.name}: a run is refused{more}: {errors[0].what}\n  {errors[0].remedy}\n"
-              '  clock.unstable = "run" runs it all the same, up to clock.limit')  # fmt: skip
+              '  clock.unstable = "run" runs it nevertheless, up to clock.limit')  # fmt: skip
     raise typer.Exit(NumericsError.exit_code)
 
 
@@ -130,11 +155,12 @@ def _swept(scene: Scene, along: str, controller: str | None) -> Sweep:
 
 
 def cycle(scene: SceneName, p: Changes = None, longest: Settling = None, as_json: Json = False) -> None:
-    """The limit cycle: period, time in stick, extremes, amplitude, energy in a round, Floquet multipliers.
+    """Find the limit cycle: period, time in stick, extremes, energy per period, Floquet multipliers.
 
-    Of the plant alone: actuators are held, no controller acts, no sensor measures.
+    The plant runs alone: actuators are held, no controller acts, no sensor
+    measures.
 
-    Exit code 1 where it is not decided within the longest time whether there is one.
+    Exit code 1: undecided within the longest time.
     """
     from rig.study.cycle import limit_cycle
 
@@ -145,7 +171,9 @@ def cycle(scene: SceneName, p: Changes = None, longest: Settling = None, as_json
         found = limit_cycle(
             loaded,
             longest=most,
-            watch=lambda now, drift: status.show(f"{now:.3g} s simulated, repeats to {drift:.0e} of a period"),
+            watch=lambda now, drift: status.show(
+                f"{now:.3g} s simulated, successive periods agree to {drift:.0e} of a period"
+            ),
         )
     finally:
         status.done()
@@ -154,7 +182,7 @@ def cycle(scene: SceneName, p: Changes = None, longest: Settling = None, as_json
     else:
         tell.line(found.text())
         if loaded.controllers or loaded.sensors:
-            tell.line(f"  of the plant alone: without {_left_out(loaded)}")
+            tell.line(f"  plant alone: without {_left_out(loaded)}")
     if not found.decided:
         raise typer.Exit(1)
 
@@ -166,7 +194,7 @@ def _left_out(scene: Scene) -> str:
 
 
 def identify(scene: SceneName, p: Changes = None, as_json: Json = False) -> None:
-    """Run an experiment that identifies a part of the lever rig, and read its parameters from the sensors."""
+    """Identify parameters of the lever rig: run an experiment and evaluate its measurements."""
     from rig.study.identify import identify as run
 
     found = run(the_scene(scene, changes(p)))
@@ -190,10 +218,10 @@ def map_(
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Which steady motions a rig has, over one parameter or two: sliding, stick-slip, both.
+    """Map the steady-state behaviour over one or two parameters: sliding, stick-slip, or both.
 
-    One axis gives a bifurcation diagram. Results are kept as they come: the same command goes on where it was stopped.
-    A map that is finished is drawn again with --force.
+    One axis gives a bifurcation diagram. Results are kept: after an
+    interruption the same command continues. --force draws a finished map again.
     """
     from rig.study.map import Store, chart, job
     from rig.study.map.figure import draw
@@ -212,7 +240,7 @@ def map_(
             found = chart(todo, out, workers, progress)
     except KeyboardInterrupt:
         tell.note(f"interrupted: {len(store.load())} of {len(todo.units)} parts are kept in {store.folder}; "
-                  "the same command goes on from there")  # fmt: skip
+                  "the same command continues from there")  # fmt: skip
         raise
     if as_json:
         tell.report(found.to_json())
@@ -244,14 +272,17 @@ def _regions(scene: Scene, x: str, y: str | None, out: Path, workers: int | None
 
 
 def reproduce(
-    figure: Annotated[str, typer.Argument(metavar="FIGURE", help="A figure, a paper, or all.")] = "",
-    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Where pictures and page go.")] = Path("gallery"),
+    figure: Annotated[str, typer.Argument(metavar="FIGURE", help='Name of a figure, of a paper, or "all".')] = "",
+    out: Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for the pictures and their page.")] = Path(
+        "gallery"
+    ),
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """A figure of the papers, made again from a scene, with published or reference numbers beside ours.
+    """Make a figure of a paper again from a scene, and compare its numbers with published or reference values.
 
-    Without FIGURE: what there is. Exit code 1 where a number does not agree. What the folder held before stays in it.
+    Without FIGURE: list the figures. Exit code 1: a number does not agree.
+    Other figures in the folder are kept.
     """
     from rig.record.provenance import provenance
     from rig.study import reproduce as again

@@ -1,4 +1,4 @@
-"""How the commands print: tables and lines for a reader, JSON for a program."""
+"""Printing: tables and lines for a reader, JSON for a program."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ if TYPE_CHECKING:
 
 
 def line(text: str = "") -> None:
-    """One line on standard output."""
+    """Print one line on standard output."""
     sys.stdout.write(f"{text}\n")
 
 
 def note(text: str) -> None:
-    """One line beside the output, on standard error."""
+    """Print one line on standard error."""
     sys.stderr.write(f"{text}\n")
     sys.stderr.flush()
 
 
 def warnings(scene: Scene) -> None:
-    """What speaks against running `scene`, beside the output: every command that builds its rig says the same."""
+    """Print the warnings of `scene` on standard error; every command that builds its rig prints the same."""
     from rig.bench.findings import findings
 
     levels = ("error", "warning") if scene.clock.unstable == "run" else ("warning",)  # an error refuses the run itself
@@ -35,7 +35,7 @@ def warnings(scene: Scene) -> None:
 
 
 def run_warnings(scene: Scene, duration: float | None) -> None:
-    """The same, and what speaks against a run of `duration` s, or as long as its protocol."""
+    """Print the warnings of `scene` and of a run of `duration` s (None: as long as its protocol)."""
     from rig.bench.edge import meets_edge
 
     warnings(scene)
@@ -44,7 +44,7 @@ def run_warnings(scene: Scene, duration: float | None) -> None:
 
 
 def report(found: Any) -> None:
-    """A report as JSON; what is no number is null."""
+    """Print a report as JSON; NaN and infinity become null."""
     line(json.dumps(_plain(found), indent=2, ensure_ascii=False))
 
 
@@ -61,7 +61,7 @@ def _plain(found: Any) -> Any:
 
 
 def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
-    """A table; it takes the width of the terminal."""
+    """Print a table in the width of the terminal; 160 columns without a terminal."""
     from rich.console import Console
     from rich.table import Table
 
@@ -77,28 +77,28 @@ def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) 
 
 
 def number(value: object) -> str:
-    """A number as a reader likes it."""
+    """A number with six significant digits, a truth value as yes or no."""
     if isinstance(value, bool):
         return "yes" if value else "no"
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 class Status:
-    """A line that is written again and again on a terminal, and now and then elsewhere."""
+    """A progress line on a terminal; nothing is written without a terminal."""
 
     def __init__(self) -> None:
         self._terminal = sys.stderr.isatty()
         self._width = 0
 
     def show(self, text: str) -> None:
-        """Put `text` in place of the line before."""
+        """Replace the line by `text`."""
         if self._terminal:
             sys.stderr.write(f"\r{text.ljust(self._width)}")
             self._width = len(text)
             sys.stderr.flush()
 
     def done(self) -> None:
-        """Leave the line."""
+        """Clear the line."""
         if self._terminal and self._width:
             sys.stderr.write(f"\r{' ' * self._width}\r")
             sys.stderr.flush()
@@ -106,7 +106,7 @@ class Status:
 
 @contextlib.contextmanager
 def bar(what: str) -> Iterator[Callable[[int, int], object]]:
-    """A progress bar with an estimate of what is left, on standard error."""
+    """A progress bar with the estimated remaining time, on standard error."""
     from rich.console import Console
     from rich.progress import (
         BarColumn,
@@ -123,7 +123,7 @@ def bar(what: str) -> Iterator[Callable[[int, int], object]]:
         task = bar.add_task(what, total=None)
 
         def show(done: int, total: int) -> None:
-            if bar.tasks[0].total is None:  # the estimate is that of what is done from here on
+            if bar.tasks[0].total is None:  # estimate from now on: parts that were kept from before took no time
                 bar.reset(task, completed=done, total=total)
             bar.update(task, completed=done)
 

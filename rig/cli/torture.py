@@ -1,4 +1,4 @@
-"""The command of the hard cases."""
+"""The command `rig torture`: hard cases."""
 
 from __future__ import annotations
 
@@ -16,26 +16,28 @@ if TYPE_CHECKING:
     from rig.study.torture import Cell
 
 CaseName = Annotated[
-    list[str] | None, typer.Option("--case", metavar="ID", help="Only this case, or a file; may be repeated.")
+    list[str] | None,
+    typer.Option("--case", metavar="ID", help="Run only this case, or the case in this file. Repeatable."),
 ]
-Folder = Annotated[Path, typer.Option(metavar="FOLDER", help="Where table, figure, JSON and JUnit go.")]
+Folder = Annotated[Path, typer.Option(metavar="FOLDER", help="Folder for the figure, JSON and JUnit files.")]
 
 
 def torture(
-    quick: Annotated[bool, typer.Option("--quick", help="Under a minute: short runs, the default.")] = False,
-    full: Annotated[bool, typer.Option("--full", help="Every step and every case, over the whole time.")] = False,
+    quick: Annotated[bool, typer.Option("--quick", help="Short runs, under a minute. The default.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Every step and every case, over the whole duration.")] = False,
     case: CaseName = None,
     search: Annotated[
-        bool, typer.Option("--search", help="Draw values from the boxes of the cases instead; keeps what breaks one.")
+        bool,
+        typer.Option("--search", help="Search random values within the bounds of each case; keep values that fail."),
     ] = False,
     out: Folder = Path("torture"),
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Hard cases by methods by steps: each cell green, amber or red with one reason.
+    """Run hard cases by methods by steps. Each cell is green, amber or red with one reason.
 
-    Exit code 1 where the method that a scene gets by default is not green. Comparison methods are there to be seen
-    failing.
+    Exit code 1: a default method is not green. The other methods are for
+    comparison, and some of them fail.
     """
     if quick and full:
         raise UsageError("--quick or --full, not both")
@@ -73,7 +75,7 @@ def _table(cells: list[Cell]) -> None:
     counts = {colour: sum(cell.verdict.colour == colour for cell in cells) for colour in ("green", "amber", "red")}
     bad = sum(not cell.good for cell in cells)
     told = ", ".join(f"{count} {colour}" for colour, count in counts.items())
-    tell.line(f"{len(cells)} cells: {told}; of the default {bad or 'none'} not green")
+    tell.line(f"{len(cells)} cells: {told}; default methods: {bad or 'none'} not green")
 
 
 def _search(wanted: list[str], as_json: bool) -> None:
@@ -88,7 +90,7 @@ def _search(wanted: list[str], as_json: bool) -> None:
         hit = search(case)
         found[name] = None if hit is None else {"file": str(hit[0]), **hit[1].to_json()}
         if not as_json:
-            tell.line(f"{name}: {'holds' if hit is None else f'{hit[1].verdict.told}; kept as {hit[0]}'}")
+            tell.line(f"{name}: {'no failure found' if hit is None else f'{hit[1].verdict.told}; kept as {hit[0]}'}")
     if as_json:
         tell.report(found)
     if any(found.values()):

@@ -349,7 +349,7 @@ def test_steps_and_operators_get_their_matrices_beside_a_controller_that_asks_fo
     [tick] = set(ticks["goes on"])
     assert 1000 < tick < told["tick"]
     assert bench.summary["postponed"] == {"waited": 3, "longest_s": pytest.approx(1e-3 * (tick - 1000)), "never": 0}
-    assert f"3 steps waited for other matrices, the longest {1e-3 * (tick - 1000):.3g} s" in summary(bench.summary)
+    assert f"3 steps waited for new matrices, the longest {1e-3 * (tick - 1000):.3g} s" in summary(bench.summary)
 
 
 def test_a_step_that_still_waits_when_the_run_ends_is_told(built, monkeypatch):

@@ -70,11 +70,11 @@ def test_the_summary_says_verdict_worst_lateness_cause_losses_and_what_next(summ
     for said in (
         "DEGRADED: 0.10% of 1001 frames late by more than one frame; worst 3 ms at frame 1000, wake",
         "lost 2 of meas/laser to recorder",
-        "unknown what did not reach recorder second",
+        "unknown losses on the way to recorder second",
         "overruns by cause: 1 wake",
         "nf: 10 commands, 1 late, 3 clamped, oldest 2 frames",
         "stranger: 4 commands refused",
-        "step to command 0.12 ms p50, 0.30 p99, 0.90 worst",
+        "time from step to command 0.12 / 0.30 / 0.90 ms (p50, p99, worst)",
         "controller nf left at t = 0.500 s",
         "the viewer ended with code 2",
         "rig verify run.mcap | rig replay run.mcap",
@@ -109,4 +109,4 @@ def test_without_a_terminal_there_are_lines_only():
 
 
 def test_a_rig_without_a_friction_patch_tells_of_no_stick():
-    assert status.plant({"method": "kick", "events": 0}, -3e-4) == "method kick, 0 events, energy error -3e-04"
+    assert status.plant({"method": "kick", "events": 0}, -3e-4) == "method kick, 0 events, energy residual -3e-04"

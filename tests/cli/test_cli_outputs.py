@@ -166,7 +166,7 @@ def test_two_options_do_not_name_one_file(rig, tmp_path, there):
         files = ("--out", tmp_path / "a.png", "--figure", tmp_path / other)
         code, err = rig("simulate", "no_such_scene", *files, *(("--force",) if there else ()))
         assert code == 2
-        assert f"--figure {tmp_path / other}: is the file of --out too" in err
+        assert f"--figure {tmp_path / other}: is also the file of --out" in err
     assert (tmp_path / "a.png").exists() == there
     assert not there or (tmp_path / "a.png").read_text() == "mine"
 
@@ -192,7 +192,7 @@ def test_no_command_overwrites_what_it_reads(rig, log, tmp_path, monkeypatch, co
     name, file, *rest = command
     code, err = rig(name, *((*rest, file) if last else (file, *rest)), "--force")
     assert code == 2
-    assert f"{command[-2]} {command[-1]}: is the file that is read; name another one" in err
+    assert f"{command[-2]} {command[-1]}: is also the input file; name another one" in err
     assert log.stat().st_size > 1000
     assert (tmp_path / "belt.png").read_text() == "title = 'mine'"
 
@@ -276,7 +276,7 @@ def test_a_full_disk_takes_no_summary_and_tears_no_figure(capsys, tmp_path, monk
         program.run([command, "belt", "--duration", "0.05", "--figure", str(figure), *(("--force",) if there else ())])
     out, err = capsys.readouterr()
     assert left.value.code == 1
-    assert ("VALID" if command == "run" else "done: 0.05 s") in out
+    assert ("VALID" if command == "run" else "0.05 s simulated") in out
     assert f"{figure} cannot be written: No space left on device" in err
     assert {path.name for path in tmp_path.iterdir()} == ({"a.mcap", "a.png"} if there else {"a.mcap"})
     assert not there or figure.read_text() == "mine"

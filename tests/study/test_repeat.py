@@ -124,7 +124,7 @@ def test_the_command_tells_table_json_and_figure(rig, tmp_path):
 def test_a_recording_of_many_runs_is_refused(rig, tmp_path):
     code, _, err = rig("simulate", "belt", "--repeat", "2", "--out", tmp_path / "run.mcap")
     assert code == 2
-    assert "--repeat keeps no recording" in err
+    assert "--repeat writes no recordings" in err
 
 
 def test_one_run_and_what_it_is_made_of_say_that_it_is_chaotic(rig):
