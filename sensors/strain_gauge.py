@@ -13,7 +13,7 @@ from sensors.chain.units import Kelvin, StrainDensity, StrainPerKelvin, StrainPe
 
 
 class StrainGauge(Instrument):
-    """Strain of the flexure that carries a force; output in strain [1], `newton_per_strain` converts back.
+    """Strain of the flexure that carries a force; output in strain [1], `strain_per_newton` for each newton.
 
     strain_per_newton   20 um/m per N: 50 N at full scale [calibrated]
     bandwidth   1.6 kHz, second order, Butterworth: amplifier on a 4.8 kHz carrier [calibrated, from memory]
@@ -51,11 +51,6 @@ class StrainGauge(Instrument):
     def sensitivity(self) -> float:
         """Strain per newton."""
         return float(self.strain_per_newton)
-
-    @property
-    def newton_per_strain(self) -> float:
-        """What a controller multiplies the reading with to have newtons."""
-        return 1.0 / self.sensitivity
 
     def flawed(self) -> FrontEnd:
         """Amplifier and zero drift."""

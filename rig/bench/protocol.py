@@ -126,20 +126,20 @@ class Protocol:
         return tick + 1 if self._condition is not None else None if self.done else self._until
 
     def _go_on(self, tick: int, latest: NDArray[Any]) -> list[Action]:
-        actions = self._finished(tick)
+        actions = self._finished()
         for step in self._steps:
             actions += self._begin(step, tick)
             condition = self._condition
             if condition is not None:
                 if not condition.met(float(latest[condition.column])):
                     return actions
-                actions += self._finished(tick)
+                actions += self._finished()
             elif self._until > tick:
                 return actions
         self.done, self.phase = True, "done"
         return actions
 
-    def _finished(self, tick: int) -> list[Action]:
+    def _finished(self) -> list[Action]:
         """The step that held up the others is over."""
         step, condition = self._current, self._condition
         self._current = self._condition = None

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
     from rig.study.explained import Part, Told
 
-Measure = Annotated[
-    bool, typer.Option("--measure", help="Measure each effect: compute time per step in ns, and change of the motion.")
-]
 Figure = Annotated[
     Path | None, typer.Option(metavar="FILE", callback=new, help="Draw the result of --measure (PNG, SVG, PDF).")
 ]

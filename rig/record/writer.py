@@ -84,7 +84,6 @@ class Writer:
         self._plot_due = self._points = 0
         self._log_ns = 0
         self._flush_due = time.monotonic_ns() + FLUSH_NS
-        self._broken = False
         with self._guarded():
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = claim(path, replace)
@@ -111,7 +110,6 @@ class Writer:
         try:
             yield
         except OSError as fault:
-            self._broken = True
             kept_ns = self._kept_ns()
             kept = f"; recorded up to t = {kept_ns * 1e-9:.3f} s: rig recover saves that" if kept_ns else ""
             raise LogError(f"{self.path} cannot be written: {fault.strerror}{kept}") from None

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Sequence
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.errors import Singular
 from rig.quantities import at_most
@@ -35,7 +34,6 @@ from rig.solve.system import (
     System,
 )
 
-Array = NDArray[np.float64]
 MOST = 27
 """Mode sets looked at one by one; of more contacts only those in which all are alike, or one is stuck."""
 RK4_LIMIT = 2.785

@@ -20,7 +20,6 @@ from rig.study.crossing import RELATIVE, Bracket, Growth, Hole, brackets, edge, 
 from rig.study.modes import motion
 from rig.study.spectrum import Spectra, Spectrum
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 JUMP = 1e-3  # of the growth beside it: what is left at a root of a continuous function is far less
 _SAME = 1e-9  # of the axis: critical values of one kind this close are those of one motion, a pair of eigenvalues

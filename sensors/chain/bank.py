@@ -148,10 +148,6 @@ class Bank:
         first = self.first(i)
         return self.instants[i].at(np.arange(first, first + int(self.fresh[i])))
 
-    def first_ns(self, i: int) -> int:
-        """When the first of them was published [ns]."""
-        return int(self.instants[i].at(self.first(i)))
-
     def counters(self) -> dict[str, dict[str, int]]:
         """Per instrument: samples clipped, dropped out, and lost to the slew limit since the start."""
         kept = ("clipped", "dropped_out", "slew_lost")

@@ -136,7 +136,6 @@ def test_strain_gauge_reads_a_force_through_its_strain_per_newton(play, clean):
     sensor = KINDS["strain_gauge"](**clean["strain_gauge"], strain_per_newton="35 um/m/N")
     _, y = play({"s": sensor}, {"friction_force": constant(8.0)}, 0.01).only()
     np.testing.assert_allclose(y, 280e-6, rtol=1e-12)
-    assert y[-1] * sensor.newton_per_strain == pytest.approx(8.0, rel=1e-12)
     assert sensor.unit == "1"
     assert sensor.reads_unit == "N"
 

@@ -11,12 +11,10 @@ from hypothesis.extra.numpy import arrays
 
 import rig
 from rig.record.run import Commands, Run, Samples
-from rig.record.save import save
 from rig.scenes import shelf
 from rig.view import contact, story
 from rig.view.curves import thinned
 from rig.view.figure import draw
-from rig.view.log import view_log
 
 NOTHING = Samples(np.empty(0, np.int64), np.empty(0))
 
@@ -128,18 +126,6 @@ def test_a_thinned_line_keeps_its_extremes(v, columns):
     assert (drawn.min(), drawn.max()) == (whole.min(), whole.max())
     assert np.all(np.diff(at) >= 0.0)
     assert at.size <= max(4 * columns, 2 * columns)
-
-
-def test_a_recording_is_shown_sample_by_sample(run, contents, tmp_path):
-    save(run, tmp_path / "belt.mcap")
-    view_log(tmp_path / "belt.mcap", save=tmp_path / "belt.rrd")
-    rows, static = contents(tmp_path / "belt.rrd")
-    assert len(rows["/plant/velocity"]) == run.time.size
-    assert len(rows["/sensor/vibrometer"]) == run.measurements["vibrometer"].v.size
-    seen = sorted((row["sim_time"], row["Scalars:scalars"][0]) for row in rows["/plant/friction_force"])
-    assert np.array_equal([v for _, v in seen], run.signals["friction_force"])
-    assert [row["StateChange:state"][0] for row in rows["/strip/contact"]][:2] == ["stick", "slip+"]
-    assert "/rig/belt" in static
 
 
 def test_a_circuit_is_closed_from_switch_to_switch(tmp_path):

@@ -22,7 +22,6 @@ from rig.study.crowd import refuse
 
 Report = Callable[[int, int], object]
 FOLDER = Path("cost")
-_MOST = 2000.0  # us in 1 ms of simulated time: slower settings are not timed again and again
 
 
 def folder_of(scene: Scene, root: Path = FOLDER) -> Path:

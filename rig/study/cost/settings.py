@@ -21,7 +21,7 @@ from rig.solve.singular import assembled
 from rig.solve.system import System
 from rig.solve.verdict import RK4_LIMIT, mode_sets
 
-TIGHTEST, LOOSEST = 1e-12, 1e-2  # tolerances; the scene takes no looser one
+TIGHTEST = 1e-12  # tolerance
 THEORY = {"dopri5": 5, "rk4": 4, "kick": 2}  # order of the error in the step
 _FINE = 2e-3  # |lambda| h of the finest rk4 step of a ladder
 _RUNG = 2.0  # between two steps of a ladder, at least

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig.bench.exchange import Exchange
 from rig.bench.journal import Journal
@@ -21,10 +20,8 @@ from rig.study.torture.case import Act, Case
 from rig.study.torture.found import Found, OutOfTime
 from rig.study.torture.watched import Watched
 
-Array = NDArray[np.float64]
 CHUNK = 4096
 KEPT = 20_000  # events that are remembered one by one
-ROUND = 1e-12  # of the largest value: what summing a few products may leave
 
 
 class _Left(Exception):

@@ -13,7 +13,8 @@ from rig.study.torture.case import Case
 from rig.study.torture.found import Found
 
 Colour = Literal["green", "amber", "red"]
-REASONS = (
+Reason = Literal[
+    "",
     "NaN",
     "energy",
     "creep",
@@ -24,7 +25,7 @@ REASONS = (
     "refused",
     "overrun",
     "cost",
-)
+]
 SMOOTH, WITH_EVENTS, RIDDEN = 1e-9, 1e-6, 1e-2
 """What the energy ledger may leave over, relative to its largest term; the last of a film of points."""
 ROUND = 1e-9
@@ -35,19 +36,19 @@ LATE = 1e-3
 
 @dataclass(frozen=True)
 class Verdict:
-    """A colour, one of `REASONS` ("" where it is green), and a line of text with the number that decided."""
+    """A colour, a reason ("" where it is green), and a line of text with the number that decided."""
 
     colour: Colour
-    reason: str = ""
+    reason: Reason = ""
     told: str = ""
 
 
-def red(reason: str, told: str) -> Verdict:
+def red(reason: Reason, told: str) -> Verdict:
     """A failure."""
     return Verdict("red", reason, told)
 
 
-def amber(reason: str, told: str) -> Verdict:
+def amber(reason: Reason, told: str) -> Verdict:
     """No failure, but no result either, or a dear one."""
     return Verdict("amber", reason, told)
 
