@@ -45,7 +45,7 @@ def load(scene: str | Path, overrides: Mapping[str, object] | None = None) -> Sc
     from rig import scenes
 
     found = scenes.load(str(scene), overrides or {})
-    for told in found.dropped:
+    for told in found.notes:
         _warn(told)
     return found
 

@@ -95,7 +95,7 @@ def the_scene(name: str, overrides: Mapping[str, str]) -> Scene:
     from rig.scenes import load
 
     scene = load(name, overrides)
-    for line in scene.dropped:
+    for line in scene.notes:
         tell.note(line)
     return scene
 

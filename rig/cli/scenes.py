@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -10,10 +11,11 @@ import typer
 
 from rig.cli import tell
 from rig.cli.options import Changes, Force, Json, SceneName, changes, the_scene
-from rig.cli.outputs import new
-from rig.errors import UsageError
+from rig.cli.outputs import held, named, new
+from rig.errors import SceneError, UsageError
 
 if TYPE_CHECKING:
+    from rig.scenes.explain import Value
     from rig.scenes.scene import Scene
     from rig.study.explained import Part, Told
 
@@ -64,13 +66,15 @@ def explain(
     if measure:
         _measured(told.scene, figure, as_json)
         return
-    values = [v for v in told.values if everything or as_json or v.key in told.scene.origins]
+    values = [v for v in told.values if everything or as_json or v.place or v.key in told.scene.origins]
     if as_json:
         tell.report(
             {
                 "scene": told.scene.name,
                 "title": told.scene.title,
                 "about": told.scene.about,
+                "based_on": told.scene.bases,
+                "notes": told.scene.notes,
                 "plant": told.scene.plant,
                 "states": told.states,
                 "frame_s": told.scene.frame_ns / 1e9,
@@ -79,11 +83,15 @@ def explain(
                 "duration_s": None if told.scene.duration_ns is None else told.scene.duration_ns / 1e9,
                 "effects": [vars(effect) for effect in told.effects],
                 "actuators": [vars(actuator) for actuator in told.actuators],
-                "values": [{**vars(v), "origin": v.origin.origin, "note": v.origin.note} for v in values],
+                "values": [_value(v) for v in values],
             }
         )
         return
-    tell.line(f"{told.scene.title} ({told.scene.name})\n\n{told.scene.about}\n")
+    tell.line(f"{told.scene.title} ({told.scene.name})\n")
+    if told.scene.about:
+        tell.line(f"{told.scene.about}\n")
+    if told.scene.bases:
+        tell.line(f"Based on {', which is based on '.join(told.scene.bases)}\n")
     if told.scene.slow:
         tell.line(f"Paced, {told.scene.slow}\n")
     if told.scene.assemble().film is not None:
@@ -98,10 +106,21 @@ def explain(
     ]
     tell.table("actuators", ("actuator", "range", "unit", "at the start", "safe value"), actuators)
     tell.line()
-    shown = [(v.key, _text(v.value), v.unit if v.unit != "1" else "", v.origin.origin, v.origin.note) for v in values]
-    tell.table("values", ("key", "value", "unit", "origin", "note"), shown)
+    shown = [
+        (v.key, _text(v.value), v.unit if v.unit != "1" else "", v.origin.origin, v.origin.note, str(v.place or ""))
+        for v in values
+    ]
+    tell.table("values", ("key", "value", "unit", "origin", "note", "file"), shown)
     left = len(told.values) - len(values)
     tell.line(f"\n{left} more values have defaults; to list them: rig explain {scene} --all" if left else "")
+
+
+def _value(value: Value) -> dict[str, Any]:
+    """A value for JSON; `file` and `line` that give it: null for a default, "-p" for a change."""
+    place = value.place
+    where = {"file": place and (place.file or "-p"), "line": place and (place.line or None)}
+    plain = {"key": value.key, "value": value.value, "unit": value.unit}
+    return {**plain, "origin": value.origin.origin, "note": value.origin.note, **where}
 
 
 def _audited(log: str, as_json: bool) -> None:
@@ -168,7 +187,67 @@ def _text(value: Any) -> str:
     return ", ".join(map(tell.number, value)) if isinstance(value, list) else tell.number(value)
 
 
+def new_scene(
+    name: Annotated[str, typer.Argument(metavar="NAME", help="File to write; .toml is added.")],
+    based_on: Annotated[str, typer.Option(metavar="SCENE", help="Shipped scene or TOML file to start from.")],
+    force: Force = False,
+    as_json: Json = False,
+) -> None:
+    """Write a scene file to edit, based on another scene: it says only what differs.
+
+    The values most worth changing are in it as comments, with unit, range and origin.
+    """
+    from rig.scenes import load
+    from rig.scenes.draft import draft
+    from rig.scenes.shelf import names
+
+    named("NAME", Path(name))
+    file = Path(name) if name.endswith(".toml") else Path(f"{name}.toml")
+    scene = load(based_on)
+    shipped = based_on in names()
+    if not shipped and file.exists() and file.samefile(based_on):
+        raise UsageError(f"{name}: is the scene to start from; name another file")
+    base = based_on if shipped else os.path.relpath(based_on, file.parent)
+    with held("NAME", file, force):
+        file.write_text(draft(scene, base, str(file)), encoding="utf-8")
+    if as_json:
+        tell.report({"file": str(file), "based_on": base})
+        return
+    tell.line(f"{file}: based on {base}\nnext: edit it | rig explain {file} | rig simulate {file}")
+
+
+def migrate(
+    file: Annotated[str, typer.Argument(metavar="FILE", help="Scene file (TOML) to rewrite.")], as_json: Json = False
+) -> None:
+    """Rewrite a scene file in the newest format. Comments and layout stay; only renamed keys change.
+
+    An older file can be used as it is too: it is then migrated as it is read, with a note.
+    """
+    from rig.scenes import migration, shelf, source
+
+    path = shelf.path(file)
+    text = source.text(path)
+    try:
+        since = migration.written(source.parsed(path, text))
+    except ValueError as fault:
+        raise SceneError(file, [str(fault)]) from None
+    made, renamed = migration.rewritten(text)
+    if made != text:
+        path.write_bytes(made.encode())
+    if as_json:
+        tell.report({"file": str(path), "from": since, "to": migration.newest(), "renamed": renamed})
+        return
+    if made == text:
+        tell.line(f"{file}: is in format {since}, the newest; nothing to change")
+        return
+    tell.line(f"{file}: rewritten from format {since} to {migration.newest()}")
+    for line in renamed:
+        tell.line(f"  {line}")
+
+
 COMMANDS = {
     "list": (list_scenes, "rig list"),
+    "new": (new_scene, "rig new mine --based-on belt"),
+    "migrate": (migrate, "rig migrate mine.toml"),
     "explain": (explain, 'rig explain pendulum -p drive.speed="2 rpm"'),
 }

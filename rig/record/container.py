@@ -40,6 +40,9 @@ from mcap.records import (
 
 MAGIC = b"\x89MCAP0\r\n"
 PROFILE = "friction-rig"
+FORMAT = 1
+"""Format of recordings: their attachments, metadata and topics, and what these mean. The metadata record "log"
+states it; a recording without it has format 1. The scene in a recording has its own format (`Scene.from_json`)."""
 CRC, DIGEST = "crc32", "digest"
 SHARE = 25
 """No chunk holds more than this part of the messages before it."""

@@ -24,7 +24,7 @@ from mcap.records import Attachment, Channel, DataEnd, Footer, Header, Metadata,
 from rig.bus.setup import Setup
 from rig.errors import LogError
 from rig.record import attached
-from rig.record.container import CRC, DIGEST, MAGIC, checksum
+from rig.record.container import CRC, DIGEST, FORMAT, MAGIC, checksum
 from rig.record.walk import Data, Found, Hole, Message, inside, walk
 
 _FOOTER = 29  # bytes
@@ -198,8 +198,17 @@ class Scan:
                 self._digest_at, self.metadata[DIGEST] = part.begin, values
             else:
                 self.metadata[body.name] = values
+                self._accept(values.get("format", "1") if body.name == "log" else "1")
         else:
             self._describe(body)
+
+    def _accept(self, written: str) -> None:
+        """Raise LogError for a recording of a format that only newer versions know."""
+        if not written.isdecimal() or int(written) > FORMAT:
+            raise LogError(
+                f"{self.path} is a recording of format {written[:20]}, written by a newer version of friction-rig; "
+                f"this version reads recordings up to format {FORMAT}: install a newer version"
+            )
 
     def _conclude(self, data: Data) -> None:
         """Check what covers the whole file, and put into words what is wrong."""

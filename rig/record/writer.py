@@ -26,6 +26,7 @@ from rig.bus.setup import Setup
 from rig.errors import BusError, LogError
 from rig.files import WRITTEN, takes
 from rig.record import attached
+from rig.record.container import FORMAT
 from rig.record.container import Writer as Mcap
 
 CHUNK = 256 * 1024
@@ -103,7 +104,7 @@ class Writer:
         for model in setup.models:
             self._mcap.attach(attached.name(model), attached.MEDIA_TYPE, attached.packed(model), now)
         self._mcap.note("provenance", setup.provenance)
-        self._mcap.note("log", {"made": self._made, "run": setup.run})
+        self._mcap.note("log", {"made": self._made, "run": setup.run, "format": str(FORMAT)})
 
     @contextlib.contextmanager
     def _guarded(self) -> Iterator[None]:

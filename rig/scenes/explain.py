@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -14,10 +14,12 @@ from pydantic import BaseModel
 from rig.about import Bound
 from rig.quantities import ORIGINS
 from rig.scenes.effects import about, optional
+from rig.scenes.places import Place
 from rig.scenes.scene import Origin, Scene, known, leaves
 from rig.solve.film import lay
 
 DEFAULT = Origin("default")
+UNSTATED = Origin("not stated")
 _ROW = 5  # numbered states that are told one by one
 _NUMBER = re.compile(r"\d+")
 
@@ -58,12 +60,13 @@ def _follows(name: str, other: str) -> bool:
 
 @dataclass(frozen=True)
 class Value:
-    """One value of a scene in SI, with its origin."""
+    """One value of a scene in SI, with its origin, and where it is given; no place for a default."""
 
     key: str
     value: Any
     unit: str
     origin: Origin
+    place: Place | None = None
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,15 @@ def explain(scene: Scene) -> Explanation:
     """Take a scene apart."""
     inputs = scene.assemble().inputs
     actuators = [Actuator(name, i.unit, i.low, i.high, i.value, i.safe) for name, i in inputs.items()]
-    return Explanation(scene, tuple(_effects(scene)), tuple(actuators), tuple(_values(scene)))
+    values = [_placed(scene, value) for value in _values(scene)]
+    return Explanation(scene, tuple(_effects(scene)), tuple(actuators), tuple(values))
+
+
+def _placed(scene: Scene, value: Value) -> Value:
+    """A value with its place. One that a file gives without an origin does not have that of the default."""
+    place = scene.place(value.key)
+    origin = UNSTATED if place and value.key not in scene.origins else value.origin
+    return replace(value, place=place, origin=origin)
 
 
 def _effects(scene: Scene) -> Iterator[Effect]:

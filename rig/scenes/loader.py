@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,7 +14,7 @@ from controllers import KINDS as CONTROLLERS
 from rig.errors import SceneError
 from rig.plants import PLANTS
 from rig.quantities import Section, finite
-from rig.scenes import checks, faults, source
+from rig.scenes import checks, faults, inherit, source
 from rig.scenes.protocol import UNKNOWN, Known, Load, Mark, Ramp, Step, flat
 from rig.scenes.scene import STEP, STEPS, Clock, Origin, Scene, assembled, known, plant_module
 from rig.scenes.shelf import path as path_of
@@ -26,40 +26,78 @@ MOST = 100
 """Faults that are told."""
 PARTS = 100
 """Sensors, and controllers, that a scene may have."""
-OWN = ("title", "plant", "about", "seed", "clock", "sensors", "controllers", "protocol", "limits")
+OWN = ("format", "based_on", "title", "plant", "about", "seed", "clock", "sensors", "controllers", "protocol", "limits")
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 
 
 def load(name_or_path: str | Path, overrides: Mapping[str, object] | None = None) -> Scene:
     """The scene of a shipped name or of a file, with `overrides` (dotted key -> value, text with unit or number).
 
-    Raises SceneError with every fault: dotted key, what was given, what is allowed.
+    Raises SceneError with every fault: dotted key, what was given, what is allowed, file and line that gave it.
     """
     path = path_of(name_or_path)
-    reading = _Reading(source.tree(path), overrides or {})
+    reading = _Reading(inherit.layers(path), overrides or {})
     scene = reading.scene(path.stem)
     if scene is None:
         told = reading.faults[:MOST]
         more = ["and more"] if len(reading.faults) > MOST else []
-        raise SceneError(str(name_or_path), [*told, *more, *reading.dropped])
+        raise SceneError(str(name_or_path), [*told, *more, *reading.notes])
     return scene
 
 
 class _Reading:
     """One pass over a scene; `faults` collects a line for everything that is wrong."""
 
-    def __init__(self, raw: dict[str, Any], overrides: Mapping[str, object]) -> None:
+    def __init__(self, layers: Sequence[inherit.Layer], overrides: Mapping[str, object]) -> None:
         self.faults: list[str] = []
         self.origins: dict[str, Origin] = {}
-        self.raw: dict[str, Any] = source.stripped(raw, self.origins, self.faults)
-        self.overrides = overrides
-        self.dropped: list[str] = []
-        self.recast = source.change(self.raw, overrides, self.origins, self.faults)
+        self.raw: dict[str, Any] = {}
+        self.notes = [note for layer in layers if (note := layer.note)]
+        self.places = inherit.Places(layers, overrides, self.raw)
+        self.recast: dict[str, tuple[str, Any]] = {}
+        """Tables of another kind than they had when the protocol was written: which key says it, what it said."""
+        for layer in layers:
+            self._lay(layer)
+        found: list[source.Fault] = []
+        recast = source.change(self.raw, overrides, self.origins, found)
+        self._report(found)
+        self._forget(recast, overrides)
+        self.recast |= recast
+
+    def _lay(self, layer: inherit.Layer) -> None:
+        """Take in a file, over those that it is based on."""
+        found: list[source.Fault] = []
+        own: dict[str, Origin] = {}
+        tables = source.stripped(layer.raw, own, found)
+        self._report(found, layer)
+        if not self.raw:
+            self.raw.update(tables)
+            self.origins |= own
+            return
+        for key in inherit.OWN:
+            self.raw.pop(key, None)
+        if isinstance(plant := tables.get("plant"), str):
+            self._replant(plant, layer)
+        recast: dict[str, tuple[str, Any]] = {}
+        self._report(inherit.lay(tables, self.raw, self.origins, own, recast), layer)
+        self._forget(recast, layer.lines, layer)
+        self.recast = {} if "protocol" in tables else self.recast | recast
+
+    def _replant(self, plant: str, layer: inherit.Layer) -> None:
+        """Drop the tables of the plant before, if it was another one, but for what every plant has."""
+        before = self.raw.get("plant")
+        if plant == before or not isinstance(before, str) or not {plant, before} <= PLANTS.keys():
+            return
+        kept = faults.shared(*(plant_module(one).Parameters for one in (plant, before)))
+        gone = [key for key in self.raw if key not in {*OWN, *kept}]
+        for key in gone:
+            del self.raw[key]
+            source.forget(self.origins, key)
+        self.notes.append(f"plant = {plant}: dropped {', '.join(gone)} of {before} ({layer.place('plant')})")
 
     def scene(self, name: str) -> Scene | None:
         """The scene, or None where there are faults."""
         raw = self.raw
-        self._forget()
         clock = self._section(Clock, "clock", raw.get("clock", {}))
         seed = self._seed(raw.get("seed", 0))
         plant, parameters = self._plant()
@@ -105,27 +143,35 @@ class _Reading:
             limits=limits,
             seed=seed,
             origins=self.origins,
-            dropped=tuple(self.dropped),
+            notes=tuple(self.notes),
+            places=self.places,
         )
 
-    def _forget(self) -> None:
-        """Drop the values of a table that were those of another kind, but for what every such kind has."""
-        for table, (tag, before) in self.recast.items():
+    def _forget(
+        self, recast: Mapping[str, tuple[str, Any]], keys: Iterable[str], layer: inherit.Layer | None = None
+    ) -> None:
+        """Drop the values of a table that were those of another kind, but for what every such kind has.
+
+        `keys`: what is given with the change of kind, by the file `layer` or by changes with -p.
+        """
+        for table, (tag, before) in recast.items():
             values = source.at(self.raw, table.split("."))
             now, kinds = (values or {}).get(tag), self._kinds(table, tag)
             if values is None or not isinstance(now, str) or now not in kinds:
                 continue  # a fault, told later
             known = isinstance(before, str) and before in kinds
             common = faults.shared(kinds[before], kinds[now]) if known else set()
-            given = {key.removeprefix(f"{table}.").partition(".")[0] for key in self.overrides}
+            head = f"{table}."
+            given = {key.removeprefix(head).partition(".")[0] for key in keys if key.startswith(head)}
             gone = [key for key in values if key != tag and key not in given | common]
             kept = [key for key in values if key in common - given]
             for key in gone:
                 del values[key]
-                source.forget(self.origins, f"{table}.{key}")
+                source.forget(self.origins, f"{head}{key}")
             if gone:
-                told = f"{table}.{tag} = {now}: dropped {', '.join(gone)} of {before}"
-                self.dropped.append(told + (f"; kept {', '.join(kept)}" if kept else ""))
+                told = f"{head}{tag} = {now}: dropped {', '.join(gone)} of {before}"
+                told += f"; kept {', '.join(kept)}" if kept else ""
+                self.notes.append(f"{told} ({layer.place(f'{head}{tag}')})" if layer else told)
 
     def _kinds(self, table: str, tag: str) -> Mapping[str, Any]:
         """What the kinds of a table are, by name."""
@@ -152,17 +198,23 @@ class _Reading:
                     if any(target.startswith(f"{table}.") for table in self.recast):
                         steps[i - 1] = {"step": "mark", "text": f"left out: {step.get('step')} {target}"}
                         source.forget(self.origins, here)
-                        self.dropped.append(f"{here}: left out, there is no {target} any more")
+                        self.notes.append(f"{here}: left out, there is no {target} any more")
                 look(step.get("steps"), f"{here}.steps")
 
         look(self.raw.get("protocol"), "protocol")
 
-    def _report(self, found: Iterator[tuple[str, str]]) -> None:
-        for _, line in found:
+    def _report(self, found: Iterable[source.Fault], layer: inherit.Layer | None = None) -> None:
+        """Take up faults, each with the place of its value; `layer`: the file that they are of."""
+        for key, line in found:
             if len(self.faults) > MOST:  # more than a reader looks through, and each takes time to be put into words
                 return
-            if line not in self.faults:
-                self.faults.append(line)
+            place = layer.place(key) if layer else self.places.near(key)
+            told = f"{line} ({place})" if place else line
+            if told not in self.faults:
+                self.faults.append(told)
+
+    def _fault(self, key: str, line: str) -> None:
+        self._report([(key, line)])
 
     def _section(self, model: type[S], prefix: str, raw: Any) -> S | None:
         """`raw` as a section; None after reporting what is wrong."""
@@ -175,10 +227,10 @@ class _Reading:
     def _plant(self) -> tuple[str, Section | None]:
         plant = self.raw.get("plant")
         if plant is None:
-            self.faults.append(f"plant: is missing; known: {', '.join(sorted(PLANTS))}")
+            self._fault("plant", f"plant: is missing; known: {', '.join(sorted(PLANTS))}")
             return "", None
         if not isinstance(plant, str) or plant not in PLANTS:
-            self.faults.append(faults.unknown_choice("plant", plant, PLANTS))
+            self._fault("plant", faults.unknown_choice("plant", plant, PLANTS))
             return str(plant), None
         model = plant_module(plant).Parameters
         tables = {key: value for key, value in self.raw.items() if key not in OWN}
@@ -191,13 +243,13 @@ class _Reading:
     def _text(self, key: str, default: str) -> str:
         text = self.raw.get(key, default)
         if not isinstance(text, str):
-            self.faults.append(f"{key} = {faults.shown(text)}: expected a text")
+            self._fault(key, f"{key} = {faults.shown(text)}: expected a text")
             return ""
         return text
 
     def _seed(self, seed: Any) -> int:
         if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-            self.faults.append(f"seed = {faults.shown(seed)}: expected a whole number, at least 0")
+            self._fault("seed", f"seed = {faults.shown(seed)}: expected a whole number, at least 0")
             return 0
         return seed
 
@@ -205,25 +257,25 @@ class _Reading:
         """The sensors or controllers; None for one that has faults."""
         tables = self.raw.get(room, {})
         if not isinstance(tables, dict):
-            self.faults.append(f"{room} = {faults.shown(tables)}: expected tables [{room}.NAME]")
+            self._fault(room, f"{room} = {faults.shown(tables)}: expected tables [{room}.NAME]")
             return {}
         if len(tables) > PARTS:
-            self.faults.append(f"{room}: there are {len(tables)}; at most {PARTS} are possible")
+            self._fault(room, f"{room}: there are {len(tables)}; at most {PARTS} are possible")
             return {}
         return {name: self._one(f"{room}.{name}", name, raw, kinds) for name, raw in tables.items()}
 
     def _one(self, key: str, name: str, raw: Any, kinds: Mapping[str, type[Any]]) -> Any:
         if not _NAME.fullmatch(name):
-            self.faults.append(f"{key}: a name is letters, digits and _, and begins with a letter")
+            self._fault(key, f"{key}: a name is letters, digits and _, and begins with a letter")
             return None
         if not isinstance(raw, dict):
-            self.faults.append(f"{key} = {faults.shown(raw)}: expected a table with kind = ...")
+            self._fault(key, f"{key} = {faults.shown(raw)}: expected a table with kind = ...")
             return None
         if "kind" not in raw:
-            self.faults.append(f"{key}.kind: is missing; known: {', '.join(sorted(kinds))}")
+            self._fault(f"{key}.kind", f"{key}.kind: is missing; known: {', '.join(sorted(kinds))}")
             return None
         if not isinstance(raw["kind"], str) or raw["kind"] not in kinds:
-            self.faults.append(faults.unknown_choice(f"{key}.kind", raw["kind"], kinds))
+            self._fault(f"{key}.kind", faults.unknown_choice(f"{key}.kind", raw["kind"], kinds))
             return None
         return self._section(kinds[raw["kind"]], key, raw)
 
@@ -246,7 +298,7 @@ class _Reading:
         """Outputs beyond which the run is aborted to a safe state."""
         raw = self.raw.get("limits", {})
         if not isinstance(raw, dict):
-            self.faults.append(f"limits = {faults.shown(raw)}: expected a table of outputs")
+            self._fault("limits", f"limits = {faults.shown(raw)}: expected a table of outputs")
             return {}
         if assembly is None:
             return {}
@@ -254,11 +306,11 @@ class _Reading:
         for name, given in raw.items():
             key = f"limits.{name}"
             if name not in assembly.outputs:
-                self.faults.append(f"{key}: this rig has no such output; {faults.near(name, assembly.outputs)}")
+                self._fault(key, f"{key}: this rig has no such output; {faults.near(name, assembly.outputs)}")
                 continue
             unit = assembly.outputs[name].unit
             try:
                 limits[name] = finite(given, unit, Gt(0.0))
             except ValueError as error:
-                self.faults.append(f"{key} = {faults.shown(given)}: {faults.reworded(str(error), given)}")
+                self._fault(key, f"{key} = {faults.shown(given)}: {faults.reworded(str(error), given)}")
         return limits

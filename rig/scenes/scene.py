@@ -8,7 +8,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
 from annotated_types import Ge, Gt, Le
 from pydantic import BaseModel, TypeAdapter, model_validator
@@ -16,13 +16,19 @@ from pydantic import BaseModel, TypeAdapter, model_validator
 from controllers import KINDS as CONTROLLERS
 from controllers.blocks.base import hears
 from rig.effects import noise
+from rig.errors import SceneError
 from rig.plants import PLANTS
 from rig.plants.structures import model_store
 from rig.quantities import PositiveMetrePerSecond, Section, duration, quantity
+from rig.scenes import migration
 from rig.scenes.faults import unit_of
 from rig.scenes.protocol import Known, Load, Ramp, Set, Step, flat, longest_ns
 from sensors import KINDS as SENSORS
 from sensors.chain.instants import common_step
+
+if TYPE_CHECKING:
+    from rig.scenes.inherit import Places
+    from rig.scenes.places import Place
 
 Count = Annotated[int, Gt(0), Le(1_000_000)]
 Frame: Any = duration(1_000, 1_000_000_000)
@@ -30,8 +36,6 @@ FixedStep: Any = duration(10, 1_000_000_000)
 Share: Any = quantity("1", Ge(0.0), Le(1.0))
 Small: Any = quantity("1", Gt(0.0), Le(1e-2))
 Large: Any = quantity("1", Gt(0.0))
-FORMAT = 2
-"""Of the JSON text of a scene. In format 1 an ideal instrument listed flaws that it did not have."""
 STEP: TypeAdapter[Step] = TypeAdapter(Step)
 STEPS: TypeAdapter[tuple[Step, ...]] = TypeAdapter(tuple[Step, ...])
 
@@ -100,8 +104,11 @@ class Scene:
     limits: dict[str, float]
     seed: int
     origins: dict[str, Origin] = field(default_factory=dict)
-    dropped: tuple[str, ...] = field(default=(), compare=False)
-    """What of the file was left aside because a change made another kind of something, a line each."""
+    notes: tuple[str, ...] = field(default=(), compare=False)
+    """What its user must know of how it was read, a line each: values that were left aside because a change made
+    another kind of something, keys that were renamed."""
+    places: Places | None = field(default=None, compare=False, repr=False)
+    """File and line of each value; None for a scene that was not read from files."""
     models: dict[str, str] = field(default_factory=dict, compare=False)
     """Of a scene that a run was made with: the reduced models of its structures, what they are of -> digest."""
     driven: frozenset[str] = frozenset()
@@ -156,6 +163,15 @@ class Scene:
         with model_store.given(self.models):
             return assembled(self.plant, parameters or self.parameters, self.frame_ns, self.moved)
 
+    @property
+    def bases(self) -> tuple[str, ...]:
+        """The files that the scene is based on, the nearest first."""
+        return self.places.files[-2::-1] if self.places else ()
+
+    def place(self, key: str) -> Place | None:
+        """File and line that give a value; None for a default, and for a scene that was not read from files."""
+        return self.places.of(key) if self.places else None
+
     def values(self) -> dict[str, tuple[Any, str]]:
         """Every value of the scene: dotted key -> (value in SI, unit), defaults included, tables left out absent."""
         found = dict(leaves(self.parameters))
@@ -171,7 +187,7 @@ class Scene:
         made = {"models": self.models} if self.models else {}
         return json.dumps(
             {
-                "format": FORMAT,
+                "format": 1 + migration.newest(),
                 "name": self.name,
                 "title": self.title,
                 "about": self.about,
@@ -191,8 +207,18 @@ class Scene:
 
     @classmethod
     def from_json(cls, text: str) -> Scene:
-        """The scene of `to_json`. What was once a checked scene is only read again, not judged again."""
+        """The scene of `to_json`. What was once a checked scene is only read again, not judged again.
+
+        The format of the text is one above that of scene files of its time, and 1 or 2 when that was 1: in format 1 an
+        ideal instrument listed flaws that it did not have. Raises SceneError for a format of a newer version.
+        """
         raw = json.loads(text)
+        since = max(1, raw.get("format", 1) - 1)
+        if since > migration.newest():
+            told = f"recorded by a newer version, whose scene files have format {since}; this one reads format"
+            raise SceneError(raw["name"], [f"{told} {migration.newest()}; install a newer version of friction-rig"])
+        if since < migration.newest():
+            raw = migration.recorded(raw, since)
         return cls(
             name=raw["name"],
             title=raw["title"],

@@ -12,6 +12,7 @@ from rig.errors import SceneError
 
 HERE = Path(__file__).parent
 _PLANT = re.compile(r'^plant\s*=\s*"([^"]*)"', re.MULTILINE)
+_BASE = re.compile(r'^based_on\s*=\s*"([^"]*)"', re.MULTILINE)
 _TABLE = re.compile(r"^(?=\[[a-z])", re.MULTILINE)
 
 
@@ -20,8 +21,8 @@ def names() -> tuple[str, ...]:
     return tuple(sorted(path.stem for path in HERE.glob("*.toml")))
 
 
-def path(name_or_path: str | Path) -> Path:
-    """The file of a shipped scene or of a path; SceneError with the near names where there is none."""
+def path(name_or_path: str | Path, folder: Path = Path()) -> Path:
+    """The file of a shipped scene, or of a path relative to `folder`. Raises SceneError, with near names."""
     text = str(name_or_path)
     shipped = HERE / f"{text}.toml"
     if text in names():
@@ -30,30 +31,43 @@ def path(name_or_path: str | Path) -> Path:
     if not given.name:
         raise SceneError(repr(text), ["names no scene; rig list shows the shipped ones"])
     if given.suffix == ".toml" or "/" in text:
-        return given
+        return folder / given
     from rig.quantities import brief
     from rig.scenes.faults import near
 
     beside = given.with_suffix(".toml")
-    hint = f"the file is called {beside}" if os.path.isfile(beside) else near(text, names(), "rig list")
+    hint = f"the file is called {beside}" if os.path.isfile(folder / beside) else near(text, names(), "rig list")
     raise SceneError(brief(text)[1:-1], [f"no scene has this name; {hint}"])
 
 
 def card(name: str) -> dict[str, Any]:
-    """Title, plant and first line of the description of a shipped scene, and its largest pace where it has one."""
+    """Title, plant and first line of the description of a shipped scene, and its largest pace where it has one.
+
+    `based_on` is the scene that it is based on, None where it stands for itself.
+    """
     head, *tables = _TABLE.split(_text(name))
     raw = tomllib.loads(head + "".join(table for table in tables if table.startswith("[clock]")))
-    about = str(raw.get("about", "")).strip().split("\n")[0]
-    limit = raw.get("clock", {}).get("pace_limit")
-    told = {"name": name, "plant": str(raw.get("plant", "")), "title": str(raw.get("title", "")), "about": about}
-    return {**told, "pace_limit": None if limit is None else float(limit[0] if isinstance(limit, list) else limit)}
+    base = raw.get("based_on")
+    told = card(base) if base else {"plant": raw.get("plant"), "pace_limit": None}
+    limit = raw.get("clock", {}).get("pace_limit", told["pace_limit"])
+    return {
+        "name": name,
+        "based_on": base,
+        "plant": raw.get("plant", told["plant"]),
+        "title": str(raw.get("title", "")),
+        "about": str(raw.get("about", "")).strip().split("\n")[0],
+        "pace_limit": None if limit in (None, "none") else float(limit[0] if isinstance(limit, list) else limit),
+    }
 
 
 def plant(name: str) -> str:
     """The plant of a shipped scene, without parsing the rest of the file."""
-    found = _PLANT.search(_text(name))
-    assert found is not None
-    return found[1]
+    text = _text(name)
+    if found := _PLANT.search(text):
+        return found[1]
+    base = _BASE.search(text)
+    assert base is not None
+    return plant(base[1])
 
 
 def _text(name: str) -> str:

@@ -14,25 +14,36 @@ from rig.quantities import ORIGINS, brief
 from rig.scenes.faults import TAGS, shown, unknown_choice
 from rig.scenes.scene import Origin
 
-FIXED = ("title", "plant", "about", "protocol")
+FIXED = ("format", "based_on", "title", "plant", "about", "protocol")
 _POSITION = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")
 _NUMBER = re.compile(r"[+-]?(\d|\.\d)")
 KIND = tuple(tag for tag in TAGS if tag != "step")
 """Keys that say which kind of thing a table is."""
+Fault = tuple[str, str]
+"""Dotted key, and what is wrong with it in a line."""
 _DEEPEST = 20
 _DIGITS = 18  # of a whole number: 64 bits hold them
 
 
 def tree(path: Path) -> dict[str, Any]:
     """The tables of a TOML file; a SceneError says line and column where it is broken."""
+    return parsed(path, text(path))
+
+
+def text(path: Path) -> str:
+    """What a file says. Raises SceneError where it cannot be read."""
     try:
-        text = contents(path).decode("utf-8-sig")  # some editors begin a file with a mark
+        return contents(path).decode("utf-8-sig")  # some editors begin a file with a mark
     except FileNotFoundError:
         raise SceneError(str(path), ["there is no such file"]) from None
     except UnicodeDecodeError as error:
         raise SceneError(str(path), [f"is not text in UTF-8 (byte {error.start})"]) from None
     except OSError as error:
         raise SceneError(str(path), [f"cannot be read: {error.strerror}"]) from None
+
+
+def parsed(path: Path, text: str) -> dict[str, Any]:
+    """The tables of the text of a TOML file; a SceneError says line and column where it is broken."""
     try:
         found = tomllib.loads(text)
     except RecursionError:
@@ -69,15 +80,15 @@ def beyond(raw: Any, key: str = "") -> Iterator[str]:
             inside += [(f"{key}[{i}]", one, depth + 1) for i, one in enumerate(value, 1)]
 
 
-def stripped(raw: Any, origins: dict[str, Origin], faults: list[str], key: str = "") -> Any:
-    """`raw` without its origins, which go to `origins` under their dotted keys."""
+def stripped(raw: Any, origins: dict[str, Origin], faults: list[Fault], key: str = "") -> Any:
+    """`raw` without its origins, which go to `origins` under their dotted keys; `faults` takes up what is wrong."""
     if isinstance(raw, Mapping):
         return {name: stripped(value, origins, faults, f"{key}.{name}" if key else name) for name, value in raw.items()}
     if not isinstance(raw, list):
         return raw
     if _has_origin(raw):
         if raw[1] not in ORIGINS:
-            faults.append(unknown_choice(f"{key}: origin", raw[1], ORIGINS))
+            faults.append((key, unknown_choice(f"{key}: origin", raw[1], ORIGINS)))
         origins[key] = Origin(raw[1], raw[2] if len(raw) == 3 else "")
         return raw[0]
     return [stripped(value, origins, faults, f"{key}[{i}]") for i, value in enumerate(raw, 1)]
@@ -94,33 +105,36 @@ def _has_origin(raw: list[Any]) -> bool:
 
 
 def change(
-    raw: dict[str, Any], overrides: Mapping[str, object], origins: dict[str, Origin], faults: list[str]
+    raw: dict[str, Any], overrides: Mapping[str, object], origins: dict[str, Origin], faults: list[Fault]
 ) -> dict[str, tuple[str, Any]]:
     """Put `overrides` into `raw`; returns the tables of a changed kind: which key says it, what it said.
 
+    `faults` takes up what is wrong.
     A text is read as a TOML value where it is one ("5", "true", "[1, 2]"); "none" takes a key or a table away.
     """
     recast: dict[str, tuple[str, Any]] = {}
     for key, value in overrides.items():
         *parents, last = key.split(".")
         if not all((*parents, last)) or len(parents) >= _DEEPEST:
-            faults.append(f"{brief(key)}: is not a dotted key such as drive.speed")
+            faults.append((key, f"{brief(key)}: is not a dotted key such as drive.speed"))
             continue
         if (parents or [last])[0] in FIXED:
-            faults.append(f"{key}: cannot be changed here; copy the scene file and change it there")
+            faults.append(
+                (key, f"{key}: stands in the file of a scene alone; write one with rig new and change it there")
+            )
             continue
         value = _read(value)
         if too_much := list(beyond(value, key)):
-            faults += too_much
+            faults += [(key, line) for line in too_much]
             continue
         table = at(raw, parents)
         if table is None:
-            faults.append(f"{key} = {shown(value)}: {'.'.join(parents)} is a value, not a table")
+            faults.append((key, f"{key} = {shown(value)}: {'.'.join(parents)} is a value, not a table"))
             continue
         forget(origins, key)
         if value is None:
             if table.pop(last, None) is None:
-                faults.append(f"{key}: is not in the scene, so it cannot be taken away")
+                faults.append((key, f"{key}: is not in the scene, so it cannot be taken away"))
             continue
         if last in KIND and parents and table.get(last, value) != value:
             recast[".".join(parents)] = last, table[last]

@@ -24,7 +24,7 @@ ROOMS = (runs, scene_commands, study, cost, torture, logs, live, processes, host
 COMMANDS = sorted(name for room in ROOMS for name in room.COMMANDS)
 PROMISED = (
     "demo list run plant control record view simulate replay verify tune warmup explain modes cycle identify map "
-    "reproduce doctor diff sound amplitude recover cost torture"
+    "reproduce doctor diff sound amplitude recover cost torture new migrate"
 )
 
 
@@ -129,8 +129,8 @@ def test_all_faults_of_a_scene_are_told_at_once(rig):
     _, _, err = rig("explain", "belt", "-p", "drive.sped=3", "-p", "load.force=-3 N")
     assert err.splitlines() == [
         "belt:",
-        "  drive.sped: unknown key; did you mean drive.speed?",
-        '  load.force = "-3 N": must be at least 0 N',
+        "  drive.sped: unknown key; did you mean drive.speed? (given with -p)",
+        '  load.force = "-3 N": must be at least 0 N (given with -p)',
     ]
 
 

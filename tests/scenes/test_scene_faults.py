@@ -349,7 +349,7 @@ def test_a_file_named_without_its_ending_is_pointed_out(tmp_path, monkeypatch):
 )
 def test_a_changed_kind_drops_the_values_of_the_old_one_and_says_so(name, changes, told):
     scene = scenes.load(name, changes)
-    assert list(scene.dropped) == told
+    assert list(scene.notes) == told
     assert not [key for key in scene.origins if key not in scene.values() and key.startswith(("friction.", "shunt."))]
     assert scenes.Scene.from_json(scene.to_json()) == scene
 

@@ -71,7 +71,7 @@ def _bare(raw, key=""):
     """Keys of values that stand without an origin; names, choices and switches are no values."""
     if isinstance(raw, dict):
         for name, value in raw.items():
-            if name not in ("title", "about", "text"):
+            if name not in ("format", "title", "about", "text"):
                 yield from _bare(value, f"{key}.{name}" if key else name)
     elif isinstance(raw, list) and not (len(raw) in (2, 3) and raw[1] in ORIGINS):
         for i, value in enumerate(raw, 1):
@@ -90,10 +90,12 @@ def test_a_scene_says_what_one_sees(name):
 
 @pytest.mark.parametrize("name", scenes.names())
 def test_what_a_list_reads_of_a_scene_is_what_its_file_says(name):
-    raw, told = tomllib.loads(scenes.path(name).read_text()), card(name)
-    assert (told["title"], told["plant"], plant(name)) == (raw["title"], raw["plant"], raw["plant"])
-    assert raw["about"].strip().startswith(told["about"])
-    assert (told["pace_limit"] is None) == ("pace_limit" not in raw.get("clock", {}))
+    scene, told = scenes.load(name), card(name)
+    assert (told["title"], told["plant"], plant(name)) == (scene.title, scene.plant, scene.plant)
+    assert scene.about.startswith(told["about"])
+    assert told["pace_limit"] == scene.clock.pace_limit
+    assert ([f"scene {told['based_on']}"] if told["based_on"] else []) == list(scene.bases[:1])
+    assert scene.notes == ()
 
 
 @pytest.mark.parametrize("name", scenes.names())

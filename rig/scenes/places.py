@@ -1,0 +1,128 @@
+"""Where each key of a TOML text stands, since tomllib does not say.
+
+The text must be one that tomllib reads and whose lists and tables are not nested too deeply (`rig.scenes.source`).
+"""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from bisect import bisect
+from typing import NamedTuple
+
+_BLANK = re.compile(r"(?:[ \t\r\n]|#[^\n]*)*")
+_PART = re.compile(r"""[A-Za-z0-9_-]+|"(?:\\.|[^"\\])*"|'[^']*'""")
+_DOT = re.compile(r"[ \t]*\.[ \t]*")
+_VALUE = re.compile(
+    r""""{3}(?:\\.|[^\\])*?"{3,5}|'{3}.*?'{3,5}|"(?:\\.|[^"\\])*"|'[^']*'|[^,\]}\n#]*""",
+    re.DOTALL,
+)
+
+
+class Place(NamedTuple):
+    """Where a value comes from: a file as users know it and a line, counted from 1; no file: a change with -p."""
+
+    file: str
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.file}, line {self.line}" if self.file else "given with -p"
+
+
+class Part(NamedTuple):
+    """One part of a key in a text: the dotted key up to it, where it begins and ends, counted in letters."""
+
+    key: str
+    begin: int
+    end: int
+
+
+def lines(text: str) -> dict[str, int]:
+    """Dotted key -> its line, counted from 1. Entries of a list of tables are counted from one: `protocol[2].time`."""
+    return _Text(text).found
+
+
+def parts(text: str) -> list[Part]:
+    """Every part of every key, in the order of the text; `a.b = 1` has the parts `a` and `a.b`."""
+    return _Text(text).parts
+
+
+class _Text:
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._ends = [match.start() for match in re.finditer("\n", text)]
+        self._entries: dict[str, int] = {}
+        """Array of tables -> its entries so far."""
+        self.found: dict[str, int] = {}
+        self.parts: list[Part] = []
+        at, table = self._blank(0), ""
+        while at < len(self._text):
+            if self._text[at] == "[":
+                at, table = self._header(at)
+            else:
+                at = self._pair(at, table)
+            at = self._blank(at)
+
+    def _blank(self, at: int) -> int:
+        """Where blanks, ends of lines and comments end."""
+        found = _BLANK.match(self._text, at)
+        return found.end() if found else at
+
+    def _inline(self, at: int) -> int:
+        while self._text[at] in " \t":
+            at += 1
+        return at
+
+    def _note(self, key: str, begin: int) -> None:
+        self.found.setdefault(key, bisect(self._ends, begin - 1) + 1)
+
+    def _key(self, at: int, table: str = "", many: bool = False) -> tuple[str, int]:
+        """Read a dotted key in `table`: the whole key, where it ends. `many`: it begins a further entry of a list."""
+        key, begin = table, at
+        while (part := _PART.match(self._text, at)) is not None:
+            begin, at, name = part.start(), part.end(), part[0]
+            name = tomllib.loads(f"name = {name}")["name"] if name[0] in "\"'" else name
+            key = f"{key}.{name}" if key else name
+            self.parts.append(Part(key, begin, at))
+            dot = _DOT.match(self._text, at)
+            if dot is not None:
+                at = dot.end()
+            elif many:
+                self._entries[key] = self._entries.get(key, 0) + 1
+            if key in self._entries:
+                key += f"[{self._entries[key]}]"
+            if dot is None:
+                break
+        self._note(key, begin)
+        return key, at
+
+    def _header(self, at: int) -> tuple[int, str]:
+        """Read `[table]` or `[[array of tables]]`: where it ends, and the key of the table that follows."""
+        many = self._text.startswith("[[", at)
+        key, at = self._key(self._inline(at + 1 + many), many=many)
+        return self._text.index("]", at) + 1 + many, key
+
+    def _pair(self, at: int, table: str) -> int:
+        """Read `key = value`; where it ends."""
+        key, at = self._key(at, table)
+        return self._value(self._inline(self._text.index("=", at) + 1), key)
+
+    def _value(self, at: int, key: str) -> int:
+        first = self._text[at]
+        if first not in "[{":
+            found = _VALUE.match(self._text, at)
+            return found.end() if found else at + 1
+        at, entry = self._blank(at + 1), 0
+        while self._text[at] not in "]}":
+            if first == "{":
+                at = self._pair(at, key)
+            else:
+                entry += 1
+                inside = f"{key}[{entry}]"
+                if self._text[at] == "{":
+                    self._note(inside, at)
+                at = self._value(at, inside)
+            at = self._blank(at)
+            if self._text[at] == ",":
+                at = self._blank(at + 1)
+        return at + 1

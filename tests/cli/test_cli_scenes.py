@@ -1,0 +1,84 @@
+"""rig new and rig migrate, and what explain and list tell of scenes that are based on others."""
+
+import json
+
+from rig import scenes
+from rig.scenes import migration
+from rig.scenes.migration import Rename
+
+
+def test_a_new_scene_can_be_explained_at_once(rig, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    code, out, _ = rig("new", "mine", "--based-on", "belt")
+    assert (code, out) == (
+        0,
+        "mine.toml: based on belt\nnext: edit it | rig explain mine.toml | rig simulate mine.toml\n",
+    )
+    code, out, err = rig("explain", "mine.toml")
+    assert (code, err) == (0, "")
+    assert "Based on scene belt\n" in out
+    assert "scene belt, line " in out
+    told = json.loads(rig("explain", "mine.toml", "-p", "load.force=30", "--json")[1])
+    assert (told["based_on"], told["notes"]) == (["scene belt"], [])
+    places = {value["key"]: (value["file"], value["line"]) for value in told["values"]}
+    assert places["load.force"] == ("-p", None)
+    assert places["body.mass"][0] == "scene belt"
+    assert places["clock.tolerance"] == (None, None)
+
+
+def test_a_new_scene_names_its_base_from_its_own_folder(rig, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "base.toml").write_text('based_on = "belt"')
+    code, out, _ = rig("new", "deep/mine.toml", "--based-on", "base.toml", "--json")
+    assert (code, json.loads(out)) == (0, {"file": "deep/mine.toml", "based_on": "../base.toml"})
+    assert scenes.load("deep/mine.toml").digest == scenes.load("belt").digest
+
+
+def test_a_new_scene_replaces_no_file_unless_forced(rig, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.toml").write_text("# mine")
+    code, _, err = rig("new", "mine", "--based-on", "belt")
+    assert (code, err) == (2, "NAME mine.toml exists; name another file, or add --force to replace it\n")
+    assert (tmp_path / "mine.toml").read_text() == "# mine"
+    assert rig("new", "mine", "--based-on", "belt", "--force")[0] == 0
+    code, _, err = rig("new", "mine", "--based-on", "mine.toml", "--force")
+    assert (code, err) == (2, "mine: is the scene to start from; name another file\n")
+    assert scenes.load("mine.toml").plant == "belt"
+
+
+def test_a_new_scene_without_a_base_or_a_name_is_refused(rig, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert "did you mean belt" in rig("new", "mine", "--based-on", "bell")[2]
+    assert rig("new", "mine")[0] == 2
+    assert rig("new", "", "--based-on", "belt")[0] == 2
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_file_of_the_newest_format_is_left_as_it_is(rig, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('based_on = "belt"')
+    code, out, _ = rig("migrate", str(path))
+    assert (code, out) == (0, f"{path}: is in format 1, the newest; nothing to change\n")
+    assert path.read_text() == 'based_on = "belt"'
+    path.write_text("format = 9")
+    code, _, err = rig("migrate", str(path))
+    assert code == 2
+    assert "format = 9: this version of friction-rig reads scene files up to format 1" in err
+
+
+def test_an_older_file_is_rewritten(rig, tmp_path, monkeypatch):
+    monkeypatch.setattr(migration, "STEPS", ((Rename("load.weight", "force"),),))
+    path = tmp_path / "mine.toml"
+    path.write_text('format = 1\nbased_on = "belt"\n[load]\nweight = "30 N" # mine\n')
+    assert "load.weight is now called load.force" in rig("explain", str(path))[2]
+    code, out, _ = rig("migrate", str(path), "--json")
+    renamed = ["load.weight is now called load.force"]
+    assert (code, json.loads(out)) == (0, {"file": str(path), "from": 1, "to": 2, "renamed": renamed})
+    assert path.read_text() == 'format = 2\nbased_on = "belt"\n[load]\nforce = "30 N" # mine\n'
+    assert rig("explain", str(path))[2] == ""
+
+
+def test_the_list_tells_what_a_scene_is_based_on(rig):
+    cards = {card["name"]: card for card in json.loads(rig("list", "--json")[1])}
+    assert cards["belt"]["based_on"] is None
+    assert {card["based_on"] for card in cards.values()} <= {None, *cards}

@@ -1,0 +1,39 @@
+"""The format of recordings: those of former versions open, those of newer ones are refused."""
+
+from pathlib import Path
+
+import pytest
+
+from rig.errors import LogError
+from rig.record import reader
+from rig.record.container import FORMAT
+from rig.record.save import save
+from rig.record.scan import Scan
+from rig.scenes import Scene
+
+OLD = Path(__file__).parent / "format_1.mcap"
+"""rig simulate belt_normal_force --duration 0.3, by the version before recordings stated their format."""
+
+
+def test_a_recording_of_the_first_format_opens():
+    run = reader.open(OLD)
+    assert (run.damage, run.sealed) == ("", True)
+    assert run.time[-1] == pytest.approx(0.3)
+    assert set(run.measurements) == {"vibrometer", "normal_force"}
+    assert run.commands["nf"].tick.size == 300
+    scene = Scene.from_json(run.scene_text())
+    assert (scene.parameters.load.force, scene.controllers["nf"].gain) == (20.0, 200.0)
+
+
+def test_a_recording_states_its_format(run, tmp_path):
+    save(run, tmp_path / "run.mcap")
+    scan = Scan(tmp_path / "run.mcap")
+    list(scan)
+    assert scan.metadata["log"]["format"] == str(FORMAT)
+
+
+def test_a_recording_of_a_newer_format_is_refused(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("rig.record.writer.FORMAT", FORMAT + 1)
+    save(run, tmp_path / "run.mcap")
+    with pytest.raises(LogError, match=rf"recording of format {FORMAT + 1}, written by a newer version .* install"):
+        reader.open(tmp_path / "run.mcap")

@@ -1,0 +1,208 @@
+"""Scene files that are based on one another: what is merged, what is taken away, where each value is from."""
+
+import logging
+
+import pytest
+
+import rig
+from rig import scenes
+from rig.errors import SceneError
+from rig.scenes.explain import explain
+
+
+@pytest.fixture
+def write(tmp_path):
+    """Writes a scene file; its path."""
+
+    def written(name, text):
+        path = tmp_path / name
+        path.parent.mkdir(exist_ok=True)
+        path.write_text(text)
+        return path
+
+    return written
+
+
+def faults(path, overrides=None):
+    with pytest.raises(SceneError) as caught:
+        scenes.load(path, overrides)
+    return list(caught.value.faults)
+
+
+def test_a_scene_that_says_nothing_is_its_base(write):
+    mine, belt = scenes.load(write("mine.toml", 'based_on = "belt"')), scenes.load("belt")
+    assert mine.digest == belt.digest
+    assert mine.origins == belt.origins
+    assert (mine.name, mine.title, mine.about) == ("mine", "mine", "")
+    assert mine.bases == ("scene belt",)
+
+
+def test_tables_are_merged_and_origins_stay_with_their_values(write):
+    mine = scenes.load(
+        write("mine.toml", 'based_on = "belt"\n[friction]\nmu_static = ["0.6", "chosen", "mine"]\nmu_dynamic = 0.2\n')
+    )
+    friction = mine.parameters.friction
+    assert (friction.mu_static, friction.mu_dynamic, friction.speed_scale) == (0.6, 0.2, 0.05)
+    assert mine.origins["friction.mu_static"] == ("chosen", "mine")
+    assert "friction.mu_dynamic" not in mine.origins
+    assert mine.origins["friction.speed_scale"] == scenes.load("belt").origins["friction.speed_scale"]
+    assert mine.notes == ()
+
+
+def test_none_takes_sensors_values_and_effects_away(write):
+    effect = '[dither]\non = "belt"\namplitude = "0.1 m/s"\nfrequency = "150 Hz"\n[drive]\nlag = "10 ms"\n'
+    write("base.toml", f'based_on = "belt"\n{effect}')
+    text = 'based_on = "base.toml"\ndither = "none"\n[drive]\nlag = "none"\n[sensors]\nlaser = "none"\n'
+    mine = scenes.load(write("mine.toml", text))
+    assert mine.parameters.dither is None
+    assert mine.parameters.drive.lag is None
+    assert set(mine.sensors) == {"vibrometer", "accelerometer"}
+    assert not [key for key in mine.origins if key.startswith("sensors.laser")]
+    assert mine.bases == ("base.toml", "scene belt")
+    assert mine.digest == scenes.load("belt", {"sensors.laser": "none"}).digest
+
+
+def test_a_protocol_is_replaced_whole(write):
+    mine = scenes.load(write("mine.toml", 'based_on = "pendulum"\n[[protocol]]\nstep = "hold"\ntime = "2 s"\n'))
+    assert [step.step for step in mine.protocol] == ["hold"]
+    assert [key for key in mine.origins if key.startswith("protocol")] == []
+    assert scenes.load(write("none.toml", 'based_on = "pendulum"\nprotocol = "none"\n')).protocol == ()
+
+
+def test_a_section_of_another_kind_drops_the_values_of_the_old_one_and_says_so(write, caplog):
+    text = 'based_on = "belt"\n\n[friction]\nlaw = "coulomb"\nmu_static = 0.5\nmu_kinetic = 0.25\n'
+    path = write("mine.toml", text)
+    told = ("friction.law = coulomb: dropped mu_dynamic, speed_scale of stribeck (mine.toml, line 4)",)
+    with caplog.at_level(logging.WARNING, "rig"):
+        mine = rig.load(path)
+    assert mine.parameters.friction.model_dump() == {"law": "coulomb", "mu_static": 0.5, "mu_kinetic": 0.25}
+    assert mine.notes == told
+    assert caplog.messages == list(told)
+    assert "friction.mu_dynamic" not in mine.origins
+    later = scenes.load(write("later.toml", 'based_on = "mine.toml"\n[load]\nforce = "30 N"\n'))
+    assert later.notes == told
+
+
+def test_a_controller_of_another_kind_keeps_what_both_have(write):
+    text = 'based_on = "belt_normal_force"\n[controllers.nf]\nkind = "belt_velocity"\n'
+    mine = scenes.load(write("mine.toml", text))
+    assert mine.controllers["nf"].sensor == scenes.load("belt_normal_force").controllers["nf"].sensor
+    assert mine.notes == (
+        "controllers.nf.kind = belt_velocity: dropped gain of normal_force; kept sensor, enable_at (mine.toml, line 3)",
+    )
+
+
+def test_steps_of_an_inherited_protocol_that_set_what_is_gone_become_marks(write):
+    mine = scenes.load(write("mine.toml", 'based_on = "brake_shunt"\n[shunt]\nkind = "open"\n'))
+    assert [step.step for step in mine.protocol].count("mark") == 2
+    assert "protocol[2]: left out, there is no shunt.connected any more" in mine.notes
+
+
+def test_another_plant_keeps_what_is_not_of_the_plant(write):
+    pin = scenes.load("pin")
+    tables = scenes.path("pin").read_text().partition("[pin]")[2].partition("[sensors")[0]
+    mine = scenes.load(write("mine.toml", f'based_on = "belt"\nplant = "pin"\nsensors = "none"\n[pin]{tables}'), {})
+    assert mine.parameters == pin.parameters
+    assert mine.protocol == scenes.load("belt").protocol
+    assert mine.notes == ("plant = pin: dropped body, drive, load, friction, start of belt (mine.toml, line 2)",)
+
+
+def test_changes_with_p_come_last(write):
+    path = write("mine.toml", 'based_on = "belt"\n[load]\nforce = "30 N"\n')
+    mine = scenes.load(path, {"load.force": "40 N", "drive.speed": "none"} | {"drive.speed": "0.1 m/s"})
+    assert (mine.parameters.load.force, mine.parameters.drive.speed) == (40.0, 0.1)
+    assert mine.origins["load.force"].origin == "user"
+
+
+def test_paths_are_relative_to_the_file(write):
+    write("base.toml", 'based_on = "belt"\n[load]\nforce = "30 N"\n')
+    mine = scenes.load(write("deep/mine.toml", 'based_on = "../base.toml"'))
+    assert mine.parameters.load.force == 30.0
+    assert mine.bases == ("../base.toml", "scene belt")
+    assert str(mine.place("load.force")) == "../base.toml, line 3"
+
+
+def test_every_fault_says_which_file_and_line_its_value_is_from(write):
+    write("base.toml", 'based_on = "belt"\n[load]\nforce = "-3 N"\n[drive]\nsped = 3\nlag = "none"\n')
+    path = write("mine.toml", 'based_on = "base.toml"\n[friction]\nmu_static = "none"\n[sensors.laser]\nrate = 0\n')
+    assert faults(path, {"seed": -1, "body.mass": "5 m"}) == [
+        "drive.lag: is not in the base, so it cannot be taken away (base.toml, line 6)",
+        "seed = -1: expected a whole number, at least 0 (given with -p)",
+        'body.mass = "5 m": expected a unit of kg (given with -p)',
+        "drive.sped: unknown key; did you mean drive.speed? (base.toml, line 5)",
+        'load.force = "-3 N": must be at least 0 N (base.toml, line 3)',
+        "friction.mu_static: is missing; expected a number (mine.toml, line 2)",
+        "sensors.laser.rate = 0: must be at least 1 Hz (mine.toml, line 5)",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ('based_on = "brkae"', 'based_on = "brkae": no scene has this name; did you mean brake? (mine.toml, line 1)'),
+        ('\nbased_on = "no.toml"', 'based_on = "no.toml": there is no such file (mine.toml, line 2)'),
+        (
+            "based_on = 3",
+            "based_on = 3: expected the name of a shipped scene, or the path of a scene file (mine.toml, line 1)",
+        ),
+        (
+            'based_on = "broken.toml"',
+            'based_on = "broken.toml": line 2, column 3: invalid value (mine.toml, line 1)',
+        ),
+        (
+            'based_on = "circle.toml"',
+            'based_on = "mine.toml": the files are based on one another in a circle: mine.toml, circle.toml, mine.toml'
+            " (circle.toml, line 1)",
+        ),
+        (
+            'based_on = "mine.toml"',
+            'based_on = "mine.toml": the files are based on one another in a circle: mine.toml, mine.toml'
+            " (mine.toml, line 1)",
+        ),
+    ],
+)
+def test_a_base_that_cannot_be_had_is_told(write, text, told):
+    write("broken.toml", "a = 3\nb==3")
+    write("circle.toml", 'based_on = "mine.toml"')
+    assert faults(write("mine.toml", text)) == [told]
+
+
+def test_a_chain_has_an_end(write):
+    for i in range(30):
+        write(f"s{i}.toml", f'based_on = "s{i + 1}.toml"')
+    assert "more than 20 files are based on one another" in faults(write("mine.toml", 'based_on = "s0.toml"'))[0]
+
+
+def test_the_base_is_no_change_with_p():
+    assert [line.partition(":")[0] for line in faults("belt", {"based_on": "brake"})] == ["based_on"]
+
+
+def test_explain_tells_file_and_line_of_each_value(write):
+    path = write("mine.toml", 'based_on = "belt"\n[load]\nforce = "30 N"\n[sensors.laser]\nnoise = "none"\n')
+    told = {value.key: value for value in explain(scenes.load(path, {"drive.speed": 0.1})).values}
+    assert str(told["load.force"].place) == "mine.toml, line 3"
+    assert told["load.force"].origin.origin == "not stated"
+    assert str(told["drive.speed"].place) == "given with -p"
+    lines = scenes.path("belt").read_text().split("\n")
+    place = told["friction.mu_static"].place
+    assert place.file == "scene belt"
+    assert lines[place.line - 1].startswith("mu_static")
+    assert told["sensors.laser.noise"].place is None  # a default again
+    assert "standard deviation" in told["sensors.laser.noise"].origin.note
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_every_value_of_a_shipped_scene_has_a_place_in_a_file(name):
+    scene = scenes.load(name)
+    texts = {f"scene {shipped}": scenes.path(shipped).read_text().split("\n") for shipped in scenes.names()}
+    for key in scene.origins:
+        place = scene.place(key)
+        field = key.partition("[")[0] if key.endswith("]") else key.rpartition(".")[2]
+        assert field in texts[place.file][place.line - 1], (key, place)
+
+
+def test_a_scene_of_json_has_no_places(write):
+    mine = scenes.load(write("mine.toml", 'based_on = "belt"'))
+    again = scenes.Scene.from_json(mine.to_json())
+    assert again == mine
+    assert (again.bases, again.place("load.force")) == ((), None)

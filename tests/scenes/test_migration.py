@@ -1,0 +1,152 @@
+"""Formats of scene files: older ones are read and rewritten, newer ones are refused. The renames here are made up."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rig import scenes
+from rig.errors import SceneError
+from rig.scenes import migration
+from rig.scenes.migration import Rename
+
+HERE = Path(__file__).parent
+STEPS = (
+    (Rename("load.weight", "press"), Rename("sensors.*.bandwith", "bandwidth"), Rename("protocol.length", "time")),
+    (Rename("load.press", "force"), Rename("cart", "body")),
+)
+OLD = """\
+# one of mine
+based_on = "belt" # bandwith = 3
+title = "load.weight"
+
+[load]
+weight = ["30 N", "chosen"]   # why
+[cart]
+mass = "6 kg"
+[sensors.vibrometer]
+bandwith = "4 kHz"
+[sensors]
+laser.bandwith = "none"
+
+[[protocol]]
+step = "hold"
+length = "2 s"
+[[protocol]]
+step = "repeat"
+times = 2
+steps = [{ step = "hold", time = "1 s" }]
+"""
+NEW = """\
+format = 3
+# one of mine
+based_on = "belt" # bandwith = 3
+title = "load.weight"
+
+[load]
+force = ["30 N", "chosen"]   # why
+[body]
+mass = "6 kg"
+[sensors.vibrometer]
+bandwidth = "4 kHz"
+[sensors]
+laser.bandwidth = "none"
+
+[[protocol]]
+step = "hold"
+time = "2 s"
+[[protocol]]
+step = "repeat"
+times = 2
+steps = [{ step = "hold", time = "1 s" }]
+"""
+TOLD = [
+    "load.weight is now called load.force",
+    "cart is now called body",
+    "sensors.vibrometer.bandwith is now called sensors.vibrometer.bandwidth",
+    "sensors.laser.bandwith is now called sensors.laser.bandwidth",
+    "protocol[1].length is now called protocol[1].time",
+]
+
+
+@pytest.fixture
+def renamed(monkeypatch):
+    """Two steps that rename keys, so that format 3 is the newest."""
+    monkeypatch.setattr(migration, "STEPS", STEPS)
+
+
+def test_a_file_of_the_first_format_loads():
+    """A file as it was when formats came: it is never changed, and must load for ever."""
+    scene = scenes.load(HERE / "format_1.toml")
+    assert (scene.parameters.load.force, scene.parameters.friction.mu_static) == (20.0, 0.5)
+    assert (scene.controllers["nf"].gain, scene.controllers["nf"].enable_at) == (200.0, 4.0)
+    assert scene.duration_ns == 20_000_000_000
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_shipped_scenes_have_the_newest_format(name):
+    text = scenes.path(name).read_text()
+    assert f"\nformat = {migration.newest()}\n" in f"\n{text.partition('[')[0]}"
+
+
+def test_a_newer_format_is_refused_with_what_to_do(tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text('based_on = "belt"\nformat = 7\nunknown = 3')
+    with pytest.raises(SceneError) as caught:
+        scenes.load(path)
+    assert caught.value.faults == (
+        "format = 7: this version of friction-rig reads scene files up to format 1; install a newer version "
+        "(mine.toml, line 2)",
+    )
+
+
+@pytest.mark.parametrize("given", ["0", "-1", "true", '"1"', "1.0", "[1]"])
+def test_what_is_no_format_is_refused(tmp_path, given):
+    path = tmp_path / "mine.toml"
+    path.write_text(f'format = {given}\nbased_on = "belt"')
+    with pytest.raises(SceneError, match=r"format = .*: expected a whole number from 1 to 1 \(mine\.toml, line 1\)"):
+        scenes.load(path)
+
+
+def test_an_old_file_is_migrated_as_it_is_read_and_says_so(tmp_path, renamed):
+    path = tmp_path / "mine.toml"
+    path.write_text(OLD.replace('laser.bandwith = "none"', ""))
+    (tmp_path / "new.toml").write_text(NEW.replace('laser.bandwidth = "none"', ""))
+    scene, new = scenes.load(path), scenes.load(tmp_path / "new.toml")
+    assert (scene.digest, scene.origins) == (new.digest, new.origins)
+    assert new.notes == ()
+    [note] = [one for one in scene.notes if one.startswith("mine.toml is in format 1: ")]
+    assert note.endswith(f"(rig migrate {path} rewrites it)")
+    assert all(told in note for told in (TOLD[0], TOLD[1], TOLD[2], TOLD[4]))
+    assert str(scene.place("load.force")) == "mine.toml, line 6"
+
+
+def test_a_file_is_rewritten_and_keeps_its_comments(renamed):
+    assert migration.rewritten(OLD) == (NEW, TOLD)
+    assert migration.rewritten(NEW) == (NEW, [])
+
+
+def test_a_file_that_states_its_format_gets_the_new_one_in_its_place(renamed):
+    text = '# my format = 1\nformat = 2 # of mine\r\n[load]\r\n"press" = 3\r\n'
+    assert migration.rewritten(text)[0] == "# my format = 1\nformat = 3 # of mine\r\n[load]\r\nforce = 3\r\n"
+
+
+def test_a_recorded_scene_of_an_older_format_comes_back(monkeypatch):
+    scene = scenes.load("belt_normal_force")
+    raw = json.loads(scene.to_json())
+    raw["parameters"]["load"]["weight"] = raw["parameters"]["load"].pop("force")
+    raw["origins"]["load.weight"] = raw["origins"].pop("load.force")
+    raw["protocol"][0]["length"] = raw["protocol"][0].pop("time")
+    text = json.dumps(raw)
+    monkeypatch.setattr(migration, "STEPS", STEPS)
+    again = scenes.Scene.from_json(text)
+    assert again == scene
+    assert json.loads(again.to_json())["format"] == 4
+
+
+def test_a_recorded_scene_of_a_newer_format_is_refused(monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(migration, "STEPS", STEPS)
+        text = scenes.load("belt").to_json()
+    with pytest.raises(SceneError, match=r"newer version, whose scene files have format 3; this one reads format 1"):
+        scenes.Scene.from_json(text)
