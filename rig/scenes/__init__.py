@@ -5,6 +5,8 @@
 
 loader    one pass over a scene file        checks    what holds between its parts
 source    TOML, changes, origins            faults    messages
+inherit   files based on one another        places    line of each key in a file
+migration formats of scene files            draft     the text of a new scene file
 scene     the checked scene, and as JSON    protocol  the steps of an experiment
 shelf     the shipped scenes
 """
