@@ -50,7 +50,7 @@ check: install
 	@$(RUN) mypy
 
 bench: install
-	@$(RUN) rig.study.bench $(if $(AGAINST),--against $(AGAINST)) $(if $(LOOP),--loop $(LOOP))
+	@$(RUN) rig.qualify.benchmarks $(if $(AGAINST),--against $(AGAINST)) $(if $(LOOP),--loop $(LOOP))
 
 docs: install
 	@$(BIN)/rig reproduce all --out docs/gallery --force

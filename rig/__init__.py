@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
     from control import StateSpace
 
+    from rig.analysis.control_loop import Loop
+    from rig.analysis.cycle_report import Cycle
+    from rig.analysis.map import Boundary, Map
+    from rig.analysis.modes import Modes
+    from rig.analysis.repeat import Repeats
+    from rig.analysis.sweep import Sweep
     from rig.record.run import Run
     from rig.scenes.scene import Scene
-    from rig.study.cycle_report import Cycle
-    from rig.study.loop import Loop
-    from rig.study.map import Boundary, Map
-    from rig.study.modes import Modes
-    from rig.study.repeat import Repeats
-    from rig.study.sweep import Sweep
 
 __all__ = ["limit_cycle", "load", "loop", "map", "modes", "open", "repeat", "simulate", "state_space", "sweep"]
 
@@ -56,9 +56,9 @@ def simulate(scene: Scene | str, duration: float | None = None, stop: Callable[[
     `stop` is asked ten times a simulated second whether to end here; "" goes on, anything else is the reason.
     Raises rig.errors.SceneError for controllers that cannot be designed, UsageError for a scene without an end.
     """
-    import controllers
+    from rig import controllers
     from rig.bench.simulate import simulate as run
-    from rig.study.design import numbers
+    from rig.design.numbers import numbers
 
     loaded = load(scene) if isinstance(scene, str) else scene
     designed = numbers(loaded)
@@ -68,7 +68,7 @@ def simulate(scene: Scene | str, duration: float | None = None, stop: Callable[[
 
 def modes(scene: Scene | str) -> Modes:
     """Growth rates, frequencies, damping ratios and shapes of the motions about steady sliding."""
-    from rig.study.modes import modes as solve
+    from rig.analysis.modes import modes as solve
 
     return solve(load(scene) if isinstance(scene, str) else scene)
 
@@ -79,9 +79,9 @@ def sweep(scene: Scene | str, key: str, values: Iterable[float], controller: str
     With `controller`, those of its closed loop; the key may then be one of its own (controllers.NAME.gain). Raises
     rig.errors.SceneError for a key that is no number of the rig and for values that the scene cannot have.
     """
-    from rig.study.axis import Axis
-    from rig.study.loop import sweep_loop
-    from rig.study.sweep import sweep as solve
+    from rig.analysis.axis import Axis
+    from rig.analysis.control_loop import sweep_loop
+    from rig.analysis.sweep import sweep as solve
 
     loaded = load(scene) if isinstance(scene, str) else scene
     axis = Axis.of(key, values, loaded, controller)
@@ -93,7 +93,7 @@ def loop(scene: Scene | str, controller: str) -> Loop:
 
     Raises rig.errors.SceneError for a controller that is no linear feedback and where nothing slides steadily.
     """
-    from rig.study.loop import loop as solve
+    from rig.analysis.control_loop import loop as solve
 
     return solve(load(scene) if isinstance(scene, str) else scene, controller)
 
@@ -104,7 +104,7 @@ def state_space(scene: Scene | str, delay: float = 0.0) -> StateSpace:
     `delay` [s] of the commands as a Pade approximation of order 8. Raises rig.errors.SceneError where nothing slides
     steadily.
     """
-    from rig.study.plant import state_space as solve
+    from rig.analysis.plant import state_space as solve
 
     return solve(load(scene) if isinstance(scene, str) else scene, delay)
 
@@ -115,7 +115,7 @@ def limit_cycle(scene: Scene | str, longest: float | None = None) -> Cycle:
     `longest`: simulated seconds within which it must settle, 120 by default; `decided` is false where it does not.
     Raises rig.errors.NumericsError where the motion has to stop.
     """
-    from rig.study.cycle import limit_cycle as search
+    from rig.analysis.cycle import limit_cycle as search
 
     return search(load(scene) if isinstance(scene, str) else scene, longest=longest)
 
@@ -140,7 +140,7 @@ def map(
     """
     from pathlib import Path
 
-    from rig.study.map import chart, job
+    from rig.analysis.map import chart, job
 
     loaded = load(scene) if isinstance(scene, str) else scene
     return chart(job(loaded, x, y, output, runs, longest), Path(folder), workers)
@@ -152,7 +152,7 @@ def repeat(scene: Scene | str, count: int, duration: float | None = None, worker
     Each run takes `duration` seconds, or as long as its protocol; `workers` processes, one for each core by default.
     Raises rig.errors.UsageError for a scene in which nothing is random, WorkerError when a worker is lost.
     """
-    from rig.study.repeat import repeat as run
+    from rig.analysis.repeat import repeat as run
 
     return run(load(scene) if isinstance(scene, str) else scene, count, duration, workers)
 

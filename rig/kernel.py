@@ -21,7 +21,7 @@ import numba
 from llvmlite.binding import Linkage, parse_bitcode
 from numba.core import codegen, event, registry, types
 
-from rig import kept, sources
+from rig import kernel_store, sources
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -32,13 +32,13 @@ _ROOMS = ("rig.kernel", *(room.replace("/", ".") for room in sources.ROOMS))
 def source_key() -> str:
     """Hash (16 hex digits) of numba's version and of all that compiled code depends on (rig.sources)."""
     version = f"{numba.__version__} {platform.python_version()}"
-    return sources.key(_ROOT, kept.root() / "sources.json", version)
+    return sources.key(_ROOT, kernel_store.root() / "sources.json", version)
 
 
-FOLDER = kept.Folder(source_key())
+FOLDER = kernel_store.Folder(source_key())
 """Where what is compiled from these sources is kept."""
 numba.config.CACHE_DIR = str(FOLDER.path)  # type: ignore[attr-defined]
-_TELLER = kept.Teller(FOLDER)
+_TELLER = kernel_store.Teller(FOLDER)
 
 
 class _Compiler(event.Listener):  # type: ignore[misc]

@@ -6,8 +6,8 @@ import time
 
 import pytest
 
-from rig import child
-from rig.child import Child, end
+from rig import child_process
+from rig.child_process import Child, end
 
 
 @pytest.fixture
@@ -36,7 +36,7 @@ def test_who_ends_by_himself_is_not_sent_a_signal(module):
 
 
 def test_each_step_is_bounded(module, monkeypatch):
-    monkeypatch.setattr(child, "STEPS", ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, 5.0)))
+    monkeypatch.setattr(child_process, "STEPS", ((signal.SIGINT, 0.2), (signal.SIGTERM, 0.2), (signal.SIGKILL, 5.0)))
     ignores = "import signal, time\nfor n in (2, 15): signal.signal(n, signal.SIG_IGN)\n"
     one = Child("stubborn", module(f"{ignores}print('up', flush=True)\ntime.sleep(60)"))
     said(one, "up")

@@ -10,9 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from rig import kept, kernel, sources
-from rig.kept import CheckedFile
-from rig.study import warmup
+from rig import kernel, sources
+from rig import kernel_store as kept
+from rig.kernel_store import CheckedFile
+from rig.qualify import warmup
 
 CODE = """
 from rig.kernel import kernel
@@ -243,20 +244,20 @@ def checkout(tmp_path_factory):
     [
         ("rig/plants/belt.py", "", "\nX = 1\n", True),
         ("rig/effects/friction.py", "", "\nX = 1\n", True),
-        ("rig/study/bench/kernels.py", "", "\nX = 1\n", True),
-        ("sensors/accelerometer.py", "", "\nX = 1\n", True),
+        ("rig/qualify/benchmarks/kernels.py", "", "\nX = 1\n", True),
+        ("rig/sensors/accelerometer.py", "", "\nX = 1\n", True),
         ("rig/scenes/belt.toml", "title", "# title\ntitle", True),
-        ("rig/kept.py", "LIMIT = ", "LIMIT = 2 * ", True),
-        ("rig/solve/carry.py", "def carry(", "# prose\ndef carry(", True),
-        ("rig/solve/carry.py", '"""Carrying', '"""Bearing', True),
-        ("rig/solve/carry.py", "_FLUSH = 1e-150", "_FLUSH = 1e-140", False),
-        ("rig/solve/settle.py", "_SLACK = 1e-9", "_SLACK = 1e-8", False),
-        ("rig/solve/system.py", "G_NEXT", "G_NEXT_ONE", False),
+        ("rig/kernel_store.py", "LIMIT = ", "LIMIT = 2 * ", True),
+        ("rig/solve/advance.py", "def carry(", "# prose\ndef carry(", True),
+        ("rig/solve/advance.py", '"""Carrying', '"""Bearing', True),
+        ("rig/solve/advance.py", "_FLUSH = 1e-150", "_FLUSH = 1e-140", False),
+        ("rig/solve/contact_state.py", "_SLACK = 1e-9", "_SLACK = 1e-8", False),
+        ("rig/model/system.py", "G_NEXT", "G_NEXT_ONE", False),
         ("rig/solve/sampling.py", "", "\nX = 1\n", False),
-        ("rig/solve/leaf.py", "ROWS = 7", "ROWS = 8", False),
-        ("rig/loan.py", "frombuffer", "fromstring", False),
+        ("rig/solve/specialised.py", "ROWS = 7", "ROWS = 8", False),
+        ("rig/lent_records.py", "frombuffer", "fromstring", False),
         ("rig/kernel.py", '"nogil": True', '"nogil": False', False),
-        ("rig/solve/parts.py", "_HUNG = 120.0", "_HUNG = 60.0", True),
+        ("rig/motion/compiled_parts.py", "_HUNG = 120.0", "_HUNG = 60.0", True),
     ],
 )
 def test_only_what_compiled_code_depends_on_compiles_anew(checkout, file, old, new, same):

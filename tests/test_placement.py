@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 from twin import Twin
 
-import controllers
-from controllers.runtime import process
-from rig import bus, placement
+from rig import bus, controllers, placement
 from rig.bus import encode, messages
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
+from rig.controllers.runtime import process
+from rig.design.numbers import numbers
 from rig.scenes import load
-from rig.study.design import numbers
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux says where a thread runs")
 MS = 1_000_000

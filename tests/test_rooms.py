@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-import controllers
 import rig
-import sensors
+from rig import controllers, sensors
 
 ROOT = Path(__file__).parents[1]
 

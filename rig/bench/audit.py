@@ -21,14 +21,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import RigError
+from rig.model.formulation import ModeSet, assemble
+from rig.model.method import seen
+from rig.model.system import System
+from rig.motion.motion import Motion
 from rig.scenes.effects import declared, switches
 from rig.scenes.scene import Scene
 from rig.scenes.variants import SWITCHED, absent, added, dropped, without
-from rig.solve.formulation import ModeSet, assemble
-from rig.solve.linear import inputs, loads, own_law
-from rig.solve.method import seen
-from rig.solve.motion import Motion
-from rig.solve.system import CLOSED, LINEAR, OPEN, System
+from rig.solve.state_codes import CLOSED, LINEAR, OPEN
+from rig.stability.linearisation import inputs, loads, own_law
 
 Array = NDArray[np.float64]
 Told = dict[str, tuple[float, float, float]]
@@ -69,7 +70,7 @@ class Witness:
         while self.due <= frame:
             row = motion.kept - 1 - (frame - self.due) * steps
             if 0 <= row < motion.kept:
-                key = motion.slots.sets[int(motion.log.modes[row])].key
+                key = motion.mode_sets.sets[int(motion.log.modes[row])].key
                 self.kept.append(Visited(motion.system, key, motion.log.out[row].copy()))
             if len(self.kept) == MOST:
                 self.kept = self.kept[1::2]
@@ -152,7 +153,7 @@ def _clamped(motion: Motion) -> dict[str, float]:
     """Share of the ticks that each limiter was clamped in; what is rare is not among the states that were kept."""
     system, tally = motion.system, motion.state.tally.astype(np.float64)
     found = dict.fromkeys((limiter.name for limiter in system.limiters), 0.0)
-    for ticks, modes in zip(tally.tolist(), motion.slots.sets):
+    for ticks, modes in zip(tally.tolist(), motion.mode_sets.sets):
         for limiter, mode in zip(system.limiters, system.modes(modes.key)[2]):
             found[limiter.name] += ticks / max(float(tally.sum()), 1.0) * (mode != LINEAR)
     return found

@@ -2,7 +2,7 @@
 
     in time         taken over at the frame boundary after its arrival, not before the loop's stated delay
     two at once     the later one counts, the other is `overtaken`
-    another matrix  in a paced run: when that is built (rig.bench.refit), what else is commanded at once
+    another matrix  in a paced run: when that is built (rig.bench.rebuild), what else is commanded at once
     missing         the last one is held; after `hold` ticks beyond the one it was due at, safe values
     not finite      that actuator keeps its value
     out of range    clamped
@@ -19,15 +19,15 @@ from dataclasses import asdict
 from math import isfinite, nan
 from typing import TYPE_CHECKING, Any, Protocol
 
+from rig.bench.command_queue import AS_SENT, CLAMPED, SAFE, Line
 from rig.bench.journal import Journal
-from rig.bench.line import AS_SENT, CLAMPED, SAFE, Line
 from rig.bus import topics
 from rig.errors import UsageError
+from rig.model.assembly import Input
 from rig.quantities import brief
-from rig.solve.assembly import Input
 
 if TYPE_CHECKING:
-    from rig.bench.refit import Refit
+    from rig.bench.rebuild import Refit
 
 LONGEST_NS = 3600 * 10**9
 """Longest period of a controller. # chosen"""
@@ -54,16 +54,16 @@ class Actuators(Protocol):
 class Exchange:
     """All lines of a run. `hold`: ticks that a missing command is held."""
 
-    def __init__(self, stand: Actuators, frame_ns: int, hold: int, journal: Journal) -> None:
+    def __init__(self, runner: Actuators, frame_ns: int, hold: int, journal: Journal) -> None:
         self.lines: dict[str, Line] = {}
         self.all_lines: dict[str, Line] = {}
         """The last line of every name, also of controllers that were dismissed: what was counted stays counted."""
         self.refused: dict[str, int] = {}
         """Senders without a line, and how often they were refused."""
-        self._stand, self._frame_ns, self._hold = stand, frame_ns, hold
+        self._runner, self._frame_ns, self._hold = runner, frame_ns, hold
         self._journal = journal
         self._owner: dict[str, str] = {}
-        self._asked = {name: one.value for name, one in stand.inputs.items()}
+        self._asked = {name: one.value for name, one in runner.inputs.items()}
         self._moves: dict[str, tuple[float, float, int, int]] = {}
         self._stairs: set[str] = set()
         """Of these, actuators that run in steps, one in each frame: no state of theirs has a slope."""
@@ -79,7 +79,7 @@ class Exchange:
 
         Those who are `gone` hold nothing any more.
         """
-        inputs = self._stand.inputs
+        inputs = self._runner.inputs
         faults = [] if topics.is_name(name) else ["is no name; a name is 1 to 64 letters, digits, '_', '.', '-'"]
         faults += [
             f"{d:.80}: there is no such actuator; there are {', '.join(inputs)}" for d in drives if d not in inputs
@@ -131,17 +131,17 @@ class Exchange:
                 line.counts.refused += 1
                 text = f"a command of {sender} has {len(values)} values for its {len(line.drives)} actuators"
                 self._journal.repeated("refused", text)
-        elif answered > self._stand.tick:
+        elif answered > self._runner.tick:
             line.counts.refused += 1
             self._journal.repeated("refused", f"{sender} answers a step that was not sent yet")
         elif line.connected:
-            tick = self._stand.tick
+            tick = self._runner.tick
             due = answered + line.delay
             line.queue.append((due if due > tick else tick, answered, values))
 
     def take_over(self) -> list[Line]:
         """Put into force what is due at this tick; the lines that changed (the list is used again next time)."""
-        tick, changed = self._stand.tick, self._changed
+        tick, changed = self._runner.tick, self._changed
         changed.clear()
         for line in self._order:
             queue = line.queue
@@ -175,13 +175,13 @@ class Exchange:
 
         `but`: controllers whose commands somebody else puts into force meanwhile.
         """
-        found = self._stand.tick + 1 if self._stairs else None
+        found = self._runner.tick + 1 if self._stairs else None
         for line in self._order:
             if line.name in but:
                 continue
             tick = line.queue[0][0] if line.queue else None
             if line.values and line.status != SAFE:
-                missing = max(line.last + line.period, self._stand.tick + 1)
+                missing = max(line.last + line.period, self._runner.tick + 1)
                 tick = missing if tick is None else min(tick, missing)
             if tick is not None:
                 found = tick if found is None else min(found, tick)
@@ -207,7 +207,7 @@ class Exchange:
 
     def _in_range(self, drives: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
         """Values clamped to the ranges of this tick: a parameter of the rig may have changed them."""
-        inputs = self._stand.inputs
+        inputs = self._runner.inputs
         for drive, value in zip(drives, values):
             one = inputs[drive]
             if not one.low <= value <= one.high:  # seldom, and this is asked at every command
@@ -222,12 +222,12 @@ class Exchange:
 
     def impose(self, line: Line, answered: int, status: int, values: tuple[float, ...]) -> None:
         """Put values into force as they are: checked by `take_over`, or read from the recording of a run."""
-        tick, in_force = self._stand.tick, self.in_force
+        tick, in_force = self._runner.tick, self.in_force
         line.values, line.answered, line.status, line.last = values, answered, status, tick
         for drive, value in zip(line.drives, values):
             if in_force.get(drive) != value:
                 in_force[drive] = value
-                self._stand.apply(drive, value)
+                self._runner.apply(drive, value)
         line.keep(tick)
 
     def _without_gaps(self, line: Line, given: Sequence[float]) -> Sequence[float]:
@@ -244,12 +244,12 @@ class Exchange:
         silent = (tick - line.last) * self._frame_ns / 1e6
         text = f"{line.name} has been silent for {silent:g} ms: {', '.join(line.drives)} to safe values"
         self._journal.note("safe", text, controller=line.name)
-        safe = tuple([self._stand.inputs[drive].safe for drive in line.drives])
+        safe = tuple([self._runner.inputs[drive].safe for drive in line.drives])
         self.impose(line, -1, SAFE, self._possible(line, safe))
 
     def ask(self, name: str, value: float) -> None:
         """The protocol wants an actuator to take a value; clamped like any other."""
-        one = self._stand.inputs[name]
+        one = self._runner.inputs[name]
         value = min(max(value, one.low), one.high)
         self._asked[name] = value
         self._moves.pop(name, None)
@@ -259,10 +259,10 @@ class Exchange:
 
     def move(self, name: str, to: float, ticks: int) -> None:
         """The protocol wants an actuator to run linearly to a value within `ticks`."""
-        one = self._stand.inputs[name]
+        one = self._runner.inputs[name]
         to = min(max(to, one.low), one.high)
         start = self._asked_now(name)
-        self._moves[name] = (start, to, self._stand.tick, ticks)
+        self._moves[name] = (start, to, self._runner.tick, ticks)
         self._asked[name] = to
         if not self._overruled(name):
             self._ramp(name, to, ticks)
@@ -283,7 +283,7 @@ class Exchange:
             line.values = line.wanted = ()
         self._moves.clear()
         self._stairs.clear()
-        for name, one in self._stand.inputs.items():
+        for name, one in self._runner.inputs.items():
             self._asked[name] = one.safe
             if one.slope:
                 self._ramp(name, one.safe, ticks)
@@ -302,7 +302,7 @@ class Exchange:
             self._write(drive, value)
             if drive in self._moves:
                 _, to, begin, ticks = self._moves[drive]
-                left = begin + ticks - self._stand.tick
+                left = begin + ticks - self._runner.tick
                 if left > 0:
                     self._ramp(drive, to, left)
 
@@ -310,7 +310,7 @@ class Exchange:
         """What the protocol asks of an actuator at this tick, on the way if it is moving."""
         if name in self._moves:
             start, to, begin, ticks = self._moves[name]
-            share = min((self._stand.tick - begin) / ticks, 1.0)
+            share = min((self._runner.tick - begin) / ticks, 1.0)
             return self._in_range([name], [start + (to - start) * share])[0]
         return self._in_range([name], [self._asked[name]])[0]
 
@@ -330,12 +330,12 @@ class Exchange:
     def _write(self, name: str, value: float) -> None:
         if self.in_force.get(name) != value:
             self.in_force[name] = value
-            self._stand.apply(name, value)
+            self._runner.apply(name, value)
 
     def _ramp(self, name: str, to: float, ticks: int) -> None:
-        if self._stand.inputs[name].slope:
+        if self._runner.inputs[name].slope:
             self.in_force[name] = nan
-            self._stand.ramp(name, to, ticks)
+            self._runner.ramp(name, to, ticks)
         else:
             self._stairs.add(name)
 

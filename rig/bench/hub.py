@@ -1,4 +1,4 @@
-"""The plant's end of the bus: what it publishes of a stand, and what it takes from controllers and operators.
+"""The plant's end of the bus: what it publishes of a plant runner, and what it takes from controllers and operators.
 
 Samples go out in blocks of 20 ms, those of slower sensors one by one. A message for each sample of four sensors at
 1 kHz would cost 0.1 ms of every frame (measured: seven times as many late frames); the step carries the latest samples
@@ -15,17 +15,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.bench.operation import Operation
+from rig.bench.experiment import Operation
 from rig.bench.timing import Spread
 from rig.bus import encode, messages
 from rig.bus.arrivals import Presence, Refused
 from rig.bus.inbound import TIMES_NS
 from rig.bus.port import Session
 from rig.bus.publisher import Publisher
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
 from rig.errors import UsageError
 from rig.scenes.scene import heard
-from sensors.chain.instants import Instants
+from rig.sensors.chain.instants import Instants
 
 BLOCK_NS = 20_000_000
 STATE_NS = 5_000_000
@@ -81,7 +81,7 @@ class Samples:
 
 
 class Hub:
-    """Publishes what happens on the stand of `operation`, and feeds its exchange.
+    """Publishes what happens on the plant runner of `operation`, and feeds its exchange.
 
     `waits`: the plant waits for commands, so that one has arrived when it is read. Otherwise the thread that brings it
     notes when, and holds the interpreter for that while the plant wakes: it would cost a waiting plant 50 us.
@@ -89,21 +89,21 @@ class Hub:
 
     def __init__(self, session: Session, operation: Operation, setup: Setup, waits: bool = False) -> None:
         self.session, self.operation = session, operation
-        self.stand = operation.stand
-        stand, bank = self.stand, self.stand.bank
+        self.runner = operation.runner
+        runner, bank = self.runner, self.runner.bank
         self._step = session.publisher("step")
         self._heard: list[int] = []
         self.in_plant = operation.scene.in_plant
         """Controllers that are not asked over the bus."""
         self.hear(heard({n: s for n, s in operation.scene.controllers.items() if n not in self.in_plant}))
         self._state = session.publisher("state")
-        self._encode_state = encode.StateEncoder(len(stand.outputs))
-        self._state_ticks = max(-(-STATE_NS // stand.frame_ns), 1)
+        self._encode_state = encode.StateEncoder(len(runner.outputs))
+        self._state_ticks = max(-(-STATE_NS // runner.frame_ns), 1)
         self._events = session.publisher("event/plant")
         self._health = session.publisher("health")
         self._meas = [session.publisher(f"meas/{name}") for name in bank.names]
         self._samples = [Samples(instants) for instants in bank.instants]
-        stand.keep_samples = self.collect
+        runner.keep_samples = self.collect
         self._full_ns = 0
         """When samples have to be collected next [ns]."""
         self._applied: dict[str, Publisher] = {}
@@ -201,8 +201,8 @@ class Hub:
 
     def put_step(self) -> None:
         """Tell the controllers what the sensors say at this tick; again if nobody answered the first time."""
-        stand = self.stand
-        tick, t_ns, bank = stand.tick, stand.t_ns, stand.bank
+        runner = self.runner
+        tick, t_ns, bank = runner.tick, runner.t_ns, runner.bank
         if self.asked != tick:
             self._put_at[tick % _REMEMBERED] = (tick, time.monotonic_ns())
             self.asked = tick
@@ -215,43 +215,43 @@ class Hub:
 
     def places(self, sensors: Collection[str]) -> list[int]:
         """Places of these sensors in a step; raises UsageError for one that is not there."""
-        names = self.stand.bank.names
+        names = self.runner.bank.names
         if missing := [name for name in sensors if name not in names]:
             raise UsageError(f"there is no sensor {', '.join(missing)}; there are {', '.join(names)}")
         return [names.index(name) for name in sensors]
 
     def gather(self) -> None:
         """Publish what there is of this tick, before anything is changed at it."""
-        if self.stand.t_ns >= self._full_ns:
+        if self.runner.t_ns >= self._full_ns:
             self.collect()
         self.gather_state()
 
     def collect(self) -> None:
         """Take the samples that were published since the last call."""
-        stand = self.stand
-        tick, bank = stand.tick, stand.bank
+        runner = self.runner
+        tick, bank = runner.tick, runner.bank
         for i, samples in enumerate(self._samples):
-            new = bank.since(i, samples.next)[: samples.published(stand.t_ns)]
+            new = bank.since(i, samples.next)[: samples.published(runner.t_ns)]
             if len(new) and (block := samples.add(tick, new)) is not None:
-                self._meas[i].put(block, stand.t_ns)
+                self._meas[i].put(block, runner.t_ns)
         self._full_ns = min((samples.full_ns() for samples in self._samples), default=TIMES_NS)
 
     def gather_state(self) -> None:
         """Publish the state of this tick, where it is one at which the state is told."""
-        stand = self.stand
-        if stand.tick % self._state_ticks == 0:
-            values = stand.output_values()
-            payload = self._encode_state(stand.t_ns, stand.tick, stand.motion.key, values)
-            self._state.put(payload, stand.t_ns)
+        runner = self.runner
+        if runner.tick % self._state_ticks == 0:
+            values = runner.output_values()
+            payload = self._encode_state(runner.t_ns, runner.tick, runner.motion.key, values)
+            self._state.put(payload, runner.t_ns)
 
     @property
     def state_due(self) -> int:
         """The first tick after this one at which the state is told."""
-        return (self.stand.tick // self._state_ticks + 1) * self._state_ticks
+        return (self.runner.tick // self._state_ticks + 1) * self._state_ticks
 
     def put_applied(self) -> None:
         """Publish the commands that took effect: those of a piece of several frames in one message, others singly."""
-        frame_ns, now = self.stand.frame_ns, self.stand.t_ns
+        frame_ns, now = self.runner.frame_ns, self.runner.t_ns
         for name, line in self.operation.exchange.all_lines.items():
             if (taken := line.taken()) is None:
                 continue
@@ -286,11 +286,11 @@ class Hub:
 
     def put_rest(self) -> None:
         """Send the blocks that are not full: nothing comes after them."""
-        tick = self.stand.tick
+        tick = self.runner.tick
         for publisher, samples in zip(self._meas, self._samples):
             block = samples.block(tick)
             if block is not None:
-                publisher.put(block, self.stand.t_ns)
+                publisher.put(block, self.runner.t_ns)
 
     def put_events(self) -> None:
         """Send what has been written into the journal since."""
@@ -302,13 +302,13 @@ class Hub:
 
     def put_health(self, **told: Any) -> None:
         """Send the state of affairs."""
-        stand = self.stand
-        health = messages.TYPES["Health"](t_ns=stand.t_ns, tick=stand.tick, **told)
-        self._health.put(health.SerializeToString(), stand.t_ns)
+        runner = self.runner
+        health = messages.TYPES["Health"](t_ns=runner.t_ns, tick=runner.tick, **told)
+        self._health.put(health.SerializeToString(), runner.t_ns)
 
     def put_totals(self) -> None:
         """Tell how much was sent on every topic."""
-        self.session.publisher("total/plant").put(self.session.totals(), self.stand.t_ns)
+        self.session.publisher("total/plant").put(self.session.totals(), self.runner.t_ns)
 
     def serve_scene(self) -> None:
         """Answer those who want to know what runs here."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-from rig.bench.attend import Attendant
+from rig.bench.housekeeping import Housekeeper
 from rig.bench.hub import Hub
 
 AGAIN = 0.01
@@ -24,9 +24,9 @@ MOST = 1 << 10
 class Lockstep:
     """The waiting for answers, until `stopped()`."""
 
-    def __init__(self, hub: Hub, attendant: Attendant, stopped: Callable[[], bool]) -> None:
-        self._hub, self._attendant, self._stopped = hub, attendant, stopped
-        self._stand, self._lines = hub.stand, hub.operation.exchange.lines
+    def __init__(self, hub: Hub, housekeeper: Housekeeper, stopped: Callable[[], bool]) -> None:
+        self._hub, self._housekeeper, self._stopped = hub, housekeeper, stopped
+        self._runner, self._lines = hub.runner, hub.operation.exchange.lines
         self._evicted: set[str] = set()
         self._due: set[str] = set()
         self.again = 0
@@ -34,7 +34,7 @@ class Lockstep:
 
     def ask(self) -> None:
         """Send the step of this tick."""
-        tick, present, in_plant = self._stand.tick, self._hub.watch.present, self._hub.in_plant
+        tick, present, in_plant = self._runner.tick, self._hub.watch.present, self._hub.in_plant
         self._due = {
             name
             for name, line in self._lines.items()
@@ -50,7 +50,7 @@ class Lockstep:
         if not self._due:
             self._pass_over()
             return
-        tick, begun = self._stand.tick, time.monotonic()
+        tick, begun = self._runner.tick, time.monotonic()
         again, looked = AGAIN, begun
         found = {}
         while self._due:
@@ -89,14 +89,14 @@ class Lockstep:
         """Wait no longer for those who have gone, or who are hung."""
         self._hub.serve_scene()
         self._hub.session.flush()
-        self._attendant.notice()
+        self._housekeeper.notice()
         present = self._hub.watch.present
         self._due = {name for name in self._due if ("controller", name) in present}
         if waited < EVICTED:
             return
         for name in sorted(self._due):
             self._evicted.add(name)
-            text = f"controller {name} did not answer for {EVICTED:g} s and is evicted at tick {self._stand.tick}"
-            self._attendant.faults.append(text)
+            text = f"controller {name} did not answer for {EVICTED:g} s and is evicted at tick {self._runner.tick}"
+            self._housekeeper.faults.append(text)
             self._hub.operation.journal.note("evicted", text, controller=name)
         self._due.clear()

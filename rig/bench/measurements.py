@@ -1,4 +1,4 @@
-"""Every sample that the sensors of a stand have published, kept while it runs."""
+"""Every sample that the sensors of a plant runner have published, kept while it runs."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.record.run import Samples
-from sensors.chain.bank import Bank
+from rig.sensors.chain.bank import Bank
 
 
 class Measurements:

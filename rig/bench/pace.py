@@ -8,7 +8,7 @@ overrun, and the scene says what follows:
     slow       the wall clock is given up: the frame counts as on time, all later ones are due that much later
     stop       the run ends
 
-Several frames may be carried in one piece (`rig.bench.pieces`): a piece then is what a frame is here.
+Several frames may be carried in one piece (`rig.bench.frame_batches`): a piece then is what a frame is here.
 
 Behind by more than `PAUSE`, the process was stopped or the machine busy beyond repair: then even catch-up gives the
 time up, in one piece and reported, for a burst of thousands of frames is no experiment.

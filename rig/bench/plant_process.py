@@ -26,26 +26,25 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import controllers
-from rig import bus, memory, placement, scheduling
+from rig import bus, controllers, pinned_memory, placement, scheduling
 from rig.bench import pace
-from rig.bench.attend import Attendant
-from rig.bench.conclude import conclude
-from rig.bench.desk import Desk
+from rig.bench.controllers_in_plant import InPlant
+from rig.bench.experiment import BEGIN, Operation
+from rig.bench.finalise import finalise
+from rig.bench.frame_batches import Pieces, length
+from rig.bench.housekeeping import Housekeeper
 from rig.bench.hub import Hub
-from rig.bench.in_plant import InPlant
 from rig.bench.job import Job, keeps_up
 from rig.bench.lockstep import Lockstep
-from rig.bench.operation import BEGIN, Operation
-from rig.bench.pieces import Pieces, length
-from rig.bench.refit import Refit
-from rig.bench.rehearse import visited
-from rig.bench.stand import Stand
+from rig.bench.operator_commands import Operator
+from rig.bench.prepared_rigs import Upcoming
+from rig.bench.rebuild import Refit
+from rig.bench.rehearsal import visited
+from rig.bench.runner import PlantRunner
 from rig.bench.timing import Timing
-from rig.bench.upcoming import Upcoming
 from rig.bus import address
 from rig.bus.port import Session
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
 from rig.errors import Interrupted, NumericsError, RigError
 from rig.plants.structures import model_store
 from rig.process import as_process, told_to_stop
@@ -67,20 +66,20 @@ class Plant:
         self.session, self.job, self._stopping, self._sets = session, job, stopping, sets
         self.scene = scene = Scene.from_json(job.scene)
         with model_store.gathered() as self.models:
-            self.stand = stand = Stand(scene, piece=length(scene, job.pace))
+            self.runner = runner = PlantRunner(scene, piece=length(scene, job.pace))
         duration_ns = None if job.duration is None else round(job.duration * 1e9)
-        self.operation = Operation(scene, stand, duration_ns, self._retune)
+        self.operation = Operation(scene, runner, duration_ns, self._retune)
         self.cores = placement.choose()
         """Of this plant's thread, where it is paced, and of the bus."""
         self.setup = self._setup()
         self.hub = hub = Hub(session, self.operation, self.setup, job.in_lockstep)
-        self.desk = Desk(hub)
+        self.operator = Operator(hub)
         self.upcoming: Upcoming | None = None
         """What a paced run builds before it is asked for."""
         self.pieces = Pieces(self.operation, job.pace)
-        self.timing = Timing(self.pieces.length * stand.frame_ns / (job.pace or 1.0), self.pieces.length)
-        self.attendant = Attendant(hub, self.desk, job, self.timing)
-        self.in_plant = InPlant(session, self.operation, job.numbers, self.attendant.notice)
+        self.timing = Timing(self.pieces.length * runner.frame_ns / (job.pace or 1.0), self.pieces.length)
+        self.housekeeper = Housekeeper(hub, self.operator, job, self.timing)
+        self.in_plant = InPlant(session, self.operation, job.numbers, self.housekeeper.notice)
         self.fault = ""
         """Why the numerics stopped the run."""
         self.from_start: set[tuple[str, str]] = set()
@@ -94,14 +93,14 @@ class Plant:
         self._refusals: queue.SimpleQueue[str] = queue.SimpleQueue()
 
     def _setup(self) -> Setup:
-        scene, stand, numbers = self.scene, self.stand, self.job.numbers
+        scene, runner, numbers = self.scene, self.runner, self.job.numbers
         return Setup(
             run=self.session.run,
             scene=scene.made_with(self.models).to_json() if self.models else self.job.scene,
-            frame_ns=stand.frame_ns,
-            step_ns=stand.step_ns,
-            outputs={name: stand.units[name] for name in stand.outputs},
-            sensors={n: (u, p) for n, u, p in zip(stand.bank.names, stand.bank.units, stand.bank.periods_ns)},
+            frame_ns=runner.frame_ns,
+            step_ns=runner.step_ns,
+            outputs={name: runner.units[name] for name in runner.outputs},
+            sensors={n: (u, p) for n, u, p in zip(runner.bank.names, runner.bank.units, runner.bank.periods_ns)},
             controllers={n: controllers.described(s, numbers.get(n, {})) for n, s in scene.controllers.items()},
             paced=self.job.pace is not None,
             core=self.cores[1],
@@ -114,18 +113,18 @@ class Plant:
         present, deadline, told = self.hub.watch.present, time.monotonic() + self.job.wait, ""
         self.hub.look()
         while missing := [f"{role} {name}" for role, name in self.job.expect if (role, name) not in present]:
-            if self._stopping() or self.attendant.orphaned():
+            if self._stopping() or self.housekeeper.orphaned():
                 return
-            waited = [who for who in missing if who not in self.desk.excused]
-            if not waited or self.desk.begun or time.monotonic() >= deadline:
-                self.attendant.miss(missing)
+            waited = [who for who in missing if who not in self.operator.excused]
+            if not waited or self.operator.begun or time.monotonic() >= deadline:
+                self.housekeeper.miss(missing)
                 break
             if (text := f"waiting for {', '.join(waited)}") != told:
                 told = text
                 say(text)
             self.hub.look(0.02)
             self.hub.serve_scene()
-            self.desk.poll()
+            self.operator.poll()
         self.from_start = set(present)
 
     def run(self, show: Show) -> dict[str, Any]:
@@ -137,19 +136,19 @@ class Plant:
             told = {"time": error.time, "mode": error.mode, "state": error.state}
             self.operation.journal.note("diverged", self.fault, **told)
         except Exception:
-            self.attendant.faults.append("the plant process failed")
+            self.housekeeper.faults.append("the plant process failed")
             self.operation.journal.note("fault", traceback.format_exc())
-            conclude(self)
+            finalise(self)
             raise
-        return conclude(self)
+        return finalise(self)
 
     def _go(self, show: Show) -> None:
         job, pacer = self.job, None
         with ExitStack() as stack:
             if job.pace is not None:
-                self.stand.motion.foresee(self._sets)
+                self.runner.motion.foresee(self._sets)
                 self.upcoming = Upcoming(self.operation)
-                self.operation.exchange.refit = Refit(self.stand, self.operation.journal, self.operation.builds)
+                self.operation.exchange.refit = Refit(self.runner, self.operation.journal, self.operation.builds)
                 self.operation.builds.apart = True
             stack.enter_context(self.timing.interruptions.watched())
             stack.enter_context(
@@ -160,13 +159,13 @@ class Plant:
             own, of_bus = self.cores
             stack.enter_context(placement.placed(of_bus if job.in_lockstep else own, of_bus))
             if job.pace is not None:
-                self.memory = stack.enter_context(memory.locked())
+                self.memory = stack.enter_context(pinned_memory.locked())
                 self.ahead = stack.enter_context(scheduling.ahead(scheduling.PLANT, self._fell_back))
                 self.waiting = pace.choose(int(self.timing.wall_ns))
                 clock = pace.WallClock(self.waiting.spin_ns)
-                pacer = pace.Pacer(self.stand.frame_ns, job.pace, self.scene.clock.overrun, clock)
+                pacer = pace.Pacer(self.runner.frame_ns, job.pace, self.scene.clock.overrun, clock)
             self.begun_ns = time.perf_counter_ns()
-            self.attendant.begin(self.begun_ns, pacer)
+            self.housekeeper.begin(self.begun_ns, pacer)
             others = [name for role, name in sorted(self.from_start) if role != "plant"]
             self.operation.journal.note(BEGIN, f"begins with {', '.join(others) or 'nobody else'}", here=others)
             self.operation.open()
@@ -179,8 +178,8 @@ class Plant:
 
     def paced(self, pacer: pace.Pacer, show: Show) -> None:
         """All frames, each piece of them when `pacer` says that it is due."""
-        hub, desk, operation = self.hub, self.desk, self.operation
-        attendant, rows = self.attendant, self.timing
+        hub, operator, operation = self.hub, self.operator, self.operation
+        housekeeper, rows = self.housekeeper, self.timing
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
             frames = self.pieces.next(rows)
@@ -195,7 +194,7 @@ class Plant:
             if not operation.begin() or self._ends(pacer):
                 rows.rows.append((begin, late, pacer.waited, 0, 0, 0, 0, spent))
                 return
-            desk.poll()
+            operator.poll()
             self.in_plant.poll()
             goes_on = self._carry(frames)
             done = clock()
@@ -203,7 +202,7 @@ class Plant:
                 hub.put_applied()
             hub.put_events()
             told = clock()
-            if attendant.look(told):
+            if housekeeper.look(told):
                 self._tell(show)
             served = clock()
             spans = (received - begin, done - sent, sent - received + told - done, served - told)
@@ -213,20 +212,20 @@ class Plant:
 
     def _carry(self, frames: int) -> bool:
         """Carry the plant through a piece at whose first tick all is done but the commands; whether it goes on then."""
-        hub, operation, stand, in_plant = self.hub, self.operation, self.stand, self.in_plant
-        end = stand.tick + frames
+        hub, operation, runner, in_plant = self.hub, self.operation, self.runner, self.in_plant
+        end = runner.tick + frames
         while True:
             in_plant.carry_on(min(end, operation.until(), hub.state_due) if frames > 1 else end)
-            if stand.tick >= end:
+            if runner.tick >= end:
                 return True
             hub.gather_state()
             if not operation.begin():
                 return False
 
     def _in_lockstep(self, pacer: pace.Pacer | None, show: Show) -> None:
-        hub, desk, operation = self.hub, self.desk, self.operation
-        attendant, rows = self.attendant, self.timing
-        answers = Lockstep(hub, attendant, lambda: bool(self._stopping()))
+        hub, operator, operation = self.hub, self.operator, self.operation
+        housekeeper, rows = self.housekeeper, self.timing
+        answers = Lockstep(hub, housekeeper, lambda: bool(self._stopping()))
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
             frames = self.pieces.next(rows)
@@ -237,7 +236,7 @@ class Plant:
             hub.gather()
             if not operation.begin() or self._ends(pacer):
                 return
-            desk.poll()
+            operator.poll()
             self.in_plant.poll()
             answers.ask()
             answers.wait()
@@ -248,7 +247,7 @@ class Plant:
                 hub.put_applied()
             hub.put_events()
             told = clock()
-            if attendant.look(told):
+            if housekeeper.look(told):
                 self._tell(show)
             if pacer is not None:
                 spans = (answered - begin, done - answered, told - done, clock() - told)
@@ -266,18 +265,18 @@ class Plant:
             self.operation.journal.note("refused", self._refusals.get(), by="protocol")
         if self.upcoming is not None:
             self.upcoming.look()
-        show({"t": self.stand.t_ns / 1e9, **self.attendant.health})
+        show({"t": self.runner.t_ns / 1e9, **self.housekeeper.health})
 
     def _ends(self, pacer: pace.Pacer | None) -> bool:
         """Whether somebody has asked for the end; a pause is sat out here."""
-        desk, paused = self.desk, self.desk.paused
+        operator, paused = self.operator, self.operator.paused
         if paused:
             self.operation.postponed.step_back()
-        while not (why := self._why()) and desk.paused:
-            self.attendant.look(time.perf_counter_ns())
+        while not (why := self._why()) and operator.paused:
+            self.housekeeper.look(time.perf_counter_ns())
             self.hub.put_events()
             time.sleep(0.01)
-            desk.poll()
+            operator.poll()
             self.in_plant.poll()
         if paused and pacer is not None:
             pacer.anchor()
@@ -288,9 +287,9 @@ class Plant:
         return bool(why)
 
     def _why(self) -> str:
-        if self.attendant.gone:
+        if self.housekeeper.gone:
             return "stopped: the process that started the plant has gone"
-        return self._stopping() or self.desk.stopped
+        return self._stopping() or self.operator.stopped
 
     def _retune(self, controller: str, changes: dict[str, Any]) -> None:
         """Ask a controller to change its parameters. In a paced run nobody waits for the answer of another process."""
@@ -337,16 +336,16 @@ def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) 
 
 
 def warm(scene: Scene) -> tuple[int, ...]:
-    """Compile, or load what was compiled, on a stand of its own: it must not happen while time counts.
+    """Compile, or load what was compiled, on a plant runner of its own: it must not happen while time counts.
 
     The mode sets that it has visited.
     """
-    stand = Stand(scene)
+    runner = PlantRunner(scene)
     for _ in range(3):
-        stand.frame()
-        stand.output_values()
-    stand.statistics()
-    return stand.motion.slots.keys
+        runner.frame()
+        runner.output_values()
+    runner.statistics()
+    return runner.motion.mode_sets.keys
 
 
 def main(arguments: list[str] | None = None) -> int:

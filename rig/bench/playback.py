@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 
+from rig.bench.command_queue import Line
 from rig.bench.exchange import Exchange
-from rig.bench.line import Line
 from rig.record.run import Commands
-from rig.solve.control import ROWS
+from rig.solve.control_loop import ROWS
 
 
 class Played:
@@ -39,14 +39,14 @@ class Playback(Exchange):
         Not of a controller without a line, whose admission is not in the recording. `but`: of these, the first
         command that does not fit into the compiled loop any more.
         """
-        due = [self._stand.tick + 1] if self._stairs else []
+        due = [self._runner.tick + 1] if self._stairs else []
         played = [(name, one) for name, one in self.played.items() if name in self.lines]
         ticks = [one.due(ROWS if name in but else 0) for name, one in played]
         return min([*due, *(tick for tick in ticks if tick is not None)], default=None)
 
     def take_over(self) -> list[Line]:
         """Put into force what took effect at this tick."""
-        tick, changed = self._stand.tick, self._changed
+        tick, changed = self._runner.tick, self._changed
         changed.clear()
         for line in self._order:
             one = self.played.get(line.name)

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
+from rig.model.assembly import Input
 from rig.scenes.protocol import Hold, Knock, Load, Mark, Ramp, Repeat, Set, Wait
-from rig.solve.assembly import Input
 
 
 class Apply(NamedTuple):

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from rig import bus
-from rig.child import Child, end
+from rig.child_process import Child, end
 from rig.errors import BusError, UsageError
 from rig.record import replay as recorded
 from rig.record.reader import head

@@ -12,14 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from controllers.blocks.base import Controller
-from controllers.runtime.loop import Loop
+from rig.bench.compiled_controllers import Inside
+from rig.bench.controller_in_process import Working
 from rig.bench.exchange import Exchange
-from rig.bench.inside import Inside
-from rig.bench.operation import Operation
+from rig.bench.experiment import Operation
 from rig.bench.playback import Playback
-from rig.bench.stand import Stand
-from rig.bench.working import Working
+from rig.bench.runner import PlantRunner
+from rig.controllers.blocks.base import Controller
+from rig.controllers.runtime.loop import Loop
 from rig.errors import NumericsError, UsageError
 from rig.plants.structures import model_store
 from rig.record.run import Commands, Run
@@ -56,7 +56,7 @@ def simulate(
 class Carried(NamedTuple):
     """What is left of a run in this process; `fault`: why the numerics stopped it."""
 
-    stand: Stand
+    runner: PlantRunner
     operation: Operation
     loops: dict[str, Loop]
     fault: str
@@ -72,14 +72,14 @@ def carry_out(
 ) -> Carried:
     """Do what `simulate` does, up to the run that it makes of it. Without an end, it ends when `stop` says so."""
     operation, working = begun(scene, controllers, duration_ns, commands, events)
-    stand = operation.stand
+    runner = operation.runner
     every = max(100_000_000 // scene.frame_ns, 1)
     fault = ""
     try:
         while operation.begin():
             until = operation.until()
             if stop is not None:
-                until = min(until, stand.tick + every - stand.tick % every)
+                until = min(until, runner.tick + every - runner.tick % every)
             carry_on(operation, working, until)
             if stop is not None and (why := stop()):
                 operation.stop(why)
@@ -87,9 +87,9 @@ def carry_out(
         fault = str(error)
         operation.journal.note("diverged", fault)
         for one in working:
-            one.catch_up(stand.tick + 1)
+            one.catch_up(runner.tick + 1)
     operation.end()
-    return Carried(stand, operation, {one.name: one.loop for one in working}, fault)
+    return Carried(runner, operation, {one.name: one.loop for one in working}, fault)
 
 
 def begun(
@@ -107,7 +107,7 @@ def begun(
     loops = {name: Loop(controller) for name, controller in controllers.items()}
     operation = Operation(
         scene,
-        Stand(scene, truthful=True),
+        PlantRunner(scene, truthful=True),
         duration_ns,
         lambda name, changes: loops[name].retune(changes),
         exchange=Exchange if commands is None else Playback,
@@ -125,14 +125,14 @@ def begun(
 
 
 def carry_on(operation: Operation, working: Sequence[Working], until: int, inside: Inside | None = None) -> None:
-    """Carry the stand on to tick `until`, or as far as no limit is passed; only controllers act on the way.
+    """Carry the plant runner on to tick `until`, or as far as no limit is passed; only controllers act on the way.
 
     `inside`: what lends them to the compiled loop, for who calls this often.
     """
-    stand, exchange = operation.stand, operation.exchange
-    if until - stand.tick == 1 and not working:  # each frame of a run whose controllers have processes
+    runner, exchange = operation.runner, operation.exchange
+    if until - runner.tick == 1 and not working:  # each frame of a run whose controllers have processes
         operation.take_over()
-        stand.frames(1)
+        runner.frames(1)
         return
     inside = inside or Inside(operation)
     heard, others = ([one for one in working if one.line.connected is on] for on in (True, False))
@@ -140,7 +140,7 @@ def carry_on(operation: Operation, working: Sequence[Working], until: int, insid
         for one in working:
             one.answer()
         operation.take_over()
-        tick, end = stand.tick, until
+        tick, end = runner.tick, until
         lent = inside.lend(heard) if end - tick > 1 else ()
         for one in heard:
             if one.name not in lent:
@@ -148,37 +148,37 @@ def carry_on(operation: Operation, working: Sequence[Working], until: int, insid
         if end - tick > 1 and (waits := exchange.until(lent)) is not None:
             end = min(end, waits)
         try:
-            stand.frames(end - tick)
+            runner.frames(end - tick)
         finally:
             inside.take_back()
         for one in others:
-            one.catch_up(stand.tick)
-        if stand.tick >= until or stand.limited:
+            one.catch_up(runner.tick)
+        if runner.tick >= until or runner.limited:
             return
 
 
 def _run(
     scene: Scene,
     models: tuple[bytes, ...],
-    stand: Stand,
+    runner: PlantRunner,
     operation: Operation,
     loops: Mapping[str, Loop],
     fault: str,
 ) -> Run:
-    truth, measurements = stand.truth, stand.measurements
+    truth, measurements = runner.truth, runner.measurements
     assert truth is not None
     assert measurements is not None
-    outputs, modes = truth.outputs(stand.motion)
-    units = dict(stand.units)
-    units |= {f"meas/{name}": unit for name, unit in zip(stand.bank.names, stand.bank.units)}
-    events = [event._asdict() for event in operation.journal.events] + truth.events(stand.motion)
-    statistics = stand.statistics()
+    outputs, modes = truth.outputs(runner.motion)
+    units = dict(runner.units)
+    units |= {f"meas/{name}": unit for name, unit in zip(runner.bank.names, runner.bank.units)}
+    events = [event._asdict() for event in operation.journal.events] + truth.events(runner.motion)
+    statistics = runner.statistics()
     return Run(
         scene=scene.to_json(),
-        step_ns=stand.step_ns,
-        frame_ns=stand.frame_ns,
-        time=np.arange(len(modes), dtype=np.float64) * (stand.step_ns * 1e-9),
-        signals=dict(zip(stand.outputs, outputs)),
+        step_ns=runner.step_ns,
+        frame_ns=runner.frame_ns,
+        time=np.arange(len(modes), dtype=np.float64) * (runner.step_ns * 1e-9),
+        signals=dict(zip(runner.outputs, outputs)),
         units=units,
         measurements=measurements.samples(),
         commands={name: line.commands() for name, line in operation.exchange.all_lines.items()},
@@ -187,10 +187,10 @@ def _run(
         summary={
             "ended": operation.over or "stopped by the numerics",
             "plant": statistics,
-            "audit": stand.audit(),
+            "audit": runner.audit(),
             "exchange": operation.exchange.counters(),
             "controllers": {name: loop.counters() for name, loop in loops.items()},
-            "sensors": stand.bank.counters(),
+            "sensors": runner.bank.counters(),
         },
         mode=modes,
         models=models,

@@ -22,10 +22,10 @@ from rig.bench.outcome import Outcome
 from rig.bench.status import Live
 from rig.bus import address
 from rig.bus.port import Receiver, Session
-from rig.child import Child, end
+from rig.child_process import Child, end
 from rig.errors import BusError, Interrupted, LogError, RigError, UsageError
 from rig.process import told_to_stop
-from rig.record.scan import head
+from rig.record.message_scan import head
 from rig.scenes.scene import Scene
 
 _LINE = 400

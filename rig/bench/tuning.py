@@ -7,8 +7,8 @@ from typing import Any
 
 from rig.bench.exchange import Exchange
 from rig.bench.journal import OPERATOR, Journal
-from rig.bench.stand import Stand
-from rig.bench.variant import Wanted
+from rig.bench.rig_variant import Wanted
+from rig.bench.runner import PlantRunner
 from rig.errors import UsageError
 from rig.quantities import si
 from rig.scenes.faults import near, shortened, shown
@@ -18,8 +18,8 @@ from rig.scenes.scene import Scene, leaves
 class Tuning:
     """Changes actuators and parameters of the rig on `stand`, as a whole and at one tick; `journal` tells it."""
 
-    def __init__(self, scene: Scene, stand: Stand, exchange: Exchange, journal: Journal) -> None:
-        self.scene, self.stand, self.exchange, self.journal = scene, stand, exchange, journal
+    def __init__(self, scene: Scene, runner: PlantRunner, exchange: Exchange, journal: Journal) -> None:
+        self.scene, self.runner, self.exchange, self.journal = scene, runner, exchange, journal
 
     def wanted(self, changes: Mapping[str, Any]) -> Wanted:
         """What the rig must have before `change` can make these changes. Raises UsageError with every fault.
@@ -40,7 +40,7 @@ class Tuning:
     def change(self, changes: Mapping[str, Any], by: str = OPERATOR) -> dict[str, Any]:
         """Change actuators and parameters of the rig at this tick: all, or with a RigError none. The new values."""
         actuators, parameters = self._sorted(changes)
-        self.stand.go_on(self._wanted(actuators, parameters))
+        self.runner.go_on(self._wanted(actuators, parameters))
         for key, number in actuators.items():
             self.exchange.ask(key, number)
         new = {key: self.value(key) for key in parameters} | actuators
@@ -49,17 +49,17 @@ class Tuning:
 
     def _wanted(self, actuators: Mapping[str, float], parameters: Mapping[str, Any]) -> Wanted:
         """Command states for the actuators that lack one; the values of those that can have none are matrices."""
-        stand, lacking = self.stand, self.stand.lacking(actuators)
+        runner, lacking = self.runner, self.runner.lacking(actuators)
         matrices = {
             key: value
             for key, value in actuators.items()
-            if key not in lacking and stand.rebuilds(key, value) and not self.exchange.overruler(key)
+            if key not in lacking and runner.rebuilds(key, value) and not self.exchange.overruler(key)
         }
         return Wanted({**parameters, **matrices}, lacking)
 
     def _sorted(self, changes: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
         """Changes of actuators, in SI, and of parameters; UsageError with every fault."""
-        inputs, known = self.stand.inputs, dict(leaves(self.scene.parameters))
+        inputs, known = self.runner.inputs, dict(leaves(self.scene.parameters))
         actuators: dict[str, float] = {}
         parameters: dict[str, Any] = {}
         faults = []
@@ -83,14 +83,14 @@ class Tuning:
 
     def tunable(self) -> dict[str, str]:
         """Actuators, then parameters of the rig, that `change` can change -> their units."""
-        stand = self.stand
+        runner = self.runner
         known = {
-            key: unit for key, (_, unit) in leaves(stand.scene.parameters) if unit and not key.startswith("start.")
+            key: unit for key, (_, unit) in leaves(runner.scene.parameters) if unit and not key.startswith("start.")
         }
-        return {name: one.unit for name, one in stand.inputs.items()} | {
-            key: unit for key, unit in known.items() if key not in stand.inputs
+        return {name: one.unit for name, one in runner.inputs.items()} | {
+            key: unit for key, unit in known.items() if key not in runner.inputs
         }
 
     def value(self, key: str) -> Any:
         """An actuator or a parameter of the rig as it is now."""
-        return self.stand.values[key] if key in self.stand.inputs else self.stand.parameter(key)
+        return self.runner.values[key] if key in self.runner.inputs else self.runner.parameter(key)

@@ -4,7 +4,7 @@ The plant is simulated once more from the scene in the file; commands and whatev
 at the ticks at which they did. On the sources and the processor of the recording every bit must be the same; elsewhere
 kernels round otherwise, and the signals must agree to `ELSEWHERE` of their range, samples of an instrument to its
 resolution. Where that fails because contact points have opened, samples are compared up to the first opening, and
-statistics from there on (rig.bench.chaotic).
+statistics from there on (rig.bench.chaotic_runs).
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rig.bench.chaotic import BEFORE, SHORTEST, Openings, compared
+from rig.bench.chaotic_runs import BEFORE, SHORTEST, Openings, compared
 from rig.bench.simulate import simulate
 from rig.kernel import source_key
 from rig.record import reader

@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rig import locks
+from rig import file_locks
 from rig.bus import address, topics
 from rig.bus.inbound import is_guest
 from rig.errors import BusError
@@ -111,7 +111,7 @@ def take_seat(run: str, role: str, name: str) -> Seat:
 
 def _sit(here: Path, user: str, name: str, reserved: frozenset[str]) -> Seat | None:
     lock = os.open(here / user, os.O_RDWR | os.O_CLOEXEC)
-    if not locks.take(lock):
+    if not file_locks.take(lock):
         os.close(lock)
         return None
     return Seat(user, name, os.pread(lock, 256, 0).decode(), reserved, lock)

@@ -20,7 +20,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from rig import locks
+from rig import file_locks
 from rig.bus.messages import FINGERPRINT
 from rig.errors import BusError
 
@@ -45,7 +45,7 @@ class RunAddress:
 
 def directory() -> Path:
     """The directory of live runs, readable by this user only; raises BusError if someone else has a hand in it."""
-    if not (locks.KNOWN and hasattr(socket, "AF_UNIX")):
+    if not (file_locks.KNOWN and hasattr(socket, "AF_UNIX")):
         raise BusError(
             "live runs need locks of files and unix sockets, which this system has not; "
             "rig simulate, studies and figures work here"
@@ -81,7 +81,7 @@ def _alone() -> Iterator[Path]:
     here = directory()
     descriptor = os.open(here / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
-        locks.take(descriptor, wait=True)
+        file_locks.take(descriptor, wait=True)
         yield here
     finally:
         os.close(descriptor)
@@ -134,7 +134,7 @@ def _try(run: str, scene: str, endpoint: str | None) -> Claim | None:
     with _alone() as here:
         path = here / f"{run}.run"
         descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        if not locks.take(descriptor):
+        if not file_locks.take(descriptor):
             os.close(descriptor)
             return None
         os.ftruncate(descriptor, 0)
@@ -155,7 +155,7 @@ def is_live(run: str) -> bool:
     except OSError:
         return False
     try:
-        return not locks.take(descriptor, shared=True)  # others may look at the same time
+        return not file_locks.take(descriptor, shared=True)  # others may look at the same time
     finally:
         os.close(descriptor)
 
@@ -166,7 +166,7 @@ def list_runs() -> list[RunAddress]:
     with _alone() as here:
         for path in here.glob("*.run"):
             descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
-            if locks.take(descriptor):
+            if file_locks.take(descriptor):
                 _clear(path)
             elif text := os.pread(descriptor, 1 << 16, 0):  # empty: claimed, but not open yet
                 found += _read(text)

@@ -21,7 +21,7 @@ from rig.bus.batch import Batch
 from rig.bus.inbound import PAYLOAD, Door, speaks
 from rig.bus.json_text import read_json
 from rig.bus.publisher import Batched, Copied, InOrder, Publisher
-from rig.bus.questions import Answer, Server
+from rig.bus.queries import Answer, Server
 from rig.errors import BusError
 
 _MOST, _TOPICS = 256, 4096

@@ -23,7 +23,7 @@ from rig.bus.batch import Batch
 from rig.bus.inbound import Door, Row
 from rig.bus.port import PRESENCES, Receiver, Session, Watch
 from rig.bus.publisher import Publisher
-from rig.bus.questions import WAITING, Answer, Request, Server
+from rig.bus.queries import WAITING, Answer, Request, Server
 from rig.bus.waiting import Inbox, patiently
 from rig.errors import BusError
 

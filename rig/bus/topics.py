@@ -50,7 +50,7 @@ TABLE = (
     Topic("event/<process>", "Event", "anyone", "INTERACTIVE_LOW", ALONE, True, "what happened: protocol, faults"),
     Topic("health", "Health", "plant", "INTERACTIVE_LOW", ALONE, True, "progress, lateness, drops, energy error; 5 Hz"),
     Topic("total/<process>", "Totals", "anyone", "BACKGROUND", ALONE, True, "last words: what was sent and received"),
-    Topic("scene", "json", "plant", "", "", False, "query: `rig.bus.setup.Setup`, for whoever joins, whenever"),
+    Topic("scene", "json", "plant", "", "", False, "query: `rig.bus.run_setup.Setup`, for whoever joins, whenever"),
     Topic(
         "param/<process>", "json", "anyone", "", "", False, "query: {get: [keys]} or {set: {key: value}} -> {values}"
     ),

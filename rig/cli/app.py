@@ -6,7 +6,7 @@ import sys
 
 import typer
 
-from rig.cli import analyses, cost, host, live, logs, processes, runs, scenes, study, torture
+from rig.cli import analysis, cost, host, live, logs, processes, recorded, runs, scenes, torture
 from rig.errors import RigError
 
 app = typer.Typer(
@@ -21,11 +21,11 @@ app = typer.Typer(
 for panel, room in {
     "Run a scene": runs,
     "Look at scenes": scenes,
-    "Analyse a rig": study,
+    "Analyse a rig": analysis,
     "Choose the accuracy": cost,
     "Test the methods": torture,
     "Recordings": logs,
-    "Analyse a recording": analyses,
+    "Analyse a recording": recorded,
     "Use a live run": live,
     "Start processes one by one": processes,
     "Check this machine": host,

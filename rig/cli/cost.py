@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli import tell
+from rig.cli import printing
 from rig.cli.options import Budget, Changes, Force, Json, SceneName, accuracy, at, changes, share, the_scene
 from rig.cli.outputs import refuse
 
 if TYPE_CHECKING:
+    from rig.qualify.cost import Table
+    from rig.qualify.cost.delay import Delayed
+    from rig.qualify.cost.effects import Paired
     from rig.scenes.scene import Scene
-    from rig.study.cost import Table
-    from rig.study.cost.delay import Delayed
-    from rig.study.cost.effects import Paired
 
 Metric = Annotated[
     str,
@@ -52,24 +52,24 @@ def cost(
     """
     wanted, most = accuracy(target, "--target"), share(budget)
     from rig.errors import UsageError
-    from rig.study.cost import cost as measure
-    from rig.study.cost import folder_of, recommended
-    from rig.study.cost.figure import draw
-    from rig.study.cost.report import COLUMNS, lines, notes
-    from rig.study.cost.waterfall import text
+    from rig.qualify.cost import cost as measure
+    from rig.qualify.cost import folder_of, recommended
+    from rig.qualify.cost.figure import draw
+    from rig.qualify.cost.report import COLUMNS, lines, notes
+    from rig.qualify.cost.waterfall import text
 
     loaded = the_scene(scene, changes(p))
-    tell.warnings(loaded)
+    printing.warnings(loaded)
     folder = folder_of(loaded, at(out))
     refuse(folder, ("peers.csv", "peers.png") if peers else ("cost.png",), force)  # drawn last: a table without is not
     if peers:
         _race(loaded, target, folder, as_json)
         return
     try:
-        with tell.bar("settings") as progress:
+        with printing.bar("settings") as progress:
             found = measure(loaded, out, progress)
     except KeyboardInterrupt:
-        tell.note(f"interrupted; the results so far are in {folder}")
+        printing.note(f"interrupted; the results so far are in {folder}")
         raise
     by = found.metric(metric)
     try:
@@ -80,46 +80,46 @@ def cost(
     if as_json:
         told = {**vars(found), "rows": [row.flat() for row in found.rows], "folder": str(folder)}
         told |= {"recommended": None if pick is None else pick.flat(), "why": why}
-        tell.report({**told, "loops": [vars(one) for one in loops], "effects": [one.to_json() for one in parts]})
+        printing.report({**told, "loops": [vars(one) for one in loops], "effects": [one.to_json() for one in parts]})
     else:
-        tell.table(f"{found.scene}: error and compute time on this machine", COLUMNS, lines(found, by, pick))
-        tell.line()
+        printing.table(f"{found.scene}: error and compute time on this machine", COLUMNS, lines(found, by, pick))
+        printing.line()
         for line in [*notes(found, by), *(one.text() for one in loops), *map(text, parts)]:
-            tell.line(f"  {line}")
-        tell.line(f"\nrecommended for a relative error of {wanted:g}: {why or pick.told(by)}")  # type: ignore[union-attr]
+            printing.line(f"  {line}")
+        printing.line(f"\nrecommended for a relative error of {wanted:g}: {why or pick.told(by)}")  # type: ignore[union-attr]
     draw(found, by, pick, most, folder / "cost.png")
     _draw(found, loops, parts, folder)
     if not as_json:
-        tell.line(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
+        printing.line(f"{folder}: {', '.join(sorted(path.name for path in folder.iterdir()))}")
     if pick is None:
         raise typer.Exit(1)
 
 
 def _race(scene: Scene, target: float, folder: Path, as_json: bool) -> None:
     """Other people's solvers on the same problem."""
+    from rig.qualify.cost.peers import race
+    from rig.qualify.cost.peers.report import COLUMNS, draw, lines, write
     from rig.record.provenance import provenance
-    from rig.study.cost.peers import race
-    from rig.study.cost.peers.report import COLUMNS, draw, lines, write
 
-    with tell.bar("runs") as progress:
+    with printing.bar("runs") as progress:
         found = race(scene, report=progress)
     folder.mkdir(parents=True, exist_ok=True)
     write(found, folder / "peers.csv")
     if as_json:
-        tell.report([vars(one) for one in found])
+        printing.report([vars(one) for one in found])
     else:
-        tell.table(
+        printing.table(
             f"{scene.name}: the fastest setting that meets a relative error of {target:g}",
             COLUMNS,
             lines(found, target),
         )
-        tell.line(f"\n{folder}/peers.png, peers.csv; to install missing solvers: pip install friction-rig[peers]")
+        printing.line(f"\n{folder}/peers.png, peers.csv; to install missing solvers: pip install friction-rig[peers]")
     draw(found, scene.title, provenance(scene.seed), target, folder / "peers.png")
 
 
 def _loops(scene: Scene, folder: Path) -> list[Delayed]:
     """What delay and sampling of its loops cost."""
-    from rig.study.cost.delay import delayed, write
+    from rig.qualify.cost.delay import delayed, write
 
     loops = delayed(scene)
     if loops:
@@ -129,10 +129,10 @@ def _loops(scene: Scene, folder: Path) -> list[Delayed]:
 
 def _effects(scene: Scene, folder: Path) -> list[Paired]:
     """What its effects cost and change."""
-    from rig.study.cost.effects import effects
-    from rig.study.cost.waterfall import write
+    from rig.qualify.cost.effects import effects
+    from rig.qualify.cost.waterfall import write
 
-    with tell.bar("effects") as progress:
+    with printing.bar("effects") as progress:
         parts = effects(scene, report=progress)
     if parts:
         write(parts, folder / "effects.csv")
@@ -141,7 +141,7 @@ def _effects(scene: Scene, folder: Path) -> list[Paired]:
 
 def _draw(found: Table, loops: list[Delayed], parts: list[Paired], folder: Path) -> None:
     """The figures of loops and effects, where there are any."""
-    from rig.study.cost import delay, waterfall
+    from rig.qualify.cost import delay, waterfall
 
     if loops:
         delay.draw(loops, found, folder / "delay.png")

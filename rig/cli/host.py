@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from rig.cli import tell
+from rig.cli import printing
 from rig.cli.options import Json
 
 
@@ -18,13 +18,13 @@ def doctor(
     as_json: Json = False,
 ) -> None:
     """Measure this machine and predict which scenes run in real time with the timing verdict VALID."""
-    from rig.study.doctor import doctor as examine
+    from rig.qualify.doctor import doctor as examine
 
-    found = examine(report=tell.note, names=scene or ())
+    found = examine(report=printing.note, names=scene or ())
     if as_json:
-        tell.report(found.to_json())
+        printing.report(found.to_json())
     else:
-        tell.line(found.text())
+        printing.line(found.text())
     if not found.ok:
         raise typer.Exit(1)
 
@@ -35,12 +35,14 @@ def warmup(
     ] = None,
 ) -> None:
     """Compile the kernels of the shipped scenes, so that their first run starts without delay."""
+    from rig.qualify.warmup import warmup as compile_all
     from rig.scheduling import cores
-    from rig.study.warmup import warmup as compile_all
 
     begin = time.perf_counter()
-    spent = compile_all(tell.note, scene or None, cores())
-    tell.line(f"ready: {sum(spent.values()):.0f} s of compiling in {time.perf_counter() - begin:.0f} s of wall time")
+    spent = compile_all(printing.note, scene or None, cores())
+    printing.line(
+        f"ready: {sum(spent.values()):.0f} s of compiling in {time.perf_counter() - begin:.0f} s of wall time"
+    )
 
 
 COMMANDS = {"doctor": (doctor, "rig doctor"), "warmup": (warmup, "rig warmup pendulum")}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from rig.cli import tell
+from rig.cli import printing
 from rig.cli.options import LONGEST, Json, RunName, number
 from rig.errors import BusError, UsageError
 
@@ -65,14 +65,16 @@ def tune(
             raise UsageError(f"{fault}\n`rig tune` without a key lists what can be tuned") from None
     overruled = {} if value is None else found.get("overruled", {})  # a value that was asked for is the one in force
     if as_json:
-        tell.report(found["values"] | ({"overruled": overruled} if overruled else {}))
+        printing.report(found["values"] | ({"overruled": overruled} if overruled else {}))
         return
     for name, new in found["values"].items():
         if name == inner and name in overruled:
             owner = overruled[name]
-            tell.line(f"{owner} drives {key}; the value {tell.number(new)} takes effect when {owner} is disconnected")
+            printing.line(
+                f"{owner} drives {key}; the value {printing.number(new)} takes effect when {owner} is disconnected"
+            )
         elif name == inner:
-            tell.line(f"{key} = {tell.number(new)}")
+            printing.line(f"{key} = {printing.number(new)}")
 
 
 def _controllers(session: Session) -> list[str]:
@@ -107,10 +109,10 @@ def _list_tunable(session: Session, as_json: bool) -> None:
             for key, value in told["values"].items()
         ]
     if as_json:
-        tell.report(rows)
+        printing.report(rows)
     else:
         columns = ("key", "value", "unit", "of")
-        tell.table("", columns, [[tell.number(row[c]) for c in columns] for row in rows])
+        printing.table("", columns, [[printing.number(row[c]) for c in columns] for row in rows])
 
 
 def _plain(value: str) -> Any:
@@ -130,10 +132,10 @@ def topic_ls(run: RunName = None, listen: For = "1", as_json: Json = False) -> N
         row = topics.of(name)
         rows.append({"topic": name, "message": row.message, "from": row.sender, "heard": count, "about": row.about})
     if as_json:
-        tell.report(rows)
+        printing.report(rows)
     else:
         columns = ("topic", "message", "from", "heard", "about")
-        tell.table("", columns, [[row[c] for c in columns] for row in rows])
+        printing.table("", columns, [[row[c] for c in columns] for row in rows])
 
 
 @topic.command("hz", epilog='Example:  rig topic hz "meas/*" --for 5')
@@ -143,9 +145,9 @@ def topic_hz(pattern: Pattern = "**", run: RunName = None, listen: For = "2", as
     heard = sorted(_heard(pattern, run, length).items())
     rows = [{"topic": name, "hz": count / length, "lost": lost} for name, (count, lost) in heard]
     if as_json:
-        tell.report(rows)
+        printing.report(rows)
     else:
-        tell.table("", ("topic", "1/s", "lost"), [(r["topic"], r["hz"], r["lost"]) for r in rows])
+        printing.table("", ("topic", "1/s", "lost"), [(r["topic"], r["hz"], r["lost"]) for r in rows])
 
 
 @topic.command("echo", epilog="Example:  rig topic echo meas/vibrometer --count 3")
@@ -160,17 +162,17 @@ def topic_echo(
     from google.protobuf.json_format import MessageToDict
 
     from rig import bus
-    from rig.bus import setup
+    from rig.bus import run_setup
 
     with bus.join(run, role="operator", name="echo") as session:
         receiver, plant = session.subscribe(pattern), session.watch("plant/*")
-        setup.fetch(session)  # from here on its states are read
+        run_setup.fetch(session)  # from here on its states are read
         shown = 0
         while (plant.wait_for("plant", "plant", 0.0) or not session.ended) and (not count or shown < count):
             message = receiver.get(timeout=0.1)
             if message is not None:
                 said = MessageToDict(message.said, preserving_proto_field_name=True)
-                tell.line(json.dumps({"topic": message.topic, "seq": message.seq, "t_ns": message.t_ns, **said}))
+                printing.line(json.dumps({"topic": message.topic, "seq": message.seq, "t_ns": message.t_ns, **said}))
                 shown += 1
 
 

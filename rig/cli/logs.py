@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli import tell
+from rig.cli import printing
 from rig.cli.options import Force, Json, Pace, pace, seconds
 from rig.cli.outputs import named, new, reads
 from rig.errors import LogError, UsageError
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def _file(context: typer.Context, path: Path) -> Path:
     """A path that is no folder, pipe or device; one that is not there is told by whoever reads it."""
-    from rig.files import regular
+    from rig.user_files import regular
 
     try:
         named("recording", path)
@@ -44,7 +44,7 @@ def opened(log: Path) -> Run:
 
     run = read(log)
     for told in run.notes:
-        tell.note(f"{log}: {told}")
+        printing.note(f"{log}: {told}")
     return run
 
 
@@ -67,18 +67,18 @@ def replay(
     """
     from rig.bench.replay import replay as play
 
-    status = tell.Status()
+    status = printing.Status()
     found = play(log, into=into or (), pace=pace(speed), tell=status.show)
     status.done()
     if as_json:
-        tell.report(vars(found))
+        printing.report(vars(found))
     else:
-        tell.line(f"{found.messages} messages, {found.steps} steps, {found.seconds:.3f} s of simulated time")
+        printing.line(f"{found.messages} messages, {found.steps} steps, {found.seconds:.3f} s of simulated time")
         for name, count in found.compared.items():
-            tell.line(f"{name}: {count} commands compared")
-        tell.line(str(found.divergence) if found.divergence else "no command differs" if found.compared else "")
+            printing.line(f"{name}: {count} commands compared")
+        printing.line(str(found.divergence) if found.divergence else "no command differs" if found.compared else "")
     if found.divergence or found.unanswered or found.fault:
-        tell.note(found.fault or f"{found.unanswered} recorded commands were not answered again")
+        printing.note(found.fault or f"{found.unanswered} recorded commands were not answered again")
         raise typer.Exit(1)
 
 
@@ -88,9 +88,9 @@ def verify(log: Log, as_json: Json = False) -> None:
 
     found = check(log)
     if as_json:
-        tell.report(found.to_json())
+        printing.report(found.to_json())
     else:
-        tell.line(found.text())
+        printing.line(found.text())
     if not found.passed:
         raise typer.Exit(1)
 
@@ -110,18 +110,18 @@ def diff(
     found = compare(opened(first), opened(second))
     if as_json:
         differences = [vars(difference) for difference in found.differences]
-        tell.report({"identical": found.identical, "agree": found.agree, "compared": found.compared,
+        printing.report({"identical": found.identical, "agree": found.agree, "compared": found.compared,
                      "differences": differences,
                      "missing": found.missing})  # fmt: skip
     elif found.identical:
-        tell.line(f"identical: {found.compared} numbers, bit by bit")
+        printing.line(f"identical: {found.compared} numbers, bit by bit")
     else:
         if found.agree:
-            tell.line(f"agree at all common instants: {found.compared} numbers, bit by bit")
+            printing.line(f"agree at all common instants: {found.compared} numbers, bit by bit")
         for difference in found.differences:
-            tell.line(str(difference))
+            printing.line(str(difference))
         for name in found.missing:
-            tell.line(f"{name} is in only one of the two recordings")
+            printing.line(f"{name} is in only one of the two recordings")
     if not found.agree:
         raise typer.Exit(1)
 
@@ -143,12 +143,12 @@ def recover(
         named("--out", out)
     found = save(log, out, force)
     if as_json:
-        tell.report({**vars(found), "complete": found.complete})
+        printing.report({**vars(found), "complete": found.complete})
     else:
-        tell.line(f"{found.path}: {found.messages} messages, {found.seconds:.3f} s; the original: {found.fault}")
+        printing.line(f"{found.path}: {found.messages} messages, {found.seconds:.3f} s; the original: {found.fault}")
         for place in found.skipped:
-            tell.line(f"  skipped {place}")
-        tell.line(f"  {found.told()}")
+            printing.line(f"  skipped {place}")
+        printing.line(f"  {found.told()}")
     if not found.complete:
         raise typer.Exit(1)
 
@@ -166,19 +166,19 @@ def sound(
     as_json: Json = False,
 ) -> None:
     """Find squeals in the sound of a recording: level, frequency, times. Write a WAV file."""
-    from rig.study.sound import hear
-    from rig.study.sound.figure import draw
-    from rig.study.sound.wav import write
+    from rig.analysis.sound import hear
+    from rig.analysis.sound.figure import draw
+    from rig.analysis.sound.wav import write
 
     run = opened(log)
     heard = hear(run, channel)
     full = None if out is None else write(heard, out)
     if as_json:
-        tell.report(heard.to_json() | {"wav": out, "full_scale": full, "figure": figure})
+        printing.report(heard.to_json() | {"wav": out, "full_scale": full, "figure": figure})
     else:
-        tell.line(heard.text())
+        printing.line(heard.text())
         if full is not None:
-            tell.line(f"{out}: 24 bit, full scale is {full:.4g} {heard.unit}")
+            printing.line(f"{out}: 24 bit, full scale is {full:.4g} {heard.unit}")
     if figure is not None:
         draw(heard, run, figure)
 
@@ -192,8 +192,8 @@ def amplitude(
     as_json: Json = False,
 ) -> None:
     """Compute amplitude and frequency of each measurement, stage by stage, and the speeds of first and last stick."""
-    from rig.study.amplitude import measured
-    from rig.study.stages import stages
+    from rig.analysis.amplitude import measured
+    from rig.analysis.three_stages import stages
 
     begin, end = seconds(first, "--from", low=0.0) or 0.0, seconds(last, "--to") or float("inf")
     run = opened(log)
@@ -206,20 +206,20 @@ def amplitude(
     turns = stages(run)
     if as_json:
         found = [{**row._asdict(), "found": row.found._asdict()} for row in rows]
-        tell.report({"rows": found, "stages": turns._asdict() if turns else None})
+        printing.report({"rows": found, "stages": turns._asdict() if turns else None})
         return
     cells = [
         (row.stage, row.sensor, f"{row.mean:.5g} {row.unit}", f"{row.found.half:.5g} {row.unit}", row.found.cycles,
          f"{row.found.frequency:.5g} Hz" if row.found.cycles else "-")
         for row in rows
     ]  # fmt: skip
-    tell.table(
+    printing.table(
         "amplitude index: mean of half of peak to valley",
         ("stage", "sensor", "mean", "amplitude", "cycles", "frequency"),
         cells,
     )
     if turns:
-        tell.line(turns.text())
+        printing.line(turns.text())
 
 
 COMMANDS = {

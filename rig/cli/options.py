@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli import tell
+from rig.cli import printing
 from rig.cli.outputs import new, reads
 from rig.errors import UsageError
 
@@ -96,7 +96,7 @@ def the_scene(name: str, overrides: Mapping[str, str]) -> Scene:
 
     scene = load(name, overrides)
     for line in scene.notes:
-        tell.note(line)
+        printing.note(line)
     return scene
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import typer
 
 from rig.errors import UsageError
-from rig.files import takes, unused
+from rig.user_files import takes, unused
 
 FIGURES = (".png", ".svg", ".pdf")
 """How the name of a figure may end: by it, it is drawn."""

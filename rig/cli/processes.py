@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from rig.cli import tell
+from rig.cli import printing
 from rig.cli.options import (
     Changes,
     Duration,
@@ -48,10 +48,10 @@ def plant(
     from rig.bench.outcome import Outcome
     from rig.bench.plant_process import carry_out
     from rig.bench.status import Live
-    from rig.study.design import numbers
+    from rig.design.numbers import numbers
 
     loaded = the_scene(scene, overrides)
-    tell.run_warnings(loaded, length)
+    printing.run_warnings(loaded, length)
     job = Job(
         loaded.to_json(),
         numbers(loaded),
@@ -68,7 +68,7 @@ def plant(
         outcome = Outcome(carry_out(job, live.say, live.show))
     finally:
         live.done()
-    tell.line(outcome.text())
+    printing.line(outcome.text())
     raise typer.Exit(outcome.exit_code)
 
 
@@ -80,9 +80,9 @@ def control(
 ) -> None:
     """Start one controller as a process: a controller of the scene, or your own from a file."""
     overrides, patience = changes(p), seconds(wait, "--wait", low=0.0) or 0.0
-    from controllers.runtime.process import run as serve
+    from rig.controllers.runtime.process import run as serve
 
-    serve(name, run, changes=overrides, wait=patience, say=tell.note)
+    serve(name, run, changes=overrides, wait=patience, say=printing.note)
 
 
 def record(
@@ -93,10 +93,10 @@ def record(
 ) -> None:
     """Record a live run until it ends."""
     patience = seconds(wait, "--wait", low=0.0) or 0.0
-    from rig.record.process import record as write
+    from rig.record.recorder import record as write
 
     found = write(run, out, wait=patience, replace=force)
-    tell.line(found.text())
+    printing.line(found.text())
     if not found.complete:
         raise typer.Exit(1)
 
@@ -115,7 +115,7 @@ def view(
     patience = seconds(wait, "--wait", low=0.0) or 0.0
     from rig.view.process import view as show
 
-    show(run, web=web, save=save, wait=patience, say=tell.note)
+    show(run, web=web, save=save, wait=patience, say=printing.note)
 
 
 COMMANDS = {

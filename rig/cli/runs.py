@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli import tell
+from rig.cli import printing
 from rig.cli.options import (
     Accuracy,
     Budget,
@@ -53,13 +53,13 @@ DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 def demo(view: View = False, web: Web = False) -> None:
     """Run the pendulum with its controller. Write a recording, a figure and a summary."""
     from rig.bench.supervise import run as supervise
+    from rig.design.numbers import numbers
     from rig.scenes import load
-    from rig.study.design import numbers
 
     scene = load("pendulum")
-    tell.note(f"{scene.title}\n\n{scene.about}\n")
+    printing.note(f"{scene.title}\n\n{scene.about}\n")
     outcome = supervise(scene, numbers=numbers(scene), view=view, web=web)
-    tell.line(outcome.text())
+    printing.line(outcome.text())
     if outcome.log:
         _draw(outcome.log, Path(outcome.log).with_suffix(".png"))
     raise typer.Exit(outcome.exit_code)
@@ -84,12 +84,12 @@ def run(
     factor, length, overrides = pace(speed, lockstep), seconds(duration), changes(p)
     from rig.bench.job import keeps_up
     from rig.bench.supervise import run as supervise
-    from rig.study.design import numbers
+    from rig.design.numbers import numbers
 
     loaded = the_scene(scene, overrides)
     keeps_up(loaded, factor)
     loaded = _set(loaded, overrides, precision, budget)
-    tell.run_warnings(loaded, length)
+    printing.run_warnings(loaded, length)
     outcome = supervise(
         loaded,
         numbers=numbers(loaded),
@@ -102,9 +102,9 @@ def run(
         replace=force,
     )
     if as_json:
-        tell.report(outcome.to_json())
+        printing.report(outcome.to_json())
     else:
-        tell.line(outcome.text())
+        printing.line(outcome.text())
     if figure is not None and outcome.log:
         _draw(outcome.log, figure)
     raise typer.Exit(outcome.exit_code)
@@ -117,23 +117,23 @@ def _set(scene: Scene, overrides: Mapping[str, object], precision: float | None,
         return scene
     if given := [key for key in DIALS if key in overrides]:
         raise UsageError(f"{', '.join(given)}: --accuracy and --budget select this value; give one or the other")
-    from rig.study.cost import chosen
+    from rig.qualify.cost import chosen
 
-    with tell.bar("settings") as progress:
-        return chosen(scene, wanted, most, tell.note, report=progress)
+    with printing.bar("settings") as progress:
+        return chosen(scene, wanted, most, printing.note, report=progress)
 
 
 def _draw(log: str, figure: Path) -> None:
     """Draw a recording."""
     from rig.cli.logs import opened
-    from rig.view.figure import draw
+    from rig.view.run_figure import draw
 
     run = opened(Path(log))
     if not run.time.size:
-        tell.note(f"no figure: {log} ends before its first sample")
+        printing.note(f"no figure: {log} ends before its first sample")
         return
     draw(run, figure)
-    tell.note(f"figure {figure}")
+    printing.note(f"figure {figure}")
 
 
 def simulate(
@@ -169,7 +169,7 @@ def simulate(
     import rig
 
     loaded = _set(the_scene(scene, overrides), overrides, precision, budget)
-    tell.run_warnings(loaded, length)
+    printing.run_warnings(loaded, length)
     if repeat is not None:
         _repeated(loaded, repeat, length, figure, as_json)
         return
@@ -180,18 +180,18 @@ def simulate(
     if out is not None:
         _save(found, loaded, out, force)
     if as_json:
-        tell.report({**found.summary, "energy": found.energy, "events": found.events, "fault": found.fault})
+        printing.report({**found.summary, "energy": found.energy, "events": found.events, "fault": found.fault})
     else:
-        from rig.study.columns import columns
+        from rig.analysis.text_table import columns
 
         for line in columns(_told(found, wall, out, figure), "<<"):
-            tell.line(line)
+            printing.line(line)
     for text in (event["text"] for event in found.told if event["kind"] == "warning"):
-        tell.note(f"warning: {text}")
+        printing.note(f"warning: {text}")
     if found.fault:
-        tell.note(found.fault)
+        printing.note(found.fault)
     if figure is not None:
-        from rig.view.figure import draw
+        from rig.view.run_figure import draw
 
         draw(found, figure)
     if found.fault or any(event["kind"] == "limit" for event in found.told):
@@ -209,25 +209,25 @@ def _asked_to_stop() -> Iterator[list[str]]:
         if asked:
             raise KeyboardInterrupt
         asked.append(name)
-        tell.note("ending the run; press Ctrl-C again to end at once")
+        printing.note("ending the run; press Ctrl-C again to end at once")
 
     with told_to_stop(heard):
         yield asked
 
 
 def _repeated(scene: Scene, count: int, length: float | None, figure: Path | None, as_json: bool) -> None:
-    from rig.study.repeat import repeat
+    from rig.analysis.repeat import repeat
 
-    with _asked_to_stop() as asked, tell.bar("runs") as progress:
+    with _asked_to_stop() as asked, printing.bar("runs") as progress:
         found = repeat(
             scene, count, length, progress=progress, stop=lambda: f"interrupted by {asked[0]}" if asked else ""
         )
     if as_json:
-        tell.report(found.to_json())
+        printing.report(found.to_json())
     else:
-        tell.line(found.text())
+        printing.line(found.text())
     if figure is not None and found.seen:
-        from rig.study.repeat.figure import draw
+        from rig.analysis.repeat.figure import draw
 
         draw(found, figure)
     if asked:
@@ -238,10 +238,10 @@ def _repeated(scene: Scene, count: int, length: float | None, figure: Path | Non
 
 def _save(run: Run, scene: Scene, out: Path, replace: bool) -> None:
     """Write a run of this process, with what a replay into its controllers needs."""
-    from controllers import described
+    from rig.controllers import described
+    from rig.design.numbers import numbers
     from rig.record.provenance import provenance
-    from rig.record.save import save
-    from rig.study.design import numbers
+    from rig.record.save_run import save
 
     designed = numbers(scene)
     run.provenance = provenance(scene.seed)

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from rig.cli import tell
+from rig.cli import printing
 from rig.cli.options import Changes, Force, Json, SceneName, changes, the_scene
 from rig.cli.outputs import held, named, new
 from rig.errors import SceneError, UsageError
 
 if TYPE_CHECKING:
+    from rig.qualify.effects_measured import Part, Told
     from rig.scenes.explain import Value
     from rig.scenes.scene import Scene
-    from rig.study.explained import Part, Told
 
 Figure = Annotated[
     Path | None, typer.Option(metavar="FILE", callback=new, help="Draw the result of --measure (PNG, SVG, PDF).")
@@ -27,15 +27,15 @@ Figure = Annotated[
 def list_scenes(as_json: Json = False) -> None:
     """List the shipped scenes."""
     from rig.scenes import names
-    from rig.scenes.shelf import card
+    from rig.scenes.shipped import card
 
     cards = [card(name) for name in names()]
     if as_json:
-        tell.report(cards)
+        printing.report(cards)
         return
     rows = [(c["name"], c["plant"], c["pace_limit"] or "", c["title"]) for c in cards]
-    tell.table("", ("scene", "plant", "pace at most", "what it is"), rows)
-    tell.line("\nnext: rig explain SCENE | rig run SCENE --view | rig simulate SCENE")
+    printing.table("", ("scene", "plant", "pace at most", "what it is"), rows)
+    printing.line("\nnext: rig explain SCENE | rig run SCENE --view | rig simulate SCENE")
 
 
 def explain(
@@ -68,7 +68,7 @@ def explain(
         return
     values = [v for v in told.values if everything or as_json or v.place or v.key in told.scene.origins]
     if as_json:
-        tell.report(
+        printing.report(
             {
                 "scene": told.scene.name,
                 "title": told.scene.title,
@@ -87,32 +87,34 @@ def explain(
             }
         )
         return
-    tell.line(f"{told.scene.title} ({told.scene.name})\n")
+    printing.line(f"{told.scene.title} ({told.scene.name})\n")
     if told.scene.about:
-        tell.line(f"{told.scene.about}\n")
+        printing.line(f"{told.scene.about}\n")
     if told.scene.bases:
-        tell.line(f"Based on {', which is based on '.join(told.scene.bases)}\n")
+        printing.line(f"Based on {', which is based on '.join(told.scene.bases)}\n")
     if told.scene.slow:
-        tell.line(f"Paced, {told.scene.slow}\n")
+        printing.line(f"Paced, {told.scene.slow}\n")
     if told.scene.assemble().film is not None:
-        tell.line("After the first opening of a contact point the motion is chaotic: only statistics are meaningful. "
+        printing.line("After the first opening of a contact point the motion is chaotic: only statistics are meaningful. "
                   f"Their spread: rig simulate {scene} --repeat 8 -p noise.force=1e-6\n")  # fmt: skip
     rows = [(e.name, "on" if e.on else "absent", len(e.states), e.told, e.about) for e in told.effects]
-    tell.table(f"effects: {told.states} state{'s' * (told.states != 1)}", ("effect", "", "states", "", "about"), rows)
-    tell.line()
+    printing.table(
+        f"effects: {told.states} state{'s' * (told.states != 1)}", ("effect", "", "states", "", "about"), rows
+    )
+    printing.line()
     actuators = [
         (a.name, f"{a.low:g} .. {a.high:g}", a.unit if a.unit != "1" else "", f"{a.start:g}", f"{a.safe:g}")
         for a in told.actuators
     ]
-    tell.table("actuators", ("actuator", "range", "unit", "at the start", "safe value"), actuators)
-    tell.line()
+    printing.table("actuators", ("actuator", "range", "unit", "at the start", "safe value"), actuators)
+    printing.line()
     shown = [
         (v.key, _text(v.value), v.unit if v.unit != "1" else "", v.origin.origin, v.origin.note, str(v.place or ""))
         for v in values
     ]
-    tell.table("values", ("key", "value", "unit", "origin", "note", "file"), shown)
+    printing.table("values", ("key", "value", "unit", "origin", "note", "file"), shown)
     left = len(told.values) - len(values)
-    tell.line(f"\n{left} more values have defaults; to list them: rig explain {scene} --all" if left else "")
+    printing.line(f"\n{left} more values have defaults; to list them: rig explain {scene} --all" if left else "")
 
 
 def _value(value: Value) -> dict[str, Any]:
@@ -128,33 +130,39 @@ def _audited(log: str, as_json: bool) -> None:
 
     judged = opened(Path(log)).summary.get("audit", [])
     if as_json:
-        tell.report({"log": log, "effects": judged})
+        printing.report({"log": log, "effects": judged})
         return
     state = ["on" if e["on"] else f"absent, as in {e['like']}" if e["like"] else "absent" for e in judged]
     rows = [(e["effect"], now, f"{e['share']:.2g}", e["text"] if e["noted"] else "") for e, now in zip(judged, state)]
-    tell.table(f"{log}: influence of each effect in this run", ("effect", "", "share of the forces", "remark"), rows)
+    printing.table(
+        f"{log}: influence of each effect in this run", ("effect", "", "share of the forces", "remark"), rows
+    )
     if not judged:
-        tell.line(
+        printing.line(
             "no result: the run was too short, or no shipped scene of its plant has values for the absent effects"
         )
-        tell.line("(rig explain SCENE --measure uses values of other plants too)")
+        printing.line("(rig explain SCENE --measure uses values of other plants too)")
 
 
 def _measured(scene: Scene, figure: Path | None, as_json: bool) -> None:
-    from rig.study import explained
+    from rig.qualify import effects_measured
 
-    with tell.bar("effects") as progress:
-        parts = explained.parts(scene, report=progress)
-    methods, signals, topics = explained.methods(scene), [*explained.signals(scene)], [*explained.topics(scene)]
+    with printing.bar("effects") as progress:
+        parts = effects_measured.parts(scene, report=progress)
+    methods, signals, topics = (
+        effects_measured.methods(scene),
+        [*effects_measured.signals(scene)],
+        [*effects_measured.topics(scene)],
+    )
     if as_json:
         told = {"signals": [vars(one) for one in signals], "topics": [vars(one) for one in topics]}
         effects = [one.to_json() for one in parts]
-        tell.report({"scene": scene.name, "states": scene.assemble().system().n - 1, "effects": effects,
+        printing.report({"scene": scene.name, "states": scene.assemble().system().n - 1, "effects": effects,
                      "methods": methods, **told})  # fmt: skip
     else:
         _tell(scene, parts, methods, signals, topics)
     if figure is not None:
-        from rig.study.parts_figure import draw
+        from rig.qualify.effects_figure import draw
 
         draw(parts, scene, figure)
 
@@ -168,23 +176,27 @@ def _tell(
         cost = "" if one.paired.fault else one.paired.cost()
         rows.append((one.name, "on" if one.on else "absent", one.paired.states, cost, one.paired.change(), one.why))
     columns = ("effect", "", "states", "cost per sample step", "largest change without it", "remark")
-    tell.table(f"{scene.name}: effects, measured with and without each in turns", columns, rows)
+    printing.table(f"{scene.name}: effects, measured with and without each in turns", columns, rows)
     if any(one.paired.measurable and one.paired.tick.value < -one.paired.noise for one in parts):
-        tell.line("negative cost: without the effect the motion has more events, and these cost more than the effect")
-    tell.line("change: difference of the two values over the larger one; < x ns: below the noise floor of this machine")
-    from rig.study.columns import columns as columns_of
+        printing.line(
+            "negative cost: without the effect the motion has more events, and these cost more than the effect"
+        )
+    printing.line(
+        "change: difference of the two values over the larger one; < x ns: below the noise floor of this machine"
+    )
+    from rig.analysis.text_table import columns as columns_of
 
-    tell.line("\nmethods")
+    printing.line("\nmethods")
     for line in columns_of(methods.items(), "<<"):
-        tell.line(line)
+        printing.line(line)
     for title, computed in (("outputs", signals), ("topics of rig run", topics)):
-        tell.line()
+        printing.line()
         rates = [(one.name, f"{one.rate:g}" if one.rate else "", one.asked) for one in computed]
-        tell.table(title, ("", "per s", "used by"), rates)
+        printing.table(title, ("", "per s", "used by"), rates)
 
 
 def _text(value: Any) -> str:
-    return ", ".join(map(tell.number, value)) if isinstance(value, list) else tell.number(value)
+    return ", ".join(map(printing.number, value)) if isinstance(value, list) else printing.number(value)
 
 
 def new_scene(
@@ -199,7 +211,7 @@ def new_scene(
     """
     from rig.scenes import load
     from rig.scenes.draft import draft
-    from rig.scenes.shelf import names
+    from rig.scenes.shipped import names
 
     named("NAME", Path(name))
     file = Path(name) if name.endswith(".toml") else Path(f"{name}.toml")
@@ -211,9 +223,9 @@ def new_scene(
     with held("NAME", file, force):
         file.write_text(draft(scene, base, str(file)), encoding="utf-8")
     if as_json:
-        tell.report({"file": str(file), "based_on": base})
+        printing.report({"file": str(file), "based_on": base})
         return
-    tell.line(f"{file}: based on {base}\nnext: edit it | rig explain {file} | rig simulate {file}")
+    printing.line(f"{file}: based on {base}\nnext: edit it | rig explain {file} | rig simulate {file}")
 
 
 def migrate(
@@ -223,7 +235,8 @@ def migrate(
 
     An older file can be used as it is too: it is then migrated as it is read, with a note.
     """
-    from rig.scenes import migration, shelf, source
+    from rig.scenes import migration, source
+    from rig.scenes import shipped as shelf
 
     path = shelf.path(file)
     text = source.text(path)
@@ -235,14 +248,14 @@ def migrate(
     if made != text:
         path.write_bytes(made.encode())
     if as_json:
-        tell.report({"file": str(path), "from": since, "to": migration.newest(), "renamed": renamed})
+        printing.report({"file": str(path), "from": since, "to": migration.newest(), "renamed": renamed})
         return
     if made == text:
-        tell.line(f"{file}: is in format {since}, the newest; nothing to change")
+        printing.line(f"{file}: is in format {since}, the newest; nothing to change")
         return
-    tell.line(f"{file}: rewritten from format {since} to {migration.newest()}")
+    printing.line(f"{file}: rewritten from format {since} to {migration.newest()}")
     for line in renamed:
-        tell.line(f"  {line}")
+        printing.line(f"  {line}")
 
 
 COMMANDS = {

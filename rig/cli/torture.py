@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from rig.cli import tell
+from rig.cli import printing
 from rig.cli.options import Force, Json, at
 from rig.cli.outputs import refuse
 from rig.errors import UsageError
 
 if TYPE_CHECKING:
-    from rig.study.torture import Cell
+    from rig.qualify.torture import Cell
 
 CaseName = Annotated[
     list[str] | None,
@@ -42,24 +42,24 @@ def torture(
     if quick and full:
         raise UsageError("--quick or --full, not both")
     at(out)
-    from rig.study import torture as study
-    from rig.study.torture import report
-    from rig.study.torture.case import load, names
+    from rig.qualify import torture as study
+    from rig.qualify.torture import report
+    from rig.qualify.torture.case import load, names
 
     wanted = case or [name for name in names() if full or load(name).quick]
     if search:
         _search(wanted, as_json)
         return
     refuse(out, ("matrix.png", "matrix.svg", "matrix.json", "junit.xml"), force)
-    status = tell.Status()
+    status = printing.Status()
     cells = study.matrix(wanted, not full, status.show)
     status.done()
     report.keep(cells, out, not full)
     if as_json:
-        tell.report([cell.to_json() for cell in cells])
+        printing.report([cell.to_json() for cell in cells])
     else:
         _table(cells)
-        tell.line(f"\n{out}/matrix.png, matrix.svg, matrix.json, junit.xml")
+        printing.line(f"\n{out}/matrix.png, matrix.svg, matrix.json, junit.xml")
     if not all(cell.good for cell in cells):
         raise typer.Exit(1)
 
@@ -71,16 +71,16 @@ def _table(cells: list[Cell]) -> None:
         v = cell.verdict
         name = f"{cell.method} (default)" if cell.default else cell.method
         rows.append((cell.case, name, f"{cell.step:g} s", v.colour, v.reason, v.told, f"{cell.seconds:.2f} s"))
-    tell.table("", ("case", "method", "step", "", "reason", "", "time"), rows)
+    printing.table("", ("case", "method", "step", "", "reason", "", "time"), rows)
     counts = {colour: sum(cell.verdict.colour == colour for cell in cells) for colour in ("green", "amber", "red")}
     bad = sum(not cell.good for cell in cells)
     told = ", ".join(f"{count} {colour}" for colour, count in counts.items())
-    tell.line(f"{len(cells)} cells: {told}; default methods: {bad or 'none'} not green")
+    printing.line(f"{len(cells)} cells: {told}; default methods: {bad or 'none'} not green")
 
 
 def _search(wanted: list[str], as_json: bool) -> None:
-    from rig.study.torture.case import load
-    from rig.study.torture.search import search
+    from rig.qualify.torture.case import load
+    from rig.qualify.torture.search import search
 
     found = {}
     for name in wanted:
@@ -90,9 +90,11 @@ def _search(wanted: list[str], as_json: bool) -> None:
         hit = search(case)
         found[name] = None if hit is None else {"file": str(hit[0]), **hit[1].to_json()}
         if not as_json:
-            tell.line(f"{name}: {'no failure found' if hit is None else f'{hit[1].verdict.told}; kept as {hit[0]}'}")
+            printing.line(
+                f"{name}: {'no failure found' if hit is None else f'{hit[1].verdict.told}; kept as {hit[0]}'}"
+            )
     if as_json:
-        tell.report(found)
+        printing.report(found)
     if any(found.values()):
         raise typer.Exit(1)
 

@@ -15,5 +15,5 @@ shunt, shunt_limits  the electrical network on it: resonant, with negative capac
 amplifier  a commanded voltage on it
 noise      a random force along the sliding direction
 
-Each file declares its parameters (a `Section`, with units) and adds its rows to a `rig.solve.assembly.Assembly`.
+Each file declares its parameters (a `Section`, with units) and adds its rows to a `rig.model.assembly.Assembly`.
 """

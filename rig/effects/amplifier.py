@@ -16,8 +16,8 @@ from pydantic import model_validator
 from rig.about import About
 from rig.effects.drive import Lag, actuator
 from rig.effects.stack import Stack, scaled
+from rig.model.assembly import Assembly, Output
 from rig.quantities import PositiveVolt, Section, Volt
-from rig.solve.assembly import Assembly, Output
 
 
 class Amplifier(Section):

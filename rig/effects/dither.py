@@ -20,9 +20,9 @@ from pydantic import Field
 
 from rig.about import About
 from rig.effects.drive import reach
+from rig.model.assembly import Assembly, Input
+from rig.model.assembly import add as add_row
 from rig.quantities import Angle, Hertz, PositiveNewton, Section, Speed
-from rig.solve.assembly import Assembly, Input
-from rig.solve.assembly import add as add_row
 
 
 class _Dither(Section):

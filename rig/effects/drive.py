@@ -16,8 +16,8 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import model_validator
 
 from rig.about import About, Bound
+from rig.model.assembly import Assembly, Input, Row
 from rig.quantities import MetrePerSecond, PositiveSecond, RadianPerSecond, Section
-from rig.solve.assembly import Assembly, Input, Row
 
 Lag = Annotated[PositiveSecond | None, About("a first-order actuator")]
 """Of an actuator that does not reach its command at once."""

@@ -21,6 +21,8 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from rig.about import About
+from rig.model import friction_law
+from rig.model.friction_law import Law
 from rig.quantities import (
     NewtonPerRootSpeed,
     PositiveMetrePerSecond,
@@ -33,8 +35,6 @@ from rig.quantities import (
     Speed,
     si,
 )
-from rig.solve import laws
-from rig.solve.laws import Law
 
 
 class _OverSpeed(Section):
@@ -51,7 +51,7 @@ class Stribeck(_OverSpeed):
 
     def friction(self) -> Law:
         """The law for the solver."""
-        return laws.stribeck(self.mu_static, self.mu_dynamic, self.speed_scale)
+        return friction_law.stribeck(self.mu_static, self.mu_dynamic, self.speed_scale)
 
 
 class Falling(_OverSpeed):
@@ -70,7 +70,7 @@ class Falling(_OverSpeed):
 
     def friction(self) -> Law:
         """The law for the solver."""
-        return laws.falling(self.mu_zero, self.slope, self.mu_floor)
+        return friction_law.falling(self.mu_zero, self.slope, self.mu_floor)
 
 
 class Coulomb(_OverSpeed):
@@ -91,7 +91,7 @@ class Coulomb(_OverSpeed):
 
     def friction(self) -> Law:
         """The law for the solver."""
-        return laws.coulomb(self.mu_static, self.mu_kinetic)
+        return friction_law.coulomb(self.mu_static, self.mu_kinetic)
 
 
 class Constant(_OverSpeed):
@@ -102,7 +102,7 @@ class Constant(_OverSpeed):
 
     def friction(self) -> Law:
         """The law for the solver."""
-        return laws.coulomb(self.mu, self.mu)
+        return friction_law.coulomb(self.mu, self.mu)
 
 
 class Exponential(_OverSpeed):
@@ -127,7 +127,7 @@ class Exponential(_OverSpeed):
 
     def friction(self) -> Law:
         """The law for the solver."""
-        return laws.stribeck(self.mu_static, self.mu_kinetic, 1.0 / self.decay)
+        return friction_law.stribeck(self.mu_static, self.mu_kinetic, 1.0 / self.decay)
 
 
 class Table(_OverSpeed):
@@ -149,7 +149,7 @@ class Table(_OverSpeed):
     def friction(self) -> Law:
         """The law for the solver."""
         static = self.values[0] if self.mu_static is None else self.mu_static
-        return laws.table(np.array(self.speeds), np.array(self.values), static)
+        return friction_law.table(np.array(self.speeds), np.array(self.values), static)
 
 
 class Seal(_OverSpeed):
@@ -167,7 +167,7 @@ class Seal(_OverSpeed):
 
     def friction(self) -> Law:
         """The law for the solver."""
-        return laws.seal(self.mixed_force / self.load, self.decay, self.film / self.load, self.offset)
+        return friction_law.seal(self.mixed_force / self.load, self.decay, self.film / self.load, self.offset)
 
 
 Friction = Annotated[Stribeck | Falling | Coulomb | Constant | Exponential | Table | Seal, Field(discriminator="law")]

@@ -17,8 +17,8 @@ from typing import Annotated, Any, ClassVar
 from annotated_types import Ge, Gt, Le, Lt
 
 from rig.about import About
+from rig.model.assembly import Assembly, Output, Row
 from rig.quantities import Section, quantity
-from rig.solve.assembly import Assembly, Output, Row
 
 TURN = "disc.turn"
 _PERIOD = 2.0 * math.pi

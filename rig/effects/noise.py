@@ -16,8 +16,8 @@ from typing import Any, ClassVar
 from annotated_types import Ge
 
 from rig.about import About
+from rig.model.assembly import Assembly, Output
 from rig.quantities import Section, quantity
-from rig.solve.assembly import Assembly, Output
 
 SIGNAL = "noise"
 

@@ -16,8 +16,8 @@ from annotated_types import Ge, Gt, Lt
 
 from rig.about import About
 from rig.effects.friction import Friction
+from rig.model.assembly import Assembly, Output, Row
 from rig.quantities import Section, quantity
-from rig.solve.assembly import Assembly, Output, Row
 
 TURN = "disc.turn"
 _PERIOD = 2.0 * math.pi

@@ -35,8 +35,8 @@ from rig.effects import shunt_limits
 from rig.effects.drive import reach
 from rig.effects.stack import Stack, scaled, total
 from rig.errors import SceneError
+from rig.model.assembly import Assembly, Circuit, Input, Output, Row
 from rig.quantities import Henry, Number, Ohm, PositiveHenry, PositiveOhm, PositiveVolt, Section, quantity
-from rig.solve.assembly import Assembly, Circuit, Input, Output, Row
 
 VOLTAGE, CURRENT, OFFSET, POSITION = "shunt.voltage", "shunt.current", "shunt.offset", "shunt.position"
 OP_AMP = "op-amp"

@@ -15,11 +15,11 @@ from dataclasses import replace
 import numpy as np
 
 from rig.effects.stack import Stack
+from rig.model.build_checks import Finding, Judge
+from rig.model.singular import assembled
+from rig.model.system import System
 from rig.quantities import at_least
-from rig.solve.finding import Finding, Judge
-from rig.solve.linear import sliding_key
-from rig.solve.singular import assembled
-from rig.solve.system import System
+from rig.stability.linearisation import sliding_key
 
 TOLERANCE = 0.1
 """Of a stack's capacitance, with its temperature. # calibrated"""

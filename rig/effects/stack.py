@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rig.solve.assembly import Assembly, Output, Row
-from rig.solve.assembly import add as add_row
+from rig.model.assembly import Assembly, Output, Row
+from rig.model.assembly import add as add_row
 
 
 @dataclass(frozen=True)

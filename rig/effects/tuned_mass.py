@@ -21,9 +21,9 @@ from annotated_types import Ge
 from pydantic import field_validator, model_validator
 
 from rig.about import About
+from rig.model.assembly import Assembly, Output
+from rig.model.assembly import add as add_row
 from rig.quantities import Angle, NewtonPerMetre, Section, optional, quantity
-from rig.solve.assembly import Assembly, Output
-from rig.solve.assembly import add as add_row
 
 AbsorberMass: Any = quantity("kg", Ge(0.0))
 Damping: Any = optional("N*s/m", Ge(0.0))

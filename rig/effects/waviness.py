@@ -15,8 +15,8 @@ from typing import Any, ClassVar
 from annotated_types import Gt, Lt
 
 from rig.about import About
+from rig.model.assembly import Assembly, Output, Row
 from rig.quantities import Angle, PositiveMetre, Section, quantity
-from rig.solve.assembly import Assembly, Output, Row
 
 TRAVEL = "surface.travel"
 Depth: Any = quantity("1", Gt(0.0), Lt(1.0))

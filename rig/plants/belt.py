@@ -16,8 +16,8 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.piezo import WithStack
 from rig.effects.tuned_mass import TunedMass
+from rig.model.assembly import Assembly, Output
 from rig.quantities import Kilogram, Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
-from rig.solve.assembly import Assembly, Output
 
 RAMPED = {"drive.speed": "ramped", "load.force": "ramped"}
 

@@ -31,6 +31,7 @@ from rig.effects.drive import DiscDrive
 from rig.effects.friction import Friction
 from rig.effects.inhomogeneity import Inhomogeneity
 from rig.effects.piezo import Piezo, WithStack
+from rig.model.assembly import Assembly, Output, Row
 from rig.plants.belt import RAMPED
 from rig.plants.structures.brake_disc import Bending
 from rig.plants.structures.multibody import Body, Spring, adrift, apart, held, motion, unknown
@@ -46,7 +47,6 @@ from rig.quantities import (
     Ratio,
     Section,
 )
-from rig.solve.assembly import Assembly, Output, Row
 
 
 class Structure(Section):

@@ -27,6 +27,7 @@ from rig.effects.load import Load
 from rig.effects.moving_contact import Geometry, Slope
 from rig.effects.noise import Noisy
 from rig.effects.separation import Separation
+from rig.model.assembly import Assembly, Output, Part
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Angle,
@@ -40,7 +41,6 @@ from rig.quantities import (
     Section,
     SomeNewtonPerMetre,
 )
-from rig.solve.assembly import Assembly, Output, Part
 
 
 class Slider(Section):

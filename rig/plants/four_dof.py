@@ -29,10 +29,10 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.separation import Separation
+from rig.model.assembly import Assembly, Output
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.two_dof import Body, Contact, Strut
 from rig.quantities import Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
-from rig.solve.assembly import Assembly, Output
 
 
 class Spring(Section):

@@ -39,6 +39,7 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.sector import Sector
+from rig.model.assembly import Assembly, Output
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.structures import series
 from rig.quantities import (
@@ -53,7 +54,6 @@ from rig.quantities import (
     Section,
     SomeKilogram,
 )
-from rig.solve.assembly import Assembly, Output
 
 GRAVITY = 9.81  # m/s^2
 ANGLES = ("phi", "theta")

@@ -18,6 +18,7 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.piezo import WithStack
 from rig.effects.tuned_mass import TunedMass
+from rig.model.assembly import Assembly, Output
 from rig.plants.belt import RAMPED, Start, contact_outputs
 from rig.quantities import (
     KilogramSquareMetre,
@@ -26,7 +27,6 @@ from rig.quantities import (
     PositiveMetre,
     Section,
 )
-from rig.solve.assembly import Assembly, Output
 
 
 class Body(Section):

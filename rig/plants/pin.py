@@ -22,9 +22,9 @@ from rig.effects.drive import BeltDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
+from rig.model.assembly import Assembly, Output
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import AcuteAngle, Kilogram, Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
-from rig.solve.assembly import Assembly, Output
 
 
 class Pin(Section):

@@ -2,7 +2,7 @@
 
     q_i'' + 2 zeta_i w_i q_i' + w_i^2 q_i = sum_p (-z_i(p) P_p + x_i(p) f_p)         modes i of mass one, points p
     m z'' = -F + sum P,   I_p theta'' = sum (-X P + h f),   I_r psi'' = sum (Y P)
-    d = sum z_i q_i - (z - X theta + Y psi),   P = A (k d + c d') >= 0,   |f| <= mu P        rig.solve.film
+    d = sum z_i q_i - (z - X theta + Y psi),   P = A (k d + c d') >= 0,   |f| <= mu P        rig.model.film
 
 The slider's upper face is guided: it heaves (z), pitches (theta) and rolls (psi) about axes in that face, and the load
 F presses on it. h: from there to the plate. It travels along the plate's x from `slider.position` on, at the speed of
@@ -31,6 +31,9 @@ from rig.effects.friction import Constant
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.errors import SceneError
+from rig.model import film
+from rig.model.assembly import Assembly, Output, Row
+from rig.model.film import over
 from rig.plants.belt import RAMPED
 from rig.plants.structures import model_store, plate_model
 from rig.plants.structures.plate_elements import Foam, Plate
@@ -45,9 +48,7 @@ from rig.quantities import (
     Section,
     SomeMetre,
 )
-from rig.solve import film
-from rig.solve.assembly import Assembly, Output, Row
-from rig.solve.film import over
+from rig.solve import film_sums
 
 Array = NDArray[np.float64]
 Along = Annotated[int, Ge(1), Le(64)]
@@ -331,7 +332,7 @@ def _contact(a: Assembly, p: Slid, own: film.Film) -> None:
         "contact_fraction": Output({over("fraction"): 1.0}, "1"),
         "pressure_centre_x": Output({over("centre_x"): 1.0}, "m"),
         "pressure_centre_y": Output({over("centre_y"): 1.0}, "m"),
-        "openings": Output({over("openings"): 1.0 / film.COUNTED}, "1"),
+        "openings": Output({over("openings"): 1.0 / film_sums.COUNTED}, "1"),
     }
     area = p.slider.length * p.slider.width / own.points
     for name, point in places(own).items():

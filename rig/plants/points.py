@@ -27,6 +27,7 @@ from rig.effects import load
 from rig.effects.friction import Constant
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
+from rig.model.assembly import Assembly, Output
 from rig.plants.belt import RAMPED
 from rig.quantities import (
     Hertz,
@@ -38,7 +39,6 @@ from rig.quantities import (
     Ratio,
     Section,
 )
-from rig.solve.assembly import Assembly, Output
 
 HALF_WAVES = ((1, 1), (2, 1), (1, 2), (3, 1), (2, 2), (3, 2), (4, 1), (1, 3), (4, 2), (5, 1))
 """Of the modes, along and across."""

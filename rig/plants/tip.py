@@ -35,6 +35,7 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.waviness import Waviness
+from rig.model.assembly import Assembly, Output
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     AcuteAngle,
@@ -48,7 +49,6 @@ from rig.quantities import (
     Section,
     quantity,
 )
-from rig.solve.assembly import Assembly, Output
 
 Share: Any = quantity("1", Gt(0.0), Le(1.0))
 

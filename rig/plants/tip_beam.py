@@ -28,6 +28,7 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.waviness import Waviness
+from rig.model.assembly import Assembly, Output, Row
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.structures import bending
 from rig.plants.tip import refuse_jam
@@ -41,7 +42,6 @@ from rig.quantities import (
     Ratio,
     Section,
 )
-from rig.solve.assembly import Assembly, Output, Row
 
 Count = Annotated[int, Ge(1), Le(16)]
 

@@ -20,6 +20,7 @@ from rig.effects.drive import BeltDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
+from rig.model.assembly import Assembly, Output
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Kilogram,
@@ -30,7 +31,6 @@ from rig.quantities import (
     Section,
     SomeNewtonPerMetre,
 )
-from rig.solve.assembly import Assembly, Output
 
 
 class Tip(Section):

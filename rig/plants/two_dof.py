@@ -21,6 +21,7 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.piezo import WithStack
 from rig.effects.separation import Separation
+from rig.model.assembly import Assembly, Output
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Angle,
@@ -31,7 +32,6 @@ from rig.quantities import (
     NewtonSecondPerMetre,
     Section,
 )
-from rig.solve.assembly import Assembly, Output
 
 
 class Body(Section):

@@ -12,11 +12,11 @@ import numpy as np
 from google.protobuf.message import DecodeError
 
 from rig.bus import messages
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
 from rig.errors import BusError
 from rig.plants.structures import model_store
+from rig.record.message_scan import Record, Scan, head
 from rig.record.run import Commands, Integers, Reals, Run, Samples
-from rig.record.scan import Record, Scan, head
 
 __all__ = ["Decoder", "Record", "Scan", "head", "open"]
 

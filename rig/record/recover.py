@@ -16,11 +16,11 @@ from mcap.reader import make_reader
 from mcap.records import Channel
 
 from rig.errors import LogError, UsageError
-from rig.files import regular, unused
-from rig.record.container import Writer as Mcap
+from rig.record.mcap_file import Writer as Mcap
+from rig.record.message_scan import Scan
 from rig.record.reader import Decoder
-from rig.record.scan import Scan
 from rig.record.writer import CHUNK, claim, synced
+from rig.user_files import regular, unused
 
 
 @dataclass(frozen=True)

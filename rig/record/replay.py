@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
-import controllers
-from controllers.blocks.base import hears
+from rig import controllers
 from rig.bus import encode, messages, topics
 from rig.bus.port import Receiver, Session
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
+from rig.controllers.blocks.base import hears
 from rig.errors import BusError, LogError
 from rig.placement import ANY
 from rig.record.reader import Decoder, Record, Scan, head

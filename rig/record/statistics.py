@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rig.record.points import grouped
+from rig.record.film_points import grouped
 from rig.record.run import Reals, Run, Samples
 
 FRACTION, OPENINGS, CENTRE = "contact_fraction", "openings", "pressure_centre_"

@@ -20,14 +20,14 @@ from typing import Any, BinaryIO
 from google.protobuf.message import DecodeError
 from mcap.well_known import MessageEncoding, SchemaEncoding
 
-from rig import locks
+from rig import file_locks
 from rig.bus import messages, topics
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
 from rig.errors import BusError, LogError
-from rig.files import WRITTEN, takes
-from rig.record import attached
-from rig.record.container import FORMAT
-from rig.record.container import Writer as Mcap
+from rig.record import model_attachments
+from rig.record.mcap_file import FORMAT
+from rig.record.mcap_file import Writer as Mcap
+from rig.user_files import WRITTEN, takes
 
 CHUNK = 256 * 1024
 _OWN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)  # no child gets it, no end of line is translated
@@ -43,7 +43,7 @@ def claim(path: Path, replace: bool) -> BinaryIO:
     takes(path)
     file = os.open(path, os.O_WRONLY | os.O_CREAT | _OWN, 0o666)
     try:
-        if not locks.free(file):
+        if not file_locks.free(file):
             raise OSError(errno.EBUSY, WRITTEN)
         if os.fstat(file).st_size:
             if not replace:
@@ -102,7 +102,9 @@ class Writer:
         for name, text in (("scene.json", setup.scene), ("setup.json", changed(setup, scene="", models=()).to_text())):
             self._mcap.attach(name, "application/json", text.encode(), now)
         for model in setup.models:
-            self._mcap.attach(attached.name(model), attached.MEDIA_TYPE, attached.packed(model), now)
+            self._mcap.attach(
+                model_attachments.name(model), model_attachments.MEDIA_TYPE, model_attachments.packed(model), now
+            )
         self._mcap.note("provenance", setup.provenance)
         self._mcap.note("log", {"made": self._made, "run": setup.run, "format": str(FORMAT)})
 

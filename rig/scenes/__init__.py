@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from rig.scenes.shelf import names, path
+from rig.scenes.shipped import names, path
 
 if TYPE_CHECKING:
     from rig.scenes.loader import load

@@ -9,8 +9,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isqrt
 from typing import Any
 
-from controllers import KINDS
-from controllers.blocks.base import hears
+from rig.controllers import KINDS
+from rig.controllers.blocks.base import hears
 from rig.quantities import LONGEST
 from rig.scenes.faults import near, shown
 from rig.scenes.protocol import Connect, Disconnect, Load, Ramp, Repeat, Set, flat, longest_ns

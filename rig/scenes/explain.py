@@ -12,11 +12,11 @@ from typing import Any
 from pydantic import BaseModel
 
 from rig.about import Bound
+from rig.model.film import lay
 from rig.quantities import ORIGINS
 from rig.scenes.effects import about, optional
 from rig.scenes.places import Place
 from rig.scenes.scene import Origin, Scene, known, leaves
-from rig.solve.film import lay
 
 DEFAULT = Origin("default")
 UNSTATED = Origin("not stated")

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import SceneError
-from rig.scenes import migration, places, shelf, source
+from rig.scenes import migration, places, shipped, source
 from rig.scenes.faults import shown
 from rig.scenes.places import Place
 from rig.scenes.scene import Origin
@@ -108,7 +108,7 @@ def layers(path: Path) -> list[Layer]:
         try:
             if not isinstance(base, str):
                 raise SceneError("", ["expected the name of a shipped scene, or the path of a scene file"])
-            at = shelf.path(base, found.path.parent)
+            at = shipped.path(base, found.path.parent)
             if _same(at) in seen:
                 names = [layer.name for layer in chain[seen.index(_same(at)) :]]
                 raise SceneError(
@@ -127,7 +127,7 @@ def layers(path: Path) -> list[Layer]:
 def _layer(path: Path, folder: Path) -> Layer:
     text = source.text(path)
     raw = source.parsed(path, text)
-    name = f"scene {path.stem}" if path.parent == shelf.HERE else os.path.relpath(path, folder)
+    name = f"scene {path.stem}" if path.parent == shipped.HERE else os.path.relpath(path, folder)
     try:
         since = migration.written(raw)
     except ValueError as fault:

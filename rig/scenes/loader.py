@@ -10,16 +10,16 @@ from typing import Any, TypeVar
 from annotated_types import Gt
 from pydantic import ValidationError
 
-from controllers import KINDS as CONTROLLERS
+from rig.controllers import KINDS as CONTROLLERS
 from rig.errors import SceneError
 from rig.plants import PLANTS
 from rig.quantities import Section, finite
 from rig.scenes import checks, faults, inherit, source
 from rig.scenes.protocol import UNKNOWN, Known, Load, Mark, Ramp, Step, flat
 from rig.scenes.scene import STEP, STEPS, Clock, Origin, Scene, assembled, known, plant_module
-from rig.scenes.shelf import path as path_of
-from sensors import KINDS as SENSORS
-from sensors.chain.instants import common_step
+from rig.scenes.shipped import path as path_of
+from rig.sensors import KINDS as SENSORS
+from rig.sensors.chain.instants import common_step
 
 S = TypeVar("S", bound=Section)
 MOST = 100

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 from annotated_types import Ge, Gt, Le
 from pydantic import BaseModel, TypeAdapter, model_validator
 
-from controllers import KINDS as CONTROLLERS
-from controllers.blocks.base import hears
+from rig.controllers import KINDS as CONTROLLERS
+from rig.controllers.blocks.base import hears
 from rig.effects import noise
 from rig.errors import SceneError
 from rig.plants import PLANTS
@@ -23,8 +23,8 @@ from rig.quantities import PositiveMetrePerSecond, Section, duration, quantity
 from rig.scenes import migration
 from rig.scenes.faults import unit_of
 from rig.scenes.protocol import Known, Load, Ramp, Set, Step, flat, longest_ns
-from sensors import KINDS as SENSORS
-from sensors.chain.instants import common_step
+from rig.sensors import KINDS as SENSORS
+from rig.sensors.chain.instants import common_step
 
 if TYPE_CHECKING:
     from rig.scenes.inherit import Places
@@ -156,7 +156,7 @@ class Scene:
         return f"its pace is at most {self.clock.pace_limit:g}{f' ({note})' if note else ''}"
 
     def assemble(self, parameters: Section | None = None) -> Any:
-        """The plant of this scene (`rig.solve.assembly.Assembly`), with the signals that its actuators need.
+        """The plant of this scene (`rig.model.assembly.Assembly`), with the signals that its actuators need.
 
         `parameters`: others than the scene's own, as after a change while the rig runs.
         """
@@ -253,7 +253,7 @@ def plant_module(plant: str) -> Any:
 
 
 def assembled(plant: str, parameters: Any, frame_ns: int, moved: Mapping[str, str] | None = None) -> Any:
-    """The plant with these parameters (`rig.solve.assembly.Assembly`) and what acts on every plant alike.
+    """The plant with these parameters (`rig.model.assembly.Assembly`) and what acts on every plant alike.
 
     `moved`: see `Scene.moved`; None: what the plant assumes.
     """

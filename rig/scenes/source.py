@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 from rig.errors import SceneError
-from rig.files import contents
 from rig.quantities import ORIGINS, brief
 from rig.scenes.faults import TAGS, shown, unknown_choice
 from rig.scenes.scene import Origin
+from rig.user_files import contents
 
 FIXED = ("format", "based_on", "title", "plant", "about", "protocol")
 _POSITION = re.compile(r"\s*\(at (?:line (\d+), column (\d+)|end of document)\)$")

@@ -17,7 +17,7 @@ from rig.scenes.effects import optional, switches
 from rig.scenes.loader import load
 from rig.scenes.protocol import Set, flat
 from rig.scenes.scene import Scene, controller_drives
-from rig.scenes.shelf import names, plant
+from rig.scenes.shipped import names, plant
 
 Keys = list[str]
 SWITCHED = 0.5

@@ -4,7 +4,7 @@ assembly     rows by name: what plants and effects write
 formulation  the matrices of one mode set
 singular     why a mode set has none
 tables       what a kernel reads, stacked by mode set
-slots        the mode sets a run has visited, built when they are met
+mode sets        the mode sets a run has visited, built when they are met
 signals      what sensors read, as rows over the state
 expm         propagators
 roots        the first fall of a polynomial through zero
@@ -21,7 +21,7 @@ kick         for contacts that open and close all the time
 film         contacts that travel, stick and slip each by itself: what they are
 riding, ride their tables, and the steps of kick with them
 smooth       friction without rest, to be seen failing
-ledger       energy, each term integrated on its own
+energy balance       energy, each term integrated on its own
 method       which of them carries a system on
 motion       the run: one state, its time and its modes
 verdict      what eigenvalues say before the run starts

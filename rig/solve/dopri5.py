@@ -14,16 +14,16 @@ from __future__ import annotations
 import numpy as np
 
 from rig.kernel import inlined, inner
-from rig.loan import lent
-from rig.solve.books import book
-from rig.solve.dense import at, clear, dense, fall
-from rig.solve.emit import close, crowded, part, through
+from rig.lent_records import lent
+from rig.solve.contact_state import land, passed
+from rig.solve.dense_output import at, clear, dense, fall
 from rig.solve.forces import lend, rate, refill
-from rig.solve.leaf import any_shape, call, local, states
+from rig.solve.instant_readings import add_energy
 from rig.solve.records import HOPED, KEY, LENGTH, MOST, PLACE, REACHED, TICK, TRIALS, TRY
 from rig.solve.rows import dot
-from rig.solve.settle import land, passed
-from rig.solve.stage import begin, complete, rubbing, stage
+from rig.solve.runge_kutta_stage import begin, complete, rubbing, stage
+from rig.solve.segment_output import close, crowded, part, through
+from rig.solve.specialised import any_shape, call, local, states
 
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
 _LEAST = 1e-6  # of the largest coordinate or speed
@@ -129,7 +129,7 @@ def book_step(shape, t, w, f, theta, h, energy):
     for q in range(w.nodes3.shape[0]):
         at(shape, w.derivatives, w.nodes3[q] * theta, w.y2)
         refill(f, w.y2)
-        book(t, f.slot, w.T, w.y2, w.weights3[q] * theta * h, energy)
+        add_energy(t, f.mode_set, w.T, w.y2, w.weights3[q] * theta * h, energy)
 
 
 @inner
@@ -138,24 +138,24 @@ def emit(t, w, f, from_theta, to_theta, h, start, seg):
 
     What depends on no input is a row over the quartic of the state; a quartic through five places stands for the rest.
     """
-    slot, at_once, width, asked = f.slot, seg.count[0], to_theta - from_theta, False
+    mode_set, at_once, width, asked = f.mode_set, seg.count[0], to_theta - from_theta, False
     for s in range(seg.coef.shape[1]):
-        if t.asks[slot, s]:
+        if t.asks[mode_set, s]:
             asked = True
             continue
         coef = seg.coef[at_once, s]
         for c in range(5):
-            coef[c] = dot(t.signals[slot, s], w.derivatives[c])
+            coef[c] = dot(t.signals[mode_set, s], w.derivatives[c])
         part(coef, from_theta, width)
     if asked:
         for q in range(5):
             at(any_shape(w.y2.shape[0]), w.derivatives, from_theta + 0.25 * q * width, w.y2)
             refill(f, w.y2)
             for s in range(seg.coef.shape[1]):
-                if t.asks[slot, s]:
-                    w.values[q, s] = dot(t.signals[slot, s], w.y2) + dot(t.signals_t[slot, s], w.T)
+                if t.asks[mode_set, s]:
+                    w.values[q, s] = dot(t.signals[mode_set, s], w.y2) + dot(t.signals_t[mode_set, s], w.T)
         for s in range(seg.coef.shape[1]):
-            if t.asks[slot, s]:
+            if t.asks[mode_set, s]:
                 through(w.values, s, seg.coef[at_once, s])
     close(start, width * h, seg)
 
@@ -179,16 +179,16 @@ def swing(shape, t, w, time, x):
 
 
 @inlined
-def accept(shape, t, slot, w, k, y, x, here):
+def accept(shape, t, mode_set, w, k, y, x, here):
     """Go on from the end y of a step; `here` is the state, x lent to others."""
     for i in range(states(shape)):
         here[i] = y[i]
         k[0, i] = k[6, i]
         w.size[i] = max(w.size[i], abs(here[i]))
-    if t.stuck[slot]:
+    if t.stuck[mode_set]:
         for i in range(states(shape)):
             x[i] = here[i]
-        land(t, slot, x, w.copy)
+        land(t, mode_set, x, w.copy)
         for i in range(states(shape)):
             here[i] = x[i]
 
@@ -210,9 +210,9 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
     output w.derivatives; state, tick and place are those of its begin. FAILED: no step is short enough. What a step
     works on is lent to nobody, so that it stays in registers.
     """
-    n, tick_length, looked = states(shape), t.step[0], plan.booking or plan.emitting
-    ic, fc, x, size, slot = state.ic, state.fc, state.x, w.size, t.slot_of[state.ic[KEY]]
-    field = lend(t, slot, w.T, w.scratch)
+    n, tick_length, looked = states(shape), t.step[0], plan.with_energy or plan.emitting
+    ic, fc, x, size, mode_set = state.ic, state.fc, state.x, w.size, t.mode_set_of[state.ic[KEY]]
+    field = lend(t, mode_set, w.T, w.scratch)
     f, rub = lent(field), lent(rubbing(shape, field, t, w, state, log, seg, plan))
     k, y, z, d = local(shape, w.k), local(shape, w.y), local(shape, w.y2), local(shape, w.derivatives)
     here = local(shape, w.copy)
@@ -254,12 +254,12 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
             if to > 1.0:
                 break
             at(shape, d, to, log.out[tick])
-            log.modes[tick] = slot
+            log.modes[tick] = mode_set
             tick, place, done = tick + 1, 0.0, to
         if done < 1.0:
             place += (1.0 - done) * h / tick_length
         swing(shape, t, w, ((tick - ic[REACHED]) + place) * tick_length, y)
-        accept(shape, t, slot, w, k, y, x, here)
+        accept(shape, t, mode_set, w, k, y, x, here)
     ic[TICK], fc[PLACE], fc[TRY], fc[HOPED] = tick, place, next_h, hoped
     for i in range(n):
         x[i] = here[i]
@@ -273,9 +273,9 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
 
     Returns the guard, -1 at the end, -2 where no step is short enough.
     """
-    ic, fc, x, size, slot = state.ic, state.fc, state.x, w.size, t.slot_of[state.ic[KEY]]
+    ic, fc, x, size, mode_set = state.ic, state.fc, state.x, w.size, t.mode_set_of[state.ic[KEY]]
     tick_length, origin, n = t.step[0], ic[REACHED], x.shape[0]
-    path, f = w.derivatives, lent(lend(t, slot, w.T, w.scratch))
+    path, f = w.derivatives, lent(lend(t, mode_set, w.T, w.scratch))
     for i in range(n):
         size[i] = max(size[i], abs(x[i]))
     rate(shape, f, True, x, w.k[0])
@@ -283,7 +283,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     ic[MOST] = ic[TRIALS] + _MOST * (ticks - ic[TICK])
     fc[HOPED] = 0.0
     fallen = -1
-    while ic[TICK] < ticks and fallen == -1 and not (plan.emitting and crowded(t, slot, seg, ticks - ic[TICK])):
+    while ic[TICK] < ticks and fallen == -1 and not (plan.emitting and crowded(t, mode_set, seg, ticks - ic[TICK])):
         ends = call(plan.steps, shape, t, w, state, log, seg, plan, ticks)
         if ends == FAILED:
             return -2
@@ -293,12 +293,12 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         left = ((ticks - tick) - place) * tick_length
         end = 1.0
         if ends == ASKS:
-            theta, fallen, doubtful = fall(t, slot, w, f)
+            theta, fallen, doubtful = fall(t, mode_set, w, f)
             if doubtful and h > 1e-12 * tick_length:
                 fc[TRY], fallen = _SHRINK * h, -1
                 continue
             end = theta if fallen >= 0 else 1.0
-        if plan.booking:
+        if plan.with_energy:
             book_step(shape, t, w, f, end, h, state.energy)
         done, share = 0.0, tick_length / h
         while tick < ticks:  # ticks that end inside the step
@@ -309,7 +309,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
                 since = (tick - origin + place) * tick_length
                 emit(t, w, f, done, to, h, since, seg)
             at(shape, path, to, log.out[tick])
-            log.modes[tick] = slot
+            log.modes[tick] = mode_set
             tick, place, done = tick + 1, 0.0, to
         if done < end:
             if plan.emitting:
@@ -320,10 +320,10 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             at(shape, path, end, x)
         else:
             swing(shape, t, w, ((tick - origin) + place) * tick_length, w.y)
-            accept(shape, t, slot, w, w.k, w.y, x, x)
+            accept(shape, t, mode_set, w, w.k, w.y, x, x)
         ic[TICK], fc[PLACE] = tick, place
     if fallen >= 0:
-        passed(t, slot, fallen, ic, x)
+        passed(t, mode_set, fallen, ic, x)
     elif ic[TICK] == ticks:
         for i in range(n):
             log.out[ticks - 1, i] = x[i]

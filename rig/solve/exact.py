@@ -9,27 +9,27 @@ and the ladder climbs again. Event times are exact to rounding at every step siz
 from __future__ import annotations
 
 from rig.kernel import inlined, inner
-from rig.solve.emit import crowded, emit_linear
-from rig.solve.leaf import call, local, states
-from rig.solve.ledger import book
+from rig.solve.contact_state import passed
+from rig.solve.energy_balance import add_energy
+from rig.solve.many_states import add_energy as book_part
+from rig.solve.many_states import along as along_cell
+from rig.solve.many_states import earliest as fall_of
+from rig.solve.many_states import emit as emit_cells
+from rig.solve.many_states import expand
+from rig.solve.many_states import quiet as quiet_cell
 from rig.solve.records import KEY, OPENED, PLACE, REACHED, TICK
 from rig.solve.roots import NONE, first_fall
 from rig.solve.rows import dot, rounding
-from rig.solve.settle import passed
-from rig.solve.wide import along as along_cell
-from rig.solve.wide import book as book_part
-from rig.solve.wide import earliest as fall_of
-from rig.solve.wide import emit as emit_cells
-from rig.solve.wide import expand
-from rig.solve.wide import quiet as quiet_cell
+from rig.solve.segment_output import crowded, emit_linear
+from rig.solve.specialised import call, local, states
 
 
 @inner
 def quiet(shape, t, w, state, log, seg, plan, ticks):
     """Leaf: up to `ticks` certified ticks on from state.x, written to the rows of the log. Returns their number."""
-    slot, first = t.slot_of[state.ic[KEY]], state.ic[TICK]
-    n, count = states(shape), t.guards[slot]
-    E, G, B, g, x, out = t.E[slot, 0], t.G[slot], t.B[slot], w.g, state.x, log.out
+    mode_set, first = t.mode_set_of[state.ic[KEY]], state.ic[TICK]
+    n, count = states(shape), t.guards[mode_set]
+    E, G, B, g, x, out = t.E[mode_set, 0], t.G[mode_set], t.B[mode_set], w.g, state.x, log.out
     here, y = local(shape, x), local(shape, x)
     for i in range(n):
         here[i] = x[i]
@@ -83,10 +83,10 @@ def along(derivatives, terms, u, x):
 
 
 @inlined
-def certified(t, slot, x, y, shrink):
+def certified(t, mode_set, x, y, shrink):
     """Whether no guard can fall between x and y, the ends of a cell `shrink` = 4^-level of a step."""
-    G, B, BA = t.G[slot], t.B[slot], t.BA[slot]
-    for k in range(t.guards[slot]):
+    G, B, BA = t.G[mode_set], t.B[mode_set], t.BA[mode_set]
+    for k in range(t.guards[mode_set]):
         before, after, bound, slope_bound = 0.0, 0.0, 0.0, 0.0
         for j in range(x.shape[0]):
             before += G[k, j] * x[j]
@@ -95,7 +95,7 @@ def certified(t, slot, x, y, shrink):
             slope_bound += BA[k, j] * abs(x[j])
         if before > bound * shrink and after > bound * shrink:
             continue
-        begins, ends = dot(t.GA[slot, k], x), dot(t.GA[slot, k], y)
+        begins, ends = dot(t.GA[mode_set, k], x), dot(t.GA[mode_set, k], y)
         steepest = slope_bound * shrink
         if begins > steepest and ends > steepest and before >= -rounding(G[k], x):
             continue
@@ -105,10 +105,10 @@ def certified(t, slot, x, y, shrink):
 
 
 @inlined
-def earliest(t, slot, size, derivatives, terms, poly, work):
+def earliest(t, mode_set, size, derivatives, terms, poly, work):
     """First fall of any guard along a Taylor cell: (u in [0, 1] or NONE, guard)."""
-    G, first, guard = t.G[slot], NONE, -1
-    for k in range(t.guards[slot]):
+    G, first, guard = t.G[mode_set], NONE, -1
+    for k in range(t.guards[mode_set]):
         for d in range(terms + 1):
             poly[d] = dot(G[k], derivatives[d])
         u = first_fall(poly, terms, rounding(G[k], size), work)
@@ -120,15 +120,15 @@ def earliest(t, slot, size, derivatives, terms, poly, work):
 @inner
 def stretch(shape, t, w, state, log, seg, plan, ticks):
     """Part: quiet ticks as far as they go, else an opened one, in a linear mode set. Returns the guard or -1."""
-    ic, x, booking, emitting = state.ic, state.x, plan.booking, plan.emitting
-    n, origin, slot = x.shape[0], ic[REACHED], t.slot_of[ic[KEY]]
+    ic, x, with_energy, emitting = state.ic, state.x, plan.with_energy, plan.emitting
+    n, origin, mode_set = x.shape[0], ic[REACHED], t.mode_set_of[ic[KEY]]
     if state.fc[PLACE] == 0.0 and plan.wide:
-        while quiet_cell(t, slot, x, log.out[ic[TICK]], w, plan, (ic[TICK] - origin) * t.step[0], seg):
+        while quiet_cell(t, mode_set, x, log.out[ic[TICK]], w, plan, (ic[TICK] - origin) * t.step[0], seg):
             for i in range(n):
                 x[i] = log.out[ic[TICK], i]
-            log.modes[ic[TICK]] = slot
+            log.modes[ic[TICK]] = mode_set
             ic[TICK] += 1
-            if ic[TICK] == ticks or (emitting and crowded(t, slot, seg, ticks - ic[TICK])):
+            if ic[TICK] == ticks or (emitting and crowded(t, mode_set, seg, ticks - ic[TICK])):
                 return -1
     elif state.fc[PLACE] == 0.0:
         first = ic[TICK]
@@ -137,35 +137,35 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         block = 1 if emitting else ticks - first
         done = call(plan.quiet, shape, t, w, state, log, seg, plan, block)
         for tick in range(first, first + done):
-            log.modes[tick] = slot
-        if booking:
+            log.modes[tick] = mode_set
+        if with_energy:
             for tick in range(first, first + done):
                 before = w.x0 if tick == first else log.out[tick - 1]
-                book(t.work[slot, 0], t.active[slot], before, state.energy)
+                add_energy(t.work[mode_set, 0], t.active[mode_set], before, state.energy)
         if emitting and done:
-            emit_linear(t, slot, w.x0, (first - origin) * t.step[0], t.step[0], seg, w.derivatives)
+            emit_linear(t, mode_set, w.x0, (first - origin) * t.step[0], t.step[0], seg, w.derivatives)
         ic[TICK] += done
         if done == block:
             return -1
-    guard = opened(t, w, state, seg, plan, slot)
+    guard = opened(t, w, state, seg, plan, mode_set)
     if guard < 0:
         for i in range(n):
             log.out[ic[TICK], i] = x[i]
-        log.modes[ic[TICK]] = slot
+        log.modes[ic[TICK]] = mode_set
         ic[TICK] += 1
     return guard
 
 
 @inlined
-def opened(t, w, state, seg, plan, slot):
+def opened(t, w, state, seg, plan, mode_set):
     """Carry the state through (the rest of) one tick, up to its end or the first event.
 
     Returns the guard that fell, or -1 at the end of the tick.
     """
-    ic, fc, x, energy, booking, wide = state.ic, state.fc, state.x, state.energy, plan.booking, plan.wide
+    ic, fc, x, energy, with_energy, wide = state.ic, state.fc, state.x, state.energy, plan.with_energy, plan.wide
     n, h, y = x.shape[0], t.step[0], w.y
     begin = (ic[TICK] - ic[REACHED]) * h
-    depth, terms = t.depth[slot], t.order[slot]
+    depth, terms = t.depth[mode_set], t.order[mode_set]
     cells = 2.0**depth
     ic[OPENED] += 1
     u = fc[PLACE]
@@ -180,10 +180,10 @@ def opened(t, w, state, seg, plan, slot):
                 level -= 1
             found = False
             while not wide or depth > 0:  # a wide rig's tick has just been found to have no proof
-                E = t.E[slot, level]
+                E = t.E[mode_set, level]
                 for i in range(n):
                     y[i] = x[i] + dot(E[i], x)
-                if certified(t, slot, x, y, 1.0 / 4.0**level):
+                if certified(t, mode_set, x, y, 1.0 / 4.0**level):
                     found = True
                     break
                 if level == depth:
@@ -193,34 +193,34 @@ def opened(t, w, state, seg, plan, slot):
                 width = 1.0 / 2.0**level
                 if plan.emitting:
                     if wide:
-                        emit_cells(t, slot, x, width * cells, begin + u * h, width * h, seg)
+                        emit_cells(t, mode_set, x, width * cells, begin + u * h, width * h, seg)
                     else:
-                        emit_linear(t, slot, x, begin + u * h, width * h, seg, w.derivatives)
-                if booking:
-                    book(t.work[slot, level], t.active[slot], x, energy)
+                        emit_linear(t, mode_set, x, begin + u * h, width * h, seg, w.derivatives)
+                if with_energy:
+                    add_energy(t.work[mode_set, level], t.active[mode_set], x, energy)
                 for i in range(n):
                     x[i] = y[i]
                 u += width
                 continue
         length = (int(position) + 1) / cells - u
         if wide:
-            fall, guard = fall_of(t, slot, x, w.size, length * cells, w.poly, w.roots)
-            expand(t, slot, x)
+            fall, guard = fall_of(t, mode_set, x, w.size, length * cells, w.poly, w.roots)
+            expand(t, mode_set, x)
         else:
-            series(t.A[slot], x, length * h, terms, w.derivatives)
-            fall, guard = earliest(t, slot, w.size, w.derivatives, terms, w.poly, w.roots)
+            series(t.A[mode_set], x, length * h, terms, w.derivatives)
+            fall, guard = earliest(t, mode_set, w.size, w.derivatives, terms, w.poly, w.roots)
         reach = 1.0 if guard < 0 else fall
         if reach > 0.0:
             if plan.emitting:
                 if wide:
-                    emit_cells(t, slot, x, reach * length * cells, begin + u * h, reach * length * h, seg)
+                    emit_cells(t, mode_set, x, reach * length * cells, begin + u * h, reach * length * h, seg)
                 else:
-                    emit_linear(t, slot, x, begin + u * h, reach * length * h, seg, w.spare)
-            if booking:
+                    emit_linear(t, mode_set, x, begin + u * h, reach * length * h, seg, w.spare)
+            if with_energy:
                 if wide:
-                    book_part(t, slot, reach * length * cells, reach * length * h)
+                    book_part(t, mode_set, reach * length * cells, reach * length * h)
                 else:
-                    book_series(t, slot, w, terms, reach, length * h, energy)
+                    book_series(t, mode_set, w, terms, reach, length * h, energy)
             if wide:
                 along_cell(t, reach * length * cells)
                 for i in range(n):
@@ -230,21 +230,21 @@ def opened(t, w, state, seg, plan, slot):
         u = u + reach * length if guard >= 0 else (int(position) + 1) / cells
         if guard >= 0:
             fc[PLACE] = u
-            passed(t, slot, guard, ic, x)
+            passed(t, mode_set, guard, ic, x)
             return guard
     fc[PLACE] = 0.0
     return -1
 
 
 @inlined
-def book_series(t, slot, w, terms, reach, length, energy):
+def book_series(t, mode_set, w, terms, reach, length, energy):
     """Energy along a Taylor cell up to `reach`, by Gauss-Legendre at eight nodes."""
     for q in range(w.nodes.shape[0]):
         along(w.derivatives, terms, w.nodes[q] * reach, w.y)
         scale = w.weights[q] * reach * length
         for term in range(energy.shape[0]):
-            if t.active[slot, term]:
+            if t.active[mode_set, term]:
                 s = 0.0
                 for i in range(w.y.shape[0]):
-                    s += w.y[i] * dot(t.powers[slot, term, i], w.y)
+                    s += w.y[i] * dot(t.powers[mode_set, term, i], w.y)
                 energy[term] += scale * s

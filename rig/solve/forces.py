@@ -1,6 +1,7 @@
-"""The inputs of the equations: friction forces of laws over speed, and products. One slot's field, x' = A x + b T(x).
+"""The inputs of the equations: friction forces of laws over speed, and products. One mode set's field, x' = A x + b
+T(x).
 
-The arrays of the slot are lent once for a stretch of steps; what runs many times in a step is written into the
+The arrays of the mode set are lent once for a stretch of steps; what runs many times in a step is written into the
 callers. That is what brings plain array code near the speed of C.
 """
 
@@ -13,16 +14,18 @@ from numpy.typing import NDArray
 
 from rig.kernel import inlined, inner
 from rig.solve.exponential import factors
-from rig.solve.laws import STRIBECK, coefficient
-from rig.solve.leaf import multiplies, states
-from rig.solve.products import early, late
+from rig.solve.friction_coefficient import STRIBECK, coefficient
+from rig.solve.product_inputs import early, late
 from rig.solve.rows import dot
+from rig.solve.specialised import multiplies, states
 
 Array = NDArray[np.float64]
 
 
 class Field(NamedTuple):
-    """The slot's tables (see slots.Tables), the scratch of the inputs T [friction forces, products], all tables `t`."""
+    """The mode set's tables (see rig.model.tables.Tables), the scratch of the inputs T [friction forces, products], all
+    tables `t`.
+    """
 
     A: Array
     b: Array
@@ -38,30 +41,30 @@ class Field(NamedTuple):
     G: Array
     GT: Array
     needs: NDArray[np.int64]
-    slot: int
+    mode_set: int
     t: Any
 
 
 @inlined
-def lend(t, slot, T, scratch):
-    """The field of a slot; T [inputs] and `scratch` [patch, patch] are written to."""
-    count = t.guards[slot]
+def lend(t, mode_set, T, scratch):
+    """The field of a mode set; T [inputs] and `scratch` [patch, patch] are written to."""
+    count = t.guards[mode_set]
     return Field(
-        t.A[slot],
-        t.b[slot],
-        t.sigma[slot],
-        t.code[slot],
-        t.numbers[slot],
-        t.pace[slot],
-        t.bear[slot],
-        t.bear_t[slot],
-        t.coupled[slot],
+        t.A[mode_set],
+        t.b[mode_set],
+        t.sigma[mode_set],
+        t.code[mode_set],
+        t.numbers[mode_set],
+        t.pace[mode_set],
+        t.bear[mode_set],
+        t.bear_t[mode_set],
+        t.coupled[mode_set],
         T,
         scratch,
-        t.G[slot, :count],
-        t.GT[slot, :count],
-        t.needs[slot, :count],
-        slot,
+        t.G[mode_set, :count],
+        t.GT[mode_set, :count],
+        t.needs[mode_set, :count],
+        mode_set,
         t,
     )
 
@@ -99,7 +102,7 @@ def fill(f, x):
 
     `coupled`: some load does depend on a friction force.
     """
-    early(f.t, f.slot, x, f.T)
+    early(f.t, f.mode_set, x, f.T)
     patches = f.sigma.shape[0]
     for p in range(patches):
         others = 0.0
@@ -108,13 +111,13 @@ def fill(f, x):
         f.T[p] = drag(f, p, x, others)
     if f.coupled:
         couple(f.sigma, f.code, f.numbers, f.pace, f.bear_t, x, f.T, f.scratch)
-    late(f.t, f.slot, x, f.T)
+    late(f.t, f.mode_set, x, f.T)
 
 
 @inner
-def inputs(t, slot, x, T, scratch):
-    """T = the inputs of a slot at x."""
-    f = lend(t, slot, T, scratch)
+def inputs(t, mode_set, x, T, scratch):
+    """T = the inputs of a mode set at x."""
+    f = lend(t, mode_set, T, scratch)
     fill(f, x)
 
 
@@ -168,7 +171,7 @@ def rate(shape, f, bent, x, k):
                 for i in range(states(shape)):
                     k[i] += f.b[i, p] * force
         else:
-            inputs(f.t, f.slot, x, f.T, f.scratch)
+            inputs(f.t, f.mode_set, x, f.T, f.scratch)
             for i in range(states(shape)):
                 for p in range(f.T.shape[0]):
                     k[i] += f.b[i, p] * f.T[p]
@@ -182,6 +185,6 @@ def guard(shape, f, bent, g, x):
         value += f.G[g, j] * x[j]
     if bent:
         if f.needs[g]:
-            inputs(f.t, f.slot, x, f.T, f.scratch)
+            inputs(f.t, f.mode_set, x, f.T, f.scratch)
             value += dot(f.GT[g], f.T)
     return value

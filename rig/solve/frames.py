@@ -10,13 +10,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from rig.kernel import kernel
-from rig.solve.carry import start
-from rig.solve.chance import Chance, shake, spent
-from rig.solve.control import NOW, Controls, control
-from rig.solve.leaf import any_shape, call
+from rig.solve.advance import start
+from rig.solve.contact_state import DONE, LOOK
+from rig.solve.control_loop import NOW, Controls, control
+from rig.solve.random_input import Chance, shake, spent
 from rig.solve.records import BEYOND, EVENTS, REACHED
 from rig.solve.sampling import SHORT, Rack, sample
-from rig.solve.settle import DONE, LOOK
+from rig.solve.specialised import any_shape, call
 
 
 class Around(NamedTuple):

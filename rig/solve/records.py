@@ -7,10 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve import ledger
-from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
 from rig.solve.segments import Segments
-from rig.solve.system import System
 
 Array = NDArray[np.float64]
 TICK, KEY, PENDING, EVENTS, OPENED, TRIALS, REPEAT, BEYOND, PAST, REACHED, BEGUN, MOST, FELL = range(13)
@@ -58,45 +55,8 @@ class Work(NamedTuple):
     weights3: Array
 
 
-def workspace(system: System, read: int, guards: int) -> Work:
-    """Scratch for a system, of which `read` quantities are read and a mode set has at most `guards` guards."""
-    n, P = system.n, len(system.patches)
-    both = np.zeros(n + system.inputs)
-    nodes, weights = np.polynomial.legendre.leggauss(3)
-    return Work(
-        k=np.zeros((7, n)),
-        y=np.zeros(n),
-        y2=np.zeros(n),
-        x0=np.zeros(n),
-        copy=np.zeros(n),
-        size=np.zeros(n),
-        ended=np.zeros(n),
-        ask=np.zeros(n),
-        ask_x=np.zeros(n),
-        bear=np.zeros(n),
-        bear_x=np.zeros(n),
-        both=both,
-        at=both[:n],
-        rates=np.zeros(n),
-        T=both[n:],
-        scratch=np.zeros((P, P)),
-        swung=np.zeros((len(system.generators), 2)),
-        derivatives=np.zeros((DEGREE + 1, n)),
-        spare=np.zeros((DEGREE + 1, n)),
-        poly=np.zeros(DEGREE + 1),
-        roots=np.zeros((WORK_ROWS, WORK_COLUMNS)),
-        g=np.zeros(guards),
-        fits=np.zeros((guards, 7)),
-        values=np.zeros((5, read)),
-        nodes=ledger.NODES,
-        weights=ledger.WEIGHTS,
-        nodes3=0.5 * (nodes + 1.0),
-        weights3=0.5 * weights,
-    )
-
-
 class Log(NamedTuple):
-    """What one call writes: states and slots at ticks, events."""
+    """What one call writes: states and mode sets at ticks, events."""
 
     out: Array  # [tick, n]
     modes: NDArray[np.int64]  # [tick]
@@ -112,13 +72,13 @@ class State(NamedTuple):
     x: Array
     energy: Array
     edges: Array  # [1] energy that came in with the stiffness of new sectors
-    tally: NDArray[np.int64]  # ticks spent in each slot; the last counts all beyond
+    tally: NDArray[np.int64]  # ticks spent in each mode set; the last counts all beyond
     watched: NDArray[np.int64]  # outputs that have a bound
     bound: Array  # of their sizes
 
 
 class Plan(NamedTuple):
-    """How a motion is carried on. Addresses of code (rig.solve.leaf) are 0 where none is asked; 1: yes."""
+    """How a motion is carried on. Addresses of code (rig.solve.specialised) are 0 where none is asked; 1: yes."""
 
     carry: int  # of the loop over stretches in one mode set
     linear: int  # of a stretch in a linear one, and
@@ -126,12 +86,12 @@ class Plan(NamedTuple):
     stretch: int  # of a stretch in any other one, and
     steps: int  # of the leaf for its steps
     whole: int  # of the derivative of rigs with more than one patch, or products
-    wide: int  # many states: rig.solve.wide
+    wide: int  # many states: rig.solve.many_states
     bends: int  # some mode set is not linear
     fixed: int  # steps, of rk4 or kick
     substeps: int  # of fixed steps in a tick
     tolerance: float  # of dopri5
-    booking: int  # keep the energy ledger
+    with_energy: int  # keep the energy balance
     emitting: int  # write segments for the sensors
     limit: float  # of the size of a state
 

@@ -7,14 +7,14 @@ the reason it is not the default. It serves comparison, and it serves every mode
 from __future__ import annotations
 
 from rig.kernel import inlined, inner
-from rig.loan import lent
-from rig.solve.books import book, read
-from rig.solve.emit import crowded, emit_quartic
+from rig.lent_records import lent
+from rig.solve.contact_state import land, passed
 from rig.solve.forces import guard, inputs, lend, rate
-from rig.solve.leaf import bends, call, local, states
+from rig.solve.instant_readings import add_energy, read
 from rig.solve.records import FELL, KEY, LENGTH, PLACE, REACHED, TICK
 from rig.solve.rows import rounding
-from rig.solve.settle import land, passed
+from rig.solve.segment_output import crowded, emit_quartic
+from rig.solve.specialised import bends, call, local, states
 
 ENDED, ASKS = range(2)  # what the leaf returns
 
@@ -88,16 +88,16 @@ def between(shape, k, x, y, h, u, z):
 @inlined
 def observe(shape, f, w, energy, seg, plan, h, start):
     """Energy (Simpson) and signals along a step of length h to w.y, from w.x0."""
-    x, bent, booking, emitting = w.x0, plan.bends, plan.booking, plan.emitting
+    x, bent, with_energy, emitting = w.x0, plan.bends, plan.with_energy, plan.emitting
     rate(shape, f, bent, x, w.k[0])
     rate(shape, f, bent, w.y, w.k[1])
     for q in range(5):
         between(shape, w.k, x, w.y, h, 0.25 * q, w.y2)
-        inputs(f.t, f.slot, w.y2, w.T, w.scratch)
-        if booking and q % 2 == 0:
-            book(f.t, f.slot, w.T, w.y2, (4.0 if q == 2 else 1.0) * h / 6.0, energy)
+        inputs(f.t, f.mode_set, w.y2, w.T, w.scratch)
+        if with_energy and q % 2 == 0:
+            add_energy(f.t, f.mode_set, w.T, w.y2, (4.0 if q == 2 else 1.0) * h / 6.0, energy)
         if emitting:
-            read(f.t, f.slot, w.T, w.y2, w.values[q])
+            read(f.t, f.mode_set, w.T, w.y2, w.values[q])
     if emitting and h > 0.0:
         emit_quartic(w.values, start, h, seg)
 
@@ -117,10 +117,10 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
     ASKS: its end is w.y, its length fc[LENGTH], the guard that fell in it ic[FELL]; state, tick and place are those of
     its begin.
     """
-    n, looked, bent = states(shape), plan.booking or plan.emitting, bends(shape)
+    n, looked, bent = states(shape), plan.with_energy or plan.emitting, bends(shape)
     ic, fc, x, substeps, out = state.ic, state.fc, state.x, plan.substeps, log.out
-    full, slot = t.step[0] / substeps, t.slot_of[ic[KEY]]
-    f = lend(t, slot, w.T, w.scratch)
+    full, mode_set = t.step[0] / substeps, t.mode_set_of[ic[KEY]]
+    f = lend(t, mode_set, w.T, w.scratch)
     k, y, z, here = local(shape, w.k), local(shape, w.y), local(shape, w.y2), local(shape, w.x0)
     tick, place, ends = ic[TICK], fc[PLACE], ENDED
     for i in range(n):
@@ -137,17 +137,17 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
             break
         for i in range(n):
             here[i] = y[i]
-        if bent and t.stuck[slot]:
+        if bent and t.stuck[mode_set]:
             for i in range(n):
                 x[i] = here[i]
-            land(t, slot, x, w.copy)
+            land(t, mode_set, x, w.copy)
             for i in range(n):
                 here[i] = x[i]
         place = whole / substeps
         if whole >= substeps:
             for i in range(n):
                 out[tick, i] = here[i]
-            log.modes[tick] = slot
+            log.modes[tick] = mode_set
             tick, place, whole = tick + 1, 0.0, 0
         whole, h = whole + 1, full
     ic[TICK], fc[PLACE] = tick, place
@@ -161,24 +161,24 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     """Part: carry the state until an event or the end of the ticks asked for. Returns the guard or -1."""
     ic, fc, x, substeps, bent = state.ic, state.fc, state.x, plan.substeps, plan.bends
     n, full, origin = x.shape[0], t.step[0] / plan.substeps, ic[REACHED]
-    slot = t.slot_of[ic[KEY]]
-    f = lent(lend(t, slot, w.T, w.scratch))
+    mode_set = t.mode_set_of[ic[KEY]]
+    f = lent(lend(t, mode_set, w.T, w.scratch))
     fallen = -1
-    while ic[TICK] < ticks and fallen < 0 and not (plan.emitting and crowded(t, slot, seg, ticks - ic[TICK])):
+    while ic[TICK] < ticks and fallen < 0 and not (plan.emitting and crowded(t, mode_set, seg, ticks - ic[TICK])):
         if call(plan.steps, shape, t, w, state, log, seg, plan, ticks) == ENDED:
             break
         tick, place, length, fallen = ic[TICK], fc[PLACE], fc[LENGTH], ic[FELL]
         if fallen >= 0:
             length, fallen = bisect(shape, f, bent, x, length, w)
-        if plan.booking or plan.emitting:
+        if plan.with_energy or plan.emitting:
             start = (tick - origin + place) * t.step[0]
             for i in range(n):
                 w.x0[i] = x[i]
             observe(shape, f, w, state.energy, seg, plan, length, start)
         for i in range(n):
             x[i] = w.y[i]
-        if bent and t.stuck[slot]:
-            land(t, slot, x, w.copy)
+        if bent and t.stuck[mode_set]:
+            land(t, mode_set, x, w.copy)
         whole, _ = next_step(place, substeps, full)
         reached = place * substeps + length / full
         if fallen >= 0 and reached < substeps - 1e-12:
@@ -186,11 +186,11 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         elif whole >= substeps:
             for i in range(n):
                 log.out[tick, i] = x[i]
-            log.modes[tick] = slot
+            log.modes[tick] = mode_set
             tick, place = tick + 1, 0.0
         else:
             place = whole / substeps
         ic[TICK], fc[PLACE] = tick, place
     if fallen >= 0:
-        passed(t, slot, fallen, ic, x)
+        passed(t, mode_set, fallen, ic, x)
     return fallen

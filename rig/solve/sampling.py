@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.kernel import inner, kernel
-from rig.solve.response import PART, PEEK, RESIDUE, STATE, STEP, polynomial, settle, weigh
+from rig.solve.pole_response import PART, PEEK, RESIDUE, STATE, STEP, polynomial, settle, weigh
 
 # One instrument: what it is, then where it stands. Sample n is published at `instant` n and taken `delay` earlier.
 FRONT = np.dtype(

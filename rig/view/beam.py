@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.solve.system import System
+from rig.model.system import System
 from rig.view.lumped import Moved
-from rig.view.parts import STEEL, Columns, Integers, Reals, along, load, spring
 from rig.view.picture import Scale, round_down, scale_of
+from rig.view.shapes import STEEL, Columns, Integers, Reals, along, load, spring
 
 if TYPE_CHECKING:
     import rerun as rr

@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve.linear import sliding_key, steady
-from rig.solve.system import System
+from rig.model.system import System
+from rig.stability.linearisation import sliding_key, steady
 from rig.view import contact
-from rig.view.parts import (
+from rig.view.picture import Picture, Scale, round_down
+from rig.view.shapes import (
     DISC,
     FRICTION,
     MARK,
@@ -34,7 +35,6 @@ from rig.view.parts import (
     word,
     zigzag,
 )
-from rig.view.picture import Picture, Scale, round_down
 
 if TYPE_CHECKING:
     import rerun as rr

@@ -6,7 +6,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from rig.record.run import Integers, Run
-from rig.view import story
+from rig.view import timeline
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +38,7 @@ def _told(run: Run, modes: Integers) -> list[tuple[str, str]]:
     steps = f"{run.step_ns / 1e6:g} ms"
     rows = [("integration", f"{plant.get('method', 'unknown')}, {steps} samples, {plant.get('events', 0)} events")]
     if modes.size:
-        rows.append(("stick share", f"{(modes == 0).mean():.1%} of {story.end_of(run):g} s"))
+        rows.append(("stick share", f"{(modes == 0).mean():.1%} of {timeline.end_of(run):g} s"))
     if run.energy:
         supplied = run.energy.get("drive", run.energy.get("supplied", 0.0))
         rows.append(("energy", f"{supplied:.4g} J from the drive, closes to {abs(run.energy.get('error', 0.0)):.0e}"))

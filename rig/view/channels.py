@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from rig.record.points import numbered
+from rig.record.film_points import numbered
 
 
 class Channel(NamedTuple):

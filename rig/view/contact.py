@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.solve.assembly import Assembly
-from rig.solve.system import OPEN, SLIP_MINUS, SLIP_PLUS, STICK, System
+from rig.model.assembly import Assembly
+from rig.model.system import System
+from rig.solve.state_codes import OPEN, SLIP_MINUS, SLIP_PLUS, STICK
 
 if TYPE_CHECKING:
     from rig.scenes.scene import Scene

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rig.record.run import Reals, Run
-from rig.view import story
+from rig.view import timeline
 from rig.view.caption import scene_of
 from rig.view.channels import channels
 
@@ -86,17 +86,17 @@ def curves(axes: Axes, run: Run, outputs: tuple[tuple[str, str], ...]) -> None:
         legend(axes, min(count, 4))
 
 
-def shade(axes: Axes, run: Run, closed: list[story.Span]) -> None:
+def shade(axes: Axes, run: Run, closed: list[timeline.Span]) -> None:
     """Where controllers work, where a circuit is closed, and where something was marked."""
-    for span in story.controlled(run):
+    for span in timeline.controlled(run):
         axes.axvspan(span.begin, span.end, color="#2a9d77", alpha=0.09, lw=0, zorder=0)
     for span in closed:
         axes.axvspan(span.begin, span.end, color=VOLTAGE, alpha=0.13, lw=0, zorder=0)
-    for mark in story.marks(run):
+    for mark in timeline.marks(run):
         axes.axvline(mark.time, color="#777777", lw=0.8, ls=(0, (4, 3)), zorder=1)
 
 
-def name_circuits(axes: Axes, closed: list[story.Span]) -> None:
+def name_circuits(axes: Axes, closed: list[timeline.Span]) -> None:
     """What the closed circuits are, at the foot of the curves, where there is room."""
     whole = axes.get_xlim()[1]
     for span in closed:
@@ -123,18 +123,18 @@ def heading(figure: Figure, run: Run) -> None:
 
 def phases(axes: Axes, run: Run) -> None:
     """Two lines of words above the curves: marks, and the steps of the protocol as a band."""
-    end = story.end_of(run) or 1.0
+    end = timeline.end_of(run) or 1.0
     letters = _LETTERS / end  # characters that fit into a second
     axes.set_ylim(0.0, 2.0)
     axes.grid(False)
     axes.set_axis_off()
-    for i, span in enumerate(story.phases(run)):
+    for i, span in enumerate(timeline.phases(run)):
         axes.axvspan(span.begin, span.end, 0.02, 0.46, color="#e9edf3" if i % 2 else "#d9e0ea", lw=0)
         room = letters * (span.end - span.begin) - 1
         shorter = (span.text, "to" + span.text.partition(" to")[2], span.text.rpartition(" to ")[2])
         text = next((t for t in shorter if len(t) <= room and t != "to"), _fitting(span.text, room))
         axes.text((span.begin + span.end) / 2, 0.48, text, ha="center", va="center", fontsize=8.5, color="#333333")
-    marks = story.marks(run)
+    marks = timeline.marks(run)
     for mark, after in zip(marks, [m.time for m in marks[1:]] + [end]):
         axes.plot([mark.time, mark.time], [0.0, 1.9], color="#777777", lw=0.8, ls=(0, (4, 3)), clip_on=False)
         room = letters * (max(after - mark.time, end * 0.12 if after == end else 0.0)) - 1

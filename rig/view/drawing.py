@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.record.points import numbered
+from rig.record.film_points import numbered
 from rig.view import contact, plate
 from rig.view.channels import channels
-from rig.view.parts import Columns
+from rig.view.phase_portrait import Portrait
 from rig.view.picture import picture_of
-from rig.view.portrait import Portrait
+from rig.view.shapes import Columns
 
 if TYPE_CHECKING:
     import rerun as rr

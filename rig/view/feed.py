@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from rig.bus import messages
 from rig.bus.arrivals import Message
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
 from rig.view.drawing import HEALTH, Drawing
-from rig.view.parts import Columns
+from rig.view.shapes import Columns
 
 KEPT = 4000
 SHOWN_NS = 1_000_000

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rig.view.parts import (
+from rig.view.picture import Picture
+from rig.view.shapes import (
     DISC,
     FRICTION,
     LYING,
@@ -29,7 +30,6 @@ from rig.view.parts import (
     word,
     zigzag,
 )
-from rig.view.picture import Picture
 
 if TYPE_CHECKING:
     import rerun as rr

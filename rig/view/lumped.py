@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.view.parts import FRICTION, STEEL, Columns, Integers, Reals, about, along, load, spring, zigzag
 from rig.view.picture import Belt, Pendulum, disc
+from rig.view.shapes import FRICTION, STEEL, Columns, Integers, Reals, about, along, load, spring, zigzag
 
 if TYPE_CHECKING:
     import rerun as rr

@@ -2,7 +2,7 @@
 
     pendulum   an arm on the axis of a rotating disc, its shoe on the disc, a spring to a post
     belt       a mass on a running belt, a spring to a wall; rigs like these two are drawn by `lumped`
-    lever      in `rig.view.lever`; three bodies on a belt in `rig.view.three_bodies`; tip in `rig.view.beam`
+    lever      in `rig.view.lever`; three bodies on a belt in `rig.view.four_dof`; tip in `rig.view.beam`
 
 Motions are magnified, arm and disc (mass and belt) alike, so that in stick they move as one. The shoe has the colour of
 the contact mode; arrows show friction and normal force. Geometry is sent once; a frame is a few transforms.
@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rig.solve.system import System
+from rig.model.system import System
 from rig.view import contact
-from rig.view.parts import (
+from rig.view.shapes import (
     DISC,
     FRICTION,
     LYING,
@@ -81,7 +81,7 @@ def picture_of(
     """
     if not {"displacement", "surface_speed", "friction_force", "normal_force"} <= set(outputs):
         return None
-    from rig.view import beam, brake, lever, lumped, three_bodies  # pictures that build on those here
+    from rig.view import beam, brake, four_dof, lever, lumped  # pictures that build on those here
 
     if "clamp_force" in outputs:
         return beam.Tip(beam.scale(system))
@@ -93,7 +93,7 @@ def picture_of(
         "lever_angle": lever.Lever,
         "deflection": lumped.Slider,
         "disc_speed": Pendulum,
-        "body_3_height": three_bodies.ThreeBodies,
+        "body_3_height": four_dof.ThreeBodies,
         "height": lumped.Lifting,
         "tilt": lumped.Tilting,
         "pin_displacement": lumped.Pin,

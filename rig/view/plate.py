@@ -2,7 +2,7 @@
 
 One length is 50 mm. The slider travels as it does; its heave, pitch and roll are magnified by a stated factor, as is
 the motion of the probe, a ball on the plate. On the plate, where the slider is, lies the map of the film's pressure
-(rig.view.heat), and beside the picture the same map from above with its scale and the pressure centre.
+(rig.view.pressure_colours), and beside the picture the same map from above with its scale and the pressure centre.
 
 The vibration is faster than any picture: each shows one instant, not a mean.
 """
@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rig.model.system import System
 from rig.plants.plate import Parameters
-from rig.record.points import Points, largest_load
+from rig.record.film_points import Points, largest_load
 from rig.scenes.scene import Scene
-from rig.solve.system import System
-from rig.view import heat
-from rig.view.parts import DISC, FRICTION, STEEL, Columns, Integers, Reals, along, load, word
+from rig.view import pressure_colours
 from rig.view.picture import Picture, Scale, round_down
+from rig.view.shapes import DISC, FRICTION, STEEL, Columns, Integers, Reals, along, load, word
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -169,7 +169,7 @@ class Cells:
         """Pressures as colours, and their centre; `middle` of the slider in the picture."""
         import rerun as rr
 
-        cells = heat.colours(self._points.maps(s), self._points.scale).reshape(len(t_ns), -1, 3)
+        cells = pressure_colours.colours(self._points.maps(s), self._points.scale).reshape(len(t_ns), -1, 3)
         corners = np.repeat(cells, 4, axis=1)
         count = corners.shape[1]
 
@@ -208,7 +208,7 @@ class Cells:
         x = np.linspace(low, high, count + 1)
         bars = [(x[i + a], y + b, 0.0) for i in range(count) for a, b in ((0, 0), (1, 0), (1, 0.09), (0, 0.09))]
         bars += [(0.9 + a, y + b, 0.0) for a, b in ((0, 0), (0.1, 0), (0.1, 0.09), (0, 0.09))]
-        shades = heat.colours(np.append((np.arange(count) + 0.5) / count, 0.0), 1.0)
+        shades = pressure_colours.colours(np.append((np.arange(count) + 0.5) / count, 0.0), 1.0)
         first = 4 * np.arange(count + 1)[:, None, None]
         mesh = rr.Mesh3D(
             vertex_positions=bars, vertex_colors=np.repeat(shades, 4, axis=0),

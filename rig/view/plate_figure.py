@@ -15,10 +15,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from rig.record.instants import Instant, telling
-from rig.record.points import Points, points_of
+from rig.record.film_points import Points, points_of
+from rig.record.pressure_instants import Instant, telling
 from rig.record.run import Reals, Run
-from rig.view import story
+from rig.view import timeline
 from rig.view.caption import caption
 from rig.view.curves import (
     BODY,
@@ -33,7 +33,7 @@ from rig.view.curves import (
     plain,
     shade,
 )
-from rig.view.maps import draw_map, draw_scale
+from rig.view.pressure_maps import draw_map, draw_scale
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -77,7 +77,7 @@ def compose(figure: Figure, run: Run) -> None:
     times = figure.add_subplot(grid[1, 0])
     drawn = [times, *(figure.add_subplot(grid[row, 0], sharex=times) for row in range(2, 1 + len(panels)))]
     phases(figure.add_subplot(grid[0, 0], sharex=times), run)
-    times.set_xlim(0.0, story.end_of(run) or 1.0)
+    times.set_xlim(0.0, timeline.end_of(run) or 1.0)
     found = telling(run) if points is not None and run.time.size else []
     for axes, panel in zip(drawn, panels):
         _panel(axes, run, panel)

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rig import bus
-from rig.bus import setup
+from rig.bus import run_setup
 from rig.bus.port import Receiver, Session, Watch
 from rig.errors import BusError
 from rig.plants.structures import model_store
@@ -26,7 +26,7 @@ from rig.scheduling import stand_back
 from rig.view import viewer
 from rig.view.drawing import Drawing, send
 from rig.view.feed import Feed
-from rig.view.parts import Columns
+from rig.view.shapes import Columns
 
 if TYPE_CHECKING:
     import rerun as rr
@@ -102,7 +102,7 @@ class Bridge:
         self._session = session
         self._heard: Receiver = session.subscribe(*TOPICS, depth=_DEPTH, polled=True)
         self._plant: Watch = session.watch("plant/*")
-        described = setup.fetch(session, wait)
+        described = run_setup.fetch(session, wait)
         if not self._plant.wait_for("plant", "plant", wait):
             raise BusError(f"run {session.run} has no plant; it has ended")
         for model in described.models:

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rig.solve.assembly import Input
+from rig.model.assembly import Input
 
 MS = 1_000_000
 
@@ -65,7 +65,7 @@ class FakeStand:
 
 
 @pytest.fixture
-def stand():
+def runner():
     return FakeStand()
 
 

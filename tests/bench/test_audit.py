@@ -6,10 +6,10 @@ import pytest
 
 import rig
 from rig.bench.audit import LEAST, MOST, Visited, share
-from rig.bench.stand import Stand
+from rig.bench.runner import PlantRunner
 from rig.cli import app
+from rig.model.formulation import assemble
 from rig.scenes.scene import STEPS
-from rig.solve.formulation import assemble
 
 
 def judged(scene, seconds=3.0):
@@ -27,12 +27,12 @@ def test_a_limit_that_was_never_met_is_on_for_nothing_and_a_lag_is_not():
 
 
 def test_a_rig_differs_from_itself_in_nothing():
-    stand = Stand(rig.load("belt_c"))
+    runner = PlantRunner(rig.load("belt_c"))
     for _ in range(200):
-        stand.frame()
-    kept = stand._witness.kept
+        runner.frame()
+    kept = runner._witness.kept
     assert MOST // 2 <= len(kept) <= MOST
-    assert share(kept, stand.motion.system, {}) == 0.0
+    assert share(kept, runner.motion.system, {}) == 0.0
 
 
 def test_the_share_is_one_of_all_forces():
@@ -54,11 +54,11 @@ def test_what_is_absent_is_judged_with_the_values_of_another_scene():
 
 def test_states_are_spread_over_the_whole_run_however_it_is_cut():
     def ticks(pieces):
-        stand = Stand(rig.load("belt_c"), truthful=True)
+        runner = PlantRunner(rig.load("belt_c"), truthful=True)
         for count in pieces:
-            while stand.tick < count:
-                stand.frames(count - stand.tick)
-        return [one.x.tolist() for one in stand._witness.kept]
+            while runner.tick < count:
+                runner.frames(count - runner.tick)
+        return [one.x.tolist() for one in runner._witness.kept]
 
     assert ticks([1000]) == ticks(range(1, 1001))
 

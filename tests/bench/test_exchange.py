@@ -9,17 +9,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from rig.bench.command_queue import CLAMPED, SAFE
 from rig.bench.exchange import Exchange
 from rig.bench.journal import Journal
-from rig.bench.line import CLAMPED, SAFE
 from rig.bench.playback import Playback
 from rig.errors import UsageError
 
 MS = 1_000_000
 
 
-def exchange(stand, hold=50, kind=Exchange, **delay):
-    made = kind(stand, MS, hold, Journal(MS, lambda: stand.tick))
+def exchange(runner, hold=50, kind=Exchange, **delay):
+    made = kind(runner, MS, hold, Journal(MS, lambda: runner.tick))
     made.admit("nf", ["load.force"], MS, **delay)
     return made
 
@@ -28,132 +28,132 @@ def kinds(made):
     return [event.kind for event in made._journal.events]
 
 
-def test_a_command_is_in_force_at_the_tick_of_its_arrival(stand):
-    made = exchange(stand)
-    stand.tick = 7
+def test_a_command_is_in_force_at_the_tick_of_its_arrival(runner):
+    made = exchange(runner)
+    runner.tick = 7
     made.receive("nf", 7, (30.0,))
     assert [line.name for line in made.take_over()] == ["nf"]
-    assert stand.done == [(7, "load.force", 30.0)]
+    assert runner.done == [(7, "load.force", 30.0)]
 
 
-def test_the_later_of_two_commands_counts(stand):
-    made = exchange(stand)
-    stand.tick = 7
+def test_the_later_of_two_commands_counts(runner):
+    made = exchange(runner)
+    runner.tick = 7
     made.receive("nf", 5, (30.0,))
     made.receive("nf", 6, (31.0,))
     made.take_over()
-    assert stand.value["load.force"] == 31.0
+    assert runner.value["load.force"] == 31.0
     assert made.lines["nf"].counts.overtaken == 1
 
 
-def test_the_delay_of_a_loop_is_a_queue(stand):
-    made = exchange(stand, delay_ns=3 * MS)
+def test_the_delay_of_a_loop_is_a_queue(runner):
+    made = exchange(runner, delay_ns=3 * MS)
     for _ in range(10):
-        made.receive("nf", stand.tick, (30.0 + stand.tick,))
+        made.receive("nf", runner.tick, (30.0 + runner.tick,))
         made.take_over()
-        stand.frame()
-    assert stand.done == [(tick, "load.force", 27.0 + tick) for tick in range(3, 10)]
+        runner.frame()
+    assert runner.done == [(tick, "load.force", 27.0 + tick) for tick in range(3, 10)]
     assert made.lines["nf"].counts.late == 0
     assert made.lines["nf"].counts.oldest == 3
 
 
-def test_a_late_command_waits_no_longer_than_it_must(stand):
-    made = exchange(stand, delay_ns=3 * MS)
-    stand.tick = 8
+def test_a_late_command_waits_no_longer_than_it_must(runner):
+    made = exchange(runner, delay_ns=3 * MS)
+    runner.tick = 8
     made.receive("nf", 2, (30.0,))
     made.take_over()
-    assert stand.value["load.force"] == 30.0
+    assert runner.value["load.force"] == 30.0
     assert made.lines["nf"].counts.late == 1
 
 
-def test_a_missing_command_is_held_then_replaced_by_the_safe_value(stand):
-    made = exchange(stand, hold=50)
+def test_a_missing_command_is_held_then_replaced_by_the_safe_value(runner):
+    made = exchange(runner, hold=50)
     made.receive("nf", 0, (90.0,))
     for tick in range(100):
-        stand.tick = tick
+        runner.tick = tick
         made.take_over()
-    assert stand.done == [(0, "load.force", 90.0), (51, "load.force", 20.0)]
+    assert runner.done == [(0, "load.force", 90.0), (51, "load.force", 20.0)]
     counts = made.lines["nf"].counts
     assert (counts.held, counts.safe) == (51, 1)
-    stand.tick = 100
+    runner.tick = 100
     made.receive("nf", 100, (80.0,))
     made.take_over()
-    assert stand.value["load.force"] == 80.0
+    assert runner.value["load.force"] == 80.0
     assert kinds(made) == ["safe", "back"]
 
 
-def test_a_slow_controller_is_not_silent_between_its_commands(stand):
-    made = Exchange(stand, MS, 50, Journal(MS, lambda: stand.tick))
+def test_a_slow_controller_is_not_silent_between_its_commands(runner):
+    made = Exchange(runner, MS, 50, Journal(MS, lambda: runner.tick))
     made.admit("slow", ["load.force"], 100 * MS)
     for tick in range(1000):
-        stand.tick = tick
+        runner.tick = tick
         if tick % 100 == 0:
             made.receive("slow", tick, (30.0 + tick,))
         made.take_over()
     assert (made.lines["slow"].counts.held, made.lines["slow"].counts.safe) == (0, 0)
 
 
-def test_a_controller_that_never_spoke_took_nothing_over(stand):
-    made = exchange(stand)
+def test_a_controller_that_never_spoke_took_nothing_over(runner):
+    made = exchange(runner)
     made.receive("nf", 0, ())
-    stand.tick = 1000
+    runner.tick = 1000
     assert not made.take_over()
-    assert (stand.done, kinds(made)) == ([], [])
+    assert (runner.done, kinds(made)) == ([], [])
 
 
 @pytest.mark.parametrize(("given", "applied"), [(1e9, 100.0), (-5.0, 0.0), (100.0, 100.0)])
-def test_out_of_range_is_clamped_and_counted(stand, given, applied):
-    made = exchange(stand)
+def test_out_of_range_is_clamped_and_counted(runner, given, applied):
+    made = exchange(runner)
     made.receive("nf", 0, (given,))
     (line,) = made.take_over()
-    assert stand.value["load.force"] == applied
+    assert runner.value["load.force"] == applied
     assert (line.counts.clamped, line.status) == ((0, 0) if given == applied else (1, CLAMPED))
 
 
-def test_a_command_that_waits_is_clamped_to_the_range_of_the_tick_at_which_it_takes_effect(stand):
+def test_a_command_that_waits_is_clamped_to_the_range_of_the_tick_at_which_it_takes_effect(runner):
     """It waits for a rig that is being built; meanwhile somebody makes the range of its actuator smaller."""
-    made = exchange(stand)
+    made = exchange(runner)
     made.refit = SimpleNamespace(done=False, possible=lambda drives, values: (20.0,))
     made.receive("nf", 0, (90.0,))
     (line,) = made.take_over()
-    stand.inputs["load.force"] = replace(stand.inputs["load.force"], high=60.0)
+    runner.inputs["load.force"] = replace(runner.inputs["load.force"], high=60.0)
     made.refit = SimpleNamespace(done=True, possible=lambda drives, values: values)
-    stand.tick = 1
+    runner.tick = 1
     assert made.take_over() == [line]
-    assert stand.done == [(0, "load.force", 20.0), (1, "load.force", 60.0)]
+    assert runner.done == [(0, "load.force", 20.0), (1, "load.force", 60.0)]
     assert (line.wanted, line.status, line.counts.clamped) == ((), CLAMPED, 1)
 
 
-def test_safe_values_that_need_another_rig_take_effect_when_it_is_built(stand):
-    made = exchange(stand, hold=0)
+def test_safe_values_that_need_another_rig_take_effect_when_it_is_built(runner):
+    made = exchange(runner, hold=0)
     made.receive("nf", 0, (90.0,))
     made.take_over()
     made.refit = SimpleNamespace(done=False, possible=lambda drives, values: (90.0,))
-    stand.tick = 1
+    runner.tick = 1
     (line,) = made.take_over()
     assert (line.values, line.wanted, line.status) == ((90.0,), (20.0,), SAFE)
     made.refit = SimpleNamespace(done=True, possible=lambda drives, values: values)
-    stand.tick = 9
+    runner.tick = 9
     assert made.take_over() == [line]
-    assert stand.done == [(0, "load.force", 90.0), (9, "load.force", 20.0)]
+    assert runner.done == [(0, "load.force", 90.0), (9, "load.force", 20.0)]
     assert (line.wanted, line.status, line.counts.safe) == ((), SAFE, 1)
 
 
-def test_what_the_protocol_asked_for_comes_back_within_the_range_of_that_tick(stand):
-    made = exchange(stand)
+def test_what_the_protocol_asked_for_comes_back_within_the_range_of_that_tick(runner):
+    made = exchange(runner)
     made.ask("load.force", 90.0)
     made.receive("nf", 0, (30.0,))
     made.take_over()
-    stand.inputs["load.force"] = replace(stand.inputs["load.force"], high=60.0)
+    runner.inputs["load.force"] = replace(runner.inputs["load.force"], high=60.0)
     made.connect("nf", False)
-    assert stand.value["load.force"] == 60.0
+    assert runner.value["load.force"] == 60.0
 
 
-def test_what_is_not_finite_is_held_and_counted(stand):
-    made = Exchange(stand, MS, 50, Journal(MS, lambda: stand.tick))
+def test_what_is_not_finite_is_held_and_counted(runner):
+    made = Exchange(runner, MS, 50, Journal(MS, lambda: runner.tick))
     made.admit("both", ["load.force", "dither.amplitude"], MS)
     for tick, values in enumerate([(nan, 0.1), (30.0, 0.2), (inf, 0.3), (31.0, -inf)]):
-        stand.tick = tick
+        runner.tick = tick
         made.receive("both", tick, values)
         made.take_over()
     assert made.lines["both"].commands().values.tolist() == [[20.0, 0.1], [30.0, 0.2], [30.0, 0.3], [31.0, 0.3]]
@@ -161,8 +161,8 @@ def test_what_is_not_finite_is_held_and_counted(stand):
     assert kinds(made) == ["not finite"]  # the same again within a second is counted, not told
 
 
-def test_one_actuator_has_one_owner(stand):
-    made = exchange(stand)
+def test_one_actuator_has_one_owner(runner):
+    made = exchange(runner)
     with pytest.raises(UsageError, match="driven by nf already"):
         made.admit("other", ["load.force"], MS)
     with pytest.raises(UsageError, match="no such actuator"):
@@ -170,34 +170,34 @@ def test_one_actuator_has_one_owner(stand):
     with pytest.raises(UsageError, match="no whole number"):
         made.admit("other", ["drive.speed"], MS + 1)
     for tick in range(3000):
-        stand.tick = tick
+        runner.tick = tick
         made.receive("stranger", tick, (5.0,))
         made.receive("nf", tick, (5.0, 6.0))
         made.take_over()
-    assert stand.done == []
+    assert runner.done == []
     assert made.counters()["refused"] == {"stranger": 3000}
     assert made.lines["nf"].counts.refused == 3000
     assert kinds(made) == ["refused"] * 6  # each once a second
 
 
-def test_a_controller_from_outside_gives_its_actuator_back(stand):
-    made = exchange(stand)
+def test_a_controller_from_outside_gives_its_actuator_back(runner):
+    made = exchange(runner)
     made.admit("mine", ["drive.speed"], MS)
     made.receive("mine", 0, (0.5,))
     made.take_over()
     made.dismiss("mine")
-    assert stand.value["drive.speed"] == 0.06
+    assert runner.value["drive.speed"] == 0.06
     made.admit("yours", ["drive.speed"], MS)
 
 
-def test_the_counts_and_commands_of_a_dismissed_controller_stay(stand):
-    made = Exchange(stand, MS, 5, Journal(MS, lambda: stand.tick))
+def test_the_counts_and_commands_of_a_dismissed_controller_stay(runner):
+    made = Exchange(runner, MS, 5, Journal(MS, lambda: runner.tick))
     for begin in (0, 100):
-        stand.tick = begin
+        runner.tick = begin
         made.admit("mine", ["drive.speed"], MS)
         made.receive("mine", begin, (0.5,))
         made.take_over()
-        stand.tick = begin + 50
+        runner.tick = begin + 50
         made.take_over()
         made.dismiss("mine")
         assert made.lines == {}
@@ -207,53 +207,53 @@ def test_the_counts_and_commands_of_a_dismissed_controller_stay(stand):
     assert made.all_lines["mine"].commands().tick.tolist() == [0, 50, 100, 150]
 
 
-def test_a_controller_that_drives_nothing_is_written_down(stand):
-    made = Exchange(stand, MS, 5, Journal(MS, lambda: stand.tick))
+def test_a_controller_that_drives_nothing_is_written_down(runner):
+    made = Exchange(runner, MS, 5, Journal(MS, lambda: runner.tick))
     made.admit("watcher", [], MS)
     made.receive("watcher", 0, ())
     made.take_over()
     assert made.lines["watcher"].commands().values.shape == (1, 0)
 
 
-def test_a_command_is_clamped_to_the_range_as_it_is_now(stand):
-    made = exchange(stand)
-    stand.inputs["load.force"] = replace(stand.inputs["load.force"], low=15.0, safe=25.0)
+def test_a_command_is_clamped_to_the_range_as_it_is_now(runner):
+    made = exchange(runner)
+    runner.inputs["load.force"] = replace(runner.inputs["load.force"], low=15.0, safe=25.0)
     made.receive("nf", 0, (10.0,))
     made.take_over()
-    assert (stand.value["load.force"], made.lines["nf"].status) == (15.0, CLAMPED)
-    stand.tick = 60
+    assert (runner.value["load.force"], made.lines["nf"].status) == (15.0, CLAMPED)
+    runner.tick = 60
     made.take_over()
-    assert (stand.value["load.force"], made.lines["nf"].status) == (25.0, SAFE)
+    assert (runner.value["load.force"], made.lines["nf"].status) == (25.0, SAFE)
 
 
-def test_the_protocol_waits_until_the_controller_is_disconnected(stand):
-    made = exchange(stand)
+def test_the_protocol_waits_until_the_controller_is_disconnected(runner):
+    made = exchange(runner)
     made.ask("load.force", 40.0)
-    assert stand.value["load.force"] == 40.0
+    assert runner.value["load.force"] == 40.0
     made.receive("nf", 0, (50.0,))
     made.take_over()
     made.ask("load.force", 60.0)
-    assert stand.value["load.force"] == 50.0
+    assert runner.value["load.force"] == 50.0
     assert kinds(made) == ["overruled"]
     made.connect("nf", False)
-    assert stand.value["load.force"] == 60.0
+    assert runner.value["load.force"] == 60.0
     made.receive("nf", 0, (70.0,))
     assert not made.take_over()
     made.connect("nf", True)
     made.receive("nf", 0, (70.0,))
     made.take_over()
-    assert stand.value["load.force"] == 70.0
+    assert runner.value["load.force"] == 70.0
 
 
-def test_a_ramp_goes_on_where_it_would_be(stand):
-    made = exchange(stand)
+def test_a_ramp_goes_on_where_it_would_be(runner):
+    made = exchange(runner)
     made.move("load.force", 40.0, 100)
-    stand.tick = 10
+    runner.tick = 10
     made.receive("nf", 10, (50.0,))
     made.take_over()
-    stand.tick = 30
+    runner.tick = 30
     made.connect("nf", False)
-    assert stand.done == [
+    assert runner.done == [
         (0, "load.force", (40.0, 100)),
         (10, "load.force", 50.0),
         (30, "load.force", 26.0),
@@ -261,30 +261,30 @@ def test_a_ramp_goes_on_where_it_would_be(stand):
     ]
 
 
-def test_giving_up_makes_everything_safe(stand):
-    made = exchange(stand)
+def test_giving_up_makes_everything_safe(runner):
+    made = exchange(runner)
     made.receive("nf", 0, (50.0,))
     made.take_over()
     made.ask("dither.amplitude", 0.3)
     made.give_up(500)
     made.receive("nf", 0, (60.0,))
     assert not made.take_over()
-    assert stand.value["dither.amplitude"] == 0.0
-    assert (0, "drive.speed", (0.0, 500)) in stand.done
-    assert (0, "load.force", (20.0, 500)) in stand.done
+    assert runner.value["dither.amplitude"] == 0.0
+    assert (0, "drive.speed", (0.0, 500)) in runner.done
+    assert (0, "load.force", (20.0, 500)) in runner.done
 
 
 REAL = st.floats(allow_nan=True, allow_infinity=True)
 ARRIVALS = st.lists(st.tuples(st.integers(0, 120), st.integers(0, 5), st.tuples(REAL, REAL)), max_size=60)
 
 
-def run(stand, kind, arrivals, switches, recorded=None):
-    made = kind(stand, MS, 20, Journal(MS, lambda: stand.tick))
+def run(runner, kind, arrivals, switches, recorded=None):
+    made = kind(runner, MS, 20, Journal(MS, lambda: runner.tick))
     made.admit("both", ["load.force", "dither.amplitude"], MS, 2 * MS)
     if recorded is not None:
         made.play({"both": recorded})
     for tick in range(150):
-        stand.tick = tick
+        runner.tick = tick
         if tick in switches:
             made.connect("both", switches[tick])
         for at, age, values in arrivals:
@@ -311,13 +311,13 @@ def test_what_is_applied_is_finite_and_within_limits_and_can_be_played_again(fak
 
 
 @pytest.mark.bench
-def test_a_frame_costs_two_microseconds(stand, best):
-    made = exchange(stand)
-    stand.apply = lambda name, value: None
+def test_a_frame_costs_two_microseconds(runner, best):
+    made = exchange(runner)
+    runner.apply = lambda name, value: None
 
     def run():
         for tick in range(5_000):
-            stand.tick = tick
+            runner.tick = tick
             made.receive("nf", tick, (20.0 + tick % 7,))
             made.take_over()
 

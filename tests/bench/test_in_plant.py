@@ -7,19 +7,18 @@ import numpy as np
 import pytest
 from twin import Twin
 
-import controllers
-from controllers.normal_force import NormalForceFeedback
-from controllers.runtime.process import Worker
-from rig import scenes
+from rig import controllers, scenes
 from rig.bench import lockstep
 from rig.bench.job import Job
 from rig.bench.plant_process import Plant
 from rig.bench.simulate import simulate
 from rig.bus import messages
-from rig.bus.setup import fetch
+from rig.bus.run_setup import fetch
+from rig.controllers.normal_force import NormalForceFeedback
+from rig.controllers.runtime.process import Worker
+from rig.design import numbers as design
 from rig.errors import BusError, SceneError
 from rig.scenes.scene import Scene
-from rig.study import design
 
 IN_PLANT = {"controllers.nf.where": "plant", "controllers.nf.enable_at": "0.1 s"}
 
@@ -255,7 +254,7 @@ def test_short_frames_are_carried_and_told_in_pieces_with_the_same_bits(pace):
     same_bits(ran, run)
     assert [step.tick for step in ran.heard["step"]] == [*range(0, 5001 if pace else 5000, 10)]
     assert [list(one.ticks) for one in ran.heard["applied/nf"]] == [[*range(k, k + 10)] for k in range(0, 5000, 10)]
-    states = messages.state_type(ran.plant.stand.outputs)
+    states = messages.state_type(ran.plant.runner.outputs)
     assert [states.FromString(one).t_ns for one in ran.heard["state"]] == [*range(0, 500_000_001, 5_000_000)]
     assert ran.summary["ticks"] == 5000
     if pace is not None:

@@ -9,28 +9,27 @@ import numpy as np
 import pytest
 from twin import Twin
 
-import controllers
-from controllers.runtime.file import load_file
-from controllers.runtime.process import Worker
-from rig import scenes
-from rig.bench.conclude import _verdict
+from rig import controllers, scenes
+from rig.bench.experiment import Operation
+from rig.bench.finalise import _verdict
 from rig.bench.job import Job
-from rig.bench.operation import Operation
 from rig.bench.plant_process import Plant
 from rig.bench.playback import Playback
+from rig.bench.runner import PlantRunner
 from rig.bench.simulate import simulate
-from rig.bench.stand import Stand
 from rig.bench.status import summary
 from rig.bench.supervise import Team
 from rig.bus import encode, messages
 from rig.bus.arrivals import HEADER, Arrived, Count
-from rig.bus.setup import fetch
+from rig.bus.run_setup import fetch
+from rig.controllers.runtime.file import load_file
+from rig.controllers.runtime.process import Worker
+from rig.design import numbers as design
 from rig.errors import BusError, UsageError
+from rig.motion.motion import Motion
 from rig.quantities import si
 from rig.record.run import Commands
 from rig.scenes.scene import Scene
-from rig.solve.motion import Motion
-from rig.study import design
 
 SCENE = "belt_normal_force"
 
@@ -123,7 +122,7 @@ def test_lockstep_gives_the_bits_of_a_run_in_one_process(scene, numbers):
     run = simulate(scene, built, 10**9)
     for name, known in run.measurements.items():
         assert samples(heard, name).tobytes() == known.v.tobytes()
-    states = messages.state_type(bench.plant.stand.outputs)
+    states = messages.state_type(bench.plant.runner.outputs)
     last = states.FromString(heard["state"][-1])
     assert last.t_ns == 10**9
     assert last.velocity == run.signals["velocity"][-1]
@@ -161,18 +160,18 @@ def test_a_paced_run_can_be_simulated_again_to_the_bit(scene, numbers):
 
 def played(scene, ticks, commands, events):
     """Samples of every sensor when a run is simulated again from what came from outside."""
-    stand = Stand(scene)
-    operation = Operation(scene, stand, ticks * scene.frame_ns, None, exchange=Playback, events=events)
+    runner = PlantRunner(scene)
+    operation = Operation(scene, runner, ticks * scene.frame_ns, None, exchange=Playback, events=events)
     operation.exchange.play(commands)
     operation.open()
-    found = {name: [] for name in stand.bank.names}
+    found = {name: [] for name in runner.bank.names}
     while True:
-        for i, name in enumerate(stand.bank.names):
-            found[name].append(stand.bank.samples(i).copy())
+        for i, name in enumerate(runner.bank.names):
+            found[name].append(runner.bank.samples(i).copy())
         if not operation.begin():
             return found
         operation.take_over()
-        stand.frame()
+        runner.frame()
 
 
 @pytest.mark.parametrize("pace", [2.0, None], ids=["paced", "lockstep"])
@@ -196,7 +195,7 @@ def test_a_controller_that_joins_builds_the_rig_once(monkeypatch, pace):
     applied = [messages.decode("applied/example_controller", p) for p in heard["applied/example_controller"]]
     values = np.array([list(a.values) for a in applied])
     assert len(np.unique(values)) > 1
-    assert built == [bench.plant.stand.motion]
+    assert built == [bench.plant.runner.motion]
     commands = Commands(
         *(np.array([getattr(a, f) for a in applied], np.int64) for f in ("tick", "answered", "status")), values
     )
@@ -213,7 +212,7 @@ def test_no_frame_builds_a_rig_for_what_an_operator_tunes_and_the_protocol_sets_
     hold = {"step": "hold", "time": 1.5}
     raw["protocol"] = [hold, {"step": "set", "target": "shunt.resistance", "to": 40.0}, hold | {"time": 0.2}]
     scene = Scene.from_json(json.dumps(raw))
-    monkeypatch.setattr("rig.bench.upcoming.PAUSE_S", 0.05)
+    monkeypatch.setattr("rig.bench.prepared_rigs.PAUSE_S", 0.05)
     built, ready = [], Motion.ready
 
     def noted(*given):
@@ -227,7 +226,7 @@ def test_no_frame_builds_a_rig_for_what_an_operator_tunes_and_the_protocol_sets_
         told = bench.me.ask("param/plant", {"set": {"shunt.delta": -0.8, "load.force": 11.0}}, 5.0)
         heard = bench.finish()
     assert told["values"] == {"shunt.delta": -0.8, "load.force": 11.0}
-    assert bench.plant.stand.values["shunt.resistance"] == 40.0
+    assert bench.plant.runner.values["shunt.resistance"] == 40.0
     assert set(built) == {"variant"}
     events = [{"tick": e.tick, "kind": e.kind, "data": json.loads(e.data)} for e in bench.events(heard)]
     assert [e["tick"] for e in events if e["kind"] == "parameter"] == [told["tick"]]
@@ -280,8 +279,8 @@ def test_what_the_protocol_sets_right_after_an_operator_has_tuned_waits_for_its_
         told = bench.me.ask("param/plant", {"set": {"shunt.delta": -0.8}}, 5.0)
         heard = bench.finish()
     assert told["tick"] < 500
-    stand = bench.plant.stand
-    assert (stand.values["shunt.resistance"], stand.parameter("friction.mu_static")) == (30.0, 0.45)
+    runner = bench.plant.runner
+    assert (runner.values["shunt.resistance"], runner.parameter("friction.mu_static")) == (30.0, 0.45)
     events = rebuilt_apart(bench, heard, scene, found)
     waited = {kind: [e for e in events if e["kind"] == kind] for kind in ("waits", "goes on")}
     assert [e["tick"] for e in waited["waits"]] == [500] * 3
@@ -295,7 +294,7 @@ class Gate:
     """Threads that build rigs wait here while it is closed."""
 
     def __init__(self, monkeypatch, takes_s=0.0):
-        self.open, made = threading.Event(), Stand.variant
+        self.open, made = threading.Event(), PlantRunner.variant
         self.open.set()
 
         def variant(*given):
@@ -304,7 +303,7 @@ class Gate:
                 self.open.wait(20.0)
             return made(*given)
 
-        monkeypatch.setattr(Stand, "variant", variant)
+        monkeypatch.setattr(PlantRunner, "variant", variant)
 
 
 def test_steps_and_operators_get_their_matrices_beside_a_controller_that_asks_for_others_all_the_time(
@@ -318,10 +317,10 @@ def test_steps_and_operators_get_their_matrices_beside_a_controller_that_asks_fo
     raw["protocol"] = [hold, *({"step": "set", "target": key, "to": to} for key, to in steps), hold | {"time": 3.0}]
     raw["controllers"] = {"mine": {"kind": "shunt_schedule", "drive": "shunt.resistance"}}
     scene = Scene.from_json(json.dumps(raw))
-    monkeypatch.setattr("rig.bench.refit.PAUSE_S", 0.0)
+    monkeypatch.setattr("rig.bench.rebuild.PAUSE_S", 0.0)
     Gate(monkeypatch, takes_s=0.1)
     with Bench(scene, {}, pace=1.0) as bench:
-        stand, over = bench.plant.stand, threading.Event()
+        runner, over = bench.plant.runner, threading.Event()
         bench.begin()
         mine = bench.twin.open("controller", "mine")
         bench.me.ask("param/plant", {"get": ["shunt.delta"]}, 20.0)  # the frames have begun
@@ -329,20 +328,20 @@ def test_steps_and_operators_get_their_matrices_beside_a_controller_that_asks_fo
 
         def command():
             while not over.is_set():
-                mine.publisher("act/mine").put(encode.act(stand.tick, 0, (30.0 + stand.tick % 10,)), 0)
+                mine.publisher("act/mine").put(encode.act(runner.tick, 0, (30.0 + runner.tick % 10,)), 0)
                 time.sleep(0.002)
 
         bench.thread(command)
-        while stand.tick < 1001:
+        while runner.tick < 1001:
             time.sleep(0.001)
         told = bench.me.ask("param/plant", {"set": {"friction.mu_kinetic": 0.2}}, 5.0)
-        then = stand.values["shunt.resistance"]
-        while stand.values["shunt.resistance"] == then and stand.tick < 3900:
+        then = runner.values["shunt.resistance"]
+        while runner.values["shunt.resistance"] == then and runner.tick < 3900:
             time.sleep(0.01)
         over.set()
         heard = bench.finish()
-    assert stand.values["shunt.resistance"] != then
-    assert (stand.values["shunt.delta"], stand.parameter("friction.mu_static")) == (-0.8, 0.45)
+    assert runner.values["shunt.resistance"] != then
+    assert (runner.values["shunt.delta"], runner.parameter("friction.mu_static")) == (-0.8, 0.45)
     events = rebuilt_apart(bench, heard, scene, found)
     ticks = {kind: [e["tick"] for e in events if e["kind"] == kind] for kind in ("waits", "goes on")}
     assert ticks["waits"] == [1000] * 3
@@ -368,7 +367,7 @@ def test_a_step_that_still_waits_when_the_run_ends_is_told(built, monkeypatch):
         gate.open.clear()
         heard = bench.finish()
         gate.open.set()
-    assert bench.plant.stand.values["shunt.resistance"] != 40.0
+    assert bench.plant.runner.values["shunt.resistance"] != 40.0
     told = "shunt.resistance = 40 of t = 0.5 s never took effect"
     assert told in bench.summary["faults"]
     assert told in bench.summary["reasons"]
@@ -394,15 +393,15 @@ def test_an_operator_who_tunes_in_a_pause_does_not_wait_for_a_step_that_cannot_t
         begin()
         bench.me.ask("param/plant", {"set": {"shunt.delta": -0.8}}, 5.0)
         gate.open.clear()
-        while bench.plant.stand.tick < 510:
+        while bench.plant.runner.tick < 510:
             time.sleep(0.001)
         bench.me.ask("cmd/plant", {"do": "pause"}, 5.0)
         gate.open.set()
         told = bench.me.ask("param/plant", {"set": {"shunt.delta": -0.7}}, 5.0)
         bench.me.ask("cmd/plant", {"do": "resume"}, 5.0)
         heard = bench.finish()
-    stand = bench.plant.stand
-    assert (stand.values["shunt.resistance"], stand.values["shunt.delta"]) == (40.0, -0.7)
+    runner = bench.plant.runner
+    assert (runner.values["shunt.resistance"], runner.values["shunt.delta"]) == (40.0, -0.7)
     events = rebuilt_apart(bench, heard, scene, found)
     [tick] = [e["tick"] for e in events if e["kind"] == "goes on"]
     assert tick > told["tick"]
@@ -419,8 +418,8 @@ def test_no_frame_builds_a_rig_when_a_controller_that_commands_a_coefficient_is_
         raw["controllers"] = {"mine": {"kind": "shunt_schedule", "drive": "shunt.resistance"}}
     scene = Scene.from_json(json.dumps(raw))
     with Bench(scene, {}, pace=1.0) as bench:
-        stand, over = bench.plant.stand, threading.Event()
-        first = [stand.values[name] for name in drives]
+        runner, over = bench.plant.runner, threading.Event()
+        first = [runner.values[name] for name in drives]
         bench.begin()
         mine = bench.twin.open("controller", "mine")
         wanted = {"do": "admit", "controller": "mine", "drives": drives, "period_ns": scene.frame_ns}
@@ -431,12 +430,12 @@ def test_no_frame_builds_a_rig_when_a_controller_that_commands_a_coefficient_is_
 
         def command():
             while not over.is_set():
-                mine.publisher("act/mine").put(encode.act(stand.tick, 0, (50.0, -0.7)[: len(drives)]), 0)
+                mine.publisher("act/mine").put(encode.act(runner.tick, 0, (50.0, -0.7)[: len(drives)]), 0)
                 time.sleep(0.002)
 
         bench.thread(command)
-        while [stand.values[name] for name in drives] != [50.0, -0.7][: len(drives)]:
-            assert stand.tick < 2000
+        while [runner.values[name] for name in drives] != [50.0, -0.7][: len(drives)]:
+            assert runner.tick < 2000
             time.sleep(0.01)
         if by == "operator":
             bench.me.ask("cmd/plant", {"do": "disconnect", "controller": "mine"}, 5.0)
@@ -444,8 +443,8 @@ def test_no_frame_builds_a_rig_when_a_controller_that_commands_a_coefficient_is_
             yours, bench.plant.hub._admitted["mine"] = bench.twin.open("controller", "yours"), 0.0
             told = wanted | {"controller": "yours", "drives": [*drives, "load.force"]}
             yours.ask("cmd/plant", told, 5.0)
-        while [stand.values[name] for name in drives] != first:
-            assert stand.tick < 3900
+        while [runner.values[name] for name in drives] != first:
+            assert runner.tick < 3900
             time.sleep(0.01)
         over.set()
         heard = bench.finish()
@@ -577,29 +576,29 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene, numbers):
 
 def test_what_cannot_be_tuned_is_refused_with_what_can(scene, numbers):
     with Bench(scene, numbers, pace=None) as bench:
-        desk, operation = bench.plant.desk, bench.plant.operation
+        operator, operation = bench.plant.operator, bench.plant.operation
         for key, value in (("start.velocity", 1.0), ("friction.law", "coulomb")):
             with pytest.raises(UsageError, match=f"{key}: is fixed while the rig runs\n.*tuned: .*load.force") as told:
-                desk._parameters({"set": {key: value}})
+                operator._parameters({"set": {key: value}})
             assert "start." not in str(told.value).partition("\n")[2]
         assert not operation.journal.events
         with pytest.raises(UsageError, match="known: ") as told:
-            desk._parameters({"set": {"zzz": 1.0}})
+            operator._parameters({"set": {"zzz": 1.0}})
         assert str(told.value).count("drive.speed,") == str(told.value).count("load.force,") == 1
 
 
 def test_a_value_that_a_controller_overrules_is_told_to_wait(scene, numbers):
     with Bench(scene, numbers, pace=None) as bench:
-        desk, exchange = bench.plant.desk, bench.plant.operation.exchange
-        assert desk._parameters({"set": {"load.force": 21.0}})["overruled"] == {}  # it has not commanded yet
+        operator, exchange = bench.plant.operator, bench.plant.operation.exchange
+        assert operator._parameters({"set": {"load.force": 21.0}})["overruled"] == {}  # it has not commanded yet
         exchange.receive("nf", 0, (7.0,))
         exchange.take_over()
-        told = desk._parameters({"set": {"load.force": 5.0, "drive.speed": 0.07}})
+        told = operator._parameters({"set": {"load.force": 5.0, "drive.speed": 0.07}})
         assert told["values"] == {"load.force": 5.0, "drive.speed": 0.07}
         assert told["overruled"] == {"load.force": "nf"}
-        assert desk._parameters({"get": ["load.force"]})["values"] == {"load.force": 7.0}
-        desk._command({"do": "disconnect", "controller": "nf"})
-        told = desk._parameters({"get": ["load.force"]})
+        assert operator._parameters({"get": ["load.force"]})["values"] == {"load.force": 7.0}
+        operator._command({"do": "disconnect", "controller": "nf"})
+        told = operator._parameters({"get": ["load.force"]})
         assert (told["values"], told["overruled"]) == ({"load.force": 5.0}, {})
 
 
@@ -658,21 +657,21 @@ def test_a_lost_answer_is_asked_for_again(scene, numbers):
 
 def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, numbers, monkeypatch):
     with Bench(scene, numbers, pace=None) as bench:
-        desk, operation = bench.plant.desk, bench.plant.operation
+        operator, operation = bench.plant.operator, bench.plant.operation
         lines = operation.exchange.lines
         wanted = {"do": "admit", "controller": "first", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
-        desk._cmd.asker = "guest-1"
-        desk._command(wanted)
+        operator._cmd.asker = "guest-1"
+        operator._command(wanted)
         line = lines["first"]
-        desk._cmd.asker = "guest-2"
+        operator._cmd.asker = "guest-2"
         for wrong in ({"period_ns": 1}, {"drives": ["drive.speed", "load.force"]}, {"reads": ["y"], "hears": True}):
             with pytest.raises(UsageError):
-                desk._command(wanted | {"controller": "other"} | wrong)
+                operator._command(wanted | {"controller": "other"} | wrong)
             assert lines["first"] is line
         with pytest.raises(UsageError, match="first"):  # it may be about to tell that it is here
-            desk._command(wanted | {"controller": "other"})
+            operator._command(wanted | {"controller": "other"})
         monkeypatch.setattr("rig.bench.hub._ANNOUNCED_S", 0.0)
-        assert desk._command(wanted | {"controller": "other"})["tick"] == 0
+        assert operator._command(wanted | {"controller": "other"})["tick"] == 0
         assert set(lines) == {"nf", "other"}
         kinds = [event.kind for event in operation.journal.events]
         assert kinds[-3:] == ["admitted", "dismissed", "admitted"]
@@ -680,21 +679,21 @@ def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, n
 
 def test_the_name_of_an_admitted_controller_is_free_as_soon_as_it_came_and_left(scene, numbers):
     with Bench(scene, numbers, pace=None) as bench:
-        desk, hub = bench.plant.desk, bench.plant.hub
+        operator, hub = bench.plant.operator, bench.plant.hub
         wanted = {"do": "admit", "controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
-        desk._cmd.asker = "guest-1"
-        desk._command(wanted)
-        desk._cmd.asker = "guest-2"
+        operator._cmd.asker = "guest-1"
+        operator._command(wanted)
+        operator._cmd.asker = "guest-2"
         hub.look()
         with pytest.raises(UsageError, match="taken"):  # it may be about to tell that it is here
-            desk._command(wanted)
+            operator._command(wanted)
         with bench.twin.open("controller", "mine") as mine:
             mine.announce()
             hub.look()
             with pytest.raises(UsageError, match="taken"):
-                desk._command(wanted)
+                operator._command(wanted)
         hub.look()
-        desk._command(wanted)
+        operator._command(wanted)
 
 
 def test_a_name_that_has_commanded_keeps_its_number_of_actuators(scene, numbers):
@@ -721,17 +720,17 @@ def test_the_verdict_tells_of_every_life_of_a_controller_that_has_gone(scene, nu
         operation, hold = bench.plant.operation, scene.clock.hold_frames
         for _ in range(2):
             operation.admit("mine", ["drive.speed"], scene.frame_ns)
-            operation.exchange.receive("mine", operation.stand.tick, (0.1,))
+            operation.exchange.receive("mine", operation.runner.tick, (0.1,))
             for _ in range(hold + 2):
                 operation.take_over()
-                operation.stand.frame()
+                operation.runner.frame()
             operation.dismiss("mine")
         assert "safe values stepped in for mine 2 times" in _verdict(bench.plant, {}, []).reasons
 
 
 def test_what_is_still_being_built_at_the_end_of_a_run_is_refused(scene, numbers):
     with Bench(scene, numbers, duration=0.3) as bench:
-        bench.plant.desk._carried_out = lambda body: lambda: None  # takes longer than the run
+        bench.plant.operator._carried_out = lambda body: lambda: None  # takes longer than the run
         bench.begin()
         with pytest.raises(BusError, match="the run ended before it was done"):
             bench.me.ask("cmd/plant", {"do": "admit"}, 20.0)
@@ -764,7 +763,7 @@ def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene, num
 
 def test_commands_of_an_admitted_controller_count_only_from_the_user_that_asked(scene, numbers):
     with Bench(scene, numbers, pace=None) as bench:
-        desk, hub = bench.plant.desk, bench.plant.hub
+        operator, hub = bench.plant.operator, bench.plant.hub
         wanted = {"do": "admit", "controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
 
         def told(user, seq):
@@ -775,14 +774,14 @@ def test_commands_of_an_admitted_controller_count_only_from_the_user_that_asked(
             return found and found[0]
 
         assert told("guest-1", 0) is None  # not admitted
-        desk._cmd.asker = "guest-1"
-        desk._command(wanted)
+        operator._cmd.asker = "guest-1"
+        operator._command(wanted)
         assert [told("guest-2", 1), told("mine", 2), told("guest-1", 3)] == [None, None, "mine"]
-        desk._cmd.asker = "guest-2"
+        operator._cmd.asker = "guest-2"
         with pytest.raises(UsageError, match="taken"):
-            desk._command(wanted)
-        desk._cmd.asker = "guest-1"  # the same process asks again
-        desk._command(wanted)
+            operator._command(wanted)
+        operator._cmd.asker = "guest-1"  # the same process asks again
+        operator._command(wanted)
         assert [told("guest-2", 4), told("guest-1", 5)] == [None, "mine"]
         refused = hub.session.door.told()
         assert refused["guest-1 on act/mine: not admitted"] == 1
@@ -816,29 +815,29 @@ def test_a_limit_leads_to_the_safe_state(scene, numbers):
 
 def test_a_guest_under_a_made_up_role_is_not_missed(scene, numbers):
     with Bench(scene, numbers, pace=None, expect=(("recorder", "r"),)) as bench:
-        plant, attendant, open_ = bench.plant, bench.plant.attendant, bench.twin.open
+        plant, housekeeper, open_ = bench.plant, bench.plant.housekeeper, bench.twin.open
         first = [open_("recorder", "r"), open_("controller", "early")]
         for session in first:
             session.announce()
-        attendant.notice()
-        attendant.begin(0, None)
+        housekeeper.notice()
+        housekeeper.begin(0, None)
         plant.operation.admit("mine", ["drive.speed"], scene.frame_ns)
         plant.session.door.reserved = frozenset({"recorder"})
         late = [("controller", "t0"), ("recorder", "rr"), ("controller", "mine"), ("recorder", "recorder")]
         for session in (others := [open_(*who) for who in late]):
             session.announce()
-        attendant.notice()
+        housekeeper.notice()
         for session in (*first, *others):
             session.close()
-        attendant.notice()
-        told = [fault.partition(" left at")[0] for fault in attendant.faults]
+        housekeeper.notice()
+        told = [fault.partition(" left at")[0] for fault in housekeeper.faults]
         assert told == ["recorder r", "controller early", "controller mine", "recorder recorder"]
         noted = [event.text for event in plant.operation.journal.events if event.kind == "left"]
         assert any("controller t0 left" in text for text in noted)
 
 
 def test_a_guest_that_calls_itself_recorder_is_not_asked_and_not_believed(scene, numbers, monkeypatch):
-    monkeypatch.setattr("rig.bench.conclude.ANSWERS_S", 60.0)
+    monkeypatch.setattr("rig.bench.finalise.ANSWERS_S", 60.0)
     with Bench(scene, numbers, pace=None, duration=0.1) as bench:
         bench.plant.session.door.reserved = frozenset({"recorder"})
         silent, liar, controller = (

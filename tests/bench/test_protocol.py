@@ -8,9 +8,9 @@ from pydantic import TypeAdapter
 
 from rig import scenes
 from rig.bench.protocol import Apply, Change, Finish, Move, Note, Protocol, Range, Strike, Switch
-from rig.bench.stand import Stand
+from rig.bench.runner import PlantRunner
+from rig.model.assembly import Input
 from rig.scenes.protocol import Step
-from rig.solve.assembly import Input
 
 MS = 1_000_000
 STEPS = TypeAdapter(tuple[Step, ...])
@@ -222,10 +222,10 @@ def test_nothing_due_costs_nothing(best):
 
 
 def test_a_rig_without_contacts_is_struck_in_its_first_coordinate():
-    stand = Stand(scenes.load("lever_free_cylinder"))
-    before, system = stand.motion.x.copy(), stand.motion.system
+    runner = PlantRunner(scenes.load("lever_free_cylinder"))
+    before, system = runner.motion.x.copy(), runner.motion.system
     assert not system.patches
-    stand.knock(1e-3)
+    runner.knock(1e-3)
     n = len(system.coordinates)
-    momentum = system.mass @ (stand.motion.x - before)[n : 2 * n]
+    momentum = system.mass @ (runner.motion.x - before)[n : 2 * n]
     assert momentum == pytest.approx(np.eye(n)[0] * 1e-3)

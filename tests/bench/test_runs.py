@@ -16,9 +16,8 @@ import numpy as np
 import psutil
 import pytest
 
-import controllers
 import rig
-from rig import bus, scenes
+from rig import bus, controllers, scenes
 from rig.bench import supervise
 from rig.bench.job import Job
 from rig.bench.plant_process import carry_out, warm
@@ -26,9 +25,9 @@ from rig.bench.replay import replay
 from rig.bench.simulate import simulate
 from rig.bench.verify import verify
 from rig.bus import address, messages
+from rig.design import numbers as design
 from rig.errors import BusError, Interrupted, UsageError
 from rig.record.reader import Scan
-from rig.study import design
 from rig.view.process import TOPICS
 
 SCENE = "belt_normal_force"

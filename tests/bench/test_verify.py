@@ -7,7 +7,7 @@ import pytest
 import rig
 from rig.bench.verify import verify
 from rig.bus import messages
-from rig.record.save import save
+from rig.record.save_run import save
 
 
 @pytest.fixture(scope="module")

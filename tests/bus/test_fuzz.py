@@ -9,21 +9,20 @@ import numpy as np
 import pytest
 from twin import Asked, Twin
 
-import controllers
-from controllers.runtime.process import Worker
-from rig import scenes
+from rig import controllers, scenes
 from rig.bench.job import Job
 from rig.bench.plant_process import Plant
 from rig.bus import encode, messages
 from rig.bus.arrivals import FASTEST, HEADER, Arrived, Count, Refused
 from rig.bus.inbound import Door
 from rig.bus.json_text import DEPTH, read_json
-from rig.bus.setup import Setup, fetch
+from rig.bus.run_setup import Setup, fetch
+from rig.controllers.runtime.process import Worker
+from rig.design import numbers as design
 from rig.errors import BusError
 from rig.record import reader
-from rig.record.process import _Recorder
+from rig.record.recorder import _Recorder
 from rig.record.writer import Writer
-from rig.study import design
 
 TOPICS = (
     "step", "batch", "state", "health", "scene", "act/nf", "act/mine", "applied/nf", "meas/vibrometer", "truth/x",

@@ -10,7 +10,7 @@ from twin import Twin
 from rig.bus import encode, messages
 from rig.bus.arrivals import Arrived, Count
 from rig.bus.batch import LONGEST
-from rig.bus.setup import Setup, fetch
+from rig.bus.run_setup import Setup, fetch
 from rig.errors import BusError
 
 

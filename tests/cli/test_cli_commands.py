@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from rig import scenes
-from rig.cli import cost, host, live, logs, options, processes, runs, study, torture
+from rig.analysis.amplitude import index
+from rig.cli import analysis, cost, host, live, logs, options, processes, runs, torture
 from rig.cli import scenes as scene_commands
 from rig.errors import Diverged, UsageError
 from rig.record.reader import open as open_recording
-from rig.study.amplitude import index
 
-ROOMS = (runs, scene_commands, study, cost, torture, logs, live, processes, host)
+ROOMS = (runs, scene_commands, analysis, cost, torture, logs, live, processes, host)
 COMMANDS = sorted(name for room in ROOMS for name in room.COMMANDS)
 PROMISED = (
     "demo list run plant control record view simulate replay verify tune warmup explain modes cycle identify map "
@@ -196,15 +196,15 @@ def test_a_scene_that_is_too_slow_for_the_clock_is_refused_with_what_works(rig):
 
 
 def test_reports_are_json_even_where_a_number_is_none(rig, capsys):
-    from rig.cli import tell
+    from rig.cli import printing
 
-    tell.report({"a": float("nan"), "b": np.float64(2.0), "c": np.array([1.0, np.inf]), "d": (True, None)})
+    printing.report({"a": float("nan"), "b": np.float64(2.0), "c": np.array([1.0, np.inf]), "d": (True, None)})
     assert json.loads(capsys.readouterr().out) == {"a": None, "b": 2.0, "c": [1.0, None], "d": [True, None]}
 
 
 def test_diff_tells_where_two_recordings_part(rig, tmp_path):
     from rig.record.run import Run, Samples
-    from rig.record.save import save
+    from rig.record.save_run import save
 
     def recording(name, v):
         t_ns = np.arange(v.size, dtype=np.int64) * 1_000_000
@@ -239,7 +239,7 @@ def plant(runs):
     """A run with one topic and one parameter, in this process."""
     from rig import bus
     from rig.bus import encode
-    from rig.bus.setup import Setup
+    from rig.bus.run_setup import Setup
 
     tuned = {}
 

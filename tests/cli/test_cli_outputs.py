@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 import rig as laboratory
+from rig.cli import analysis, cost, logs, processes, runs, scenes, torture
 from rig.cli import app as program
-from rig.cli import cost, logs, processes, runs, scenes, study, torture
 from rig.errors import OutputError
 from rig.record.run import Run, Samples
-from rig.record.save import save
+from rig.record.save_run import save
 from rig.record.writer import claim
 
-ROOMS = (cost, logs, processes, runs, scenes, study, torture)
+ROOMS = (cost, logs, processes, runs, scenes, analysis, torture)
 
 
 @pytest.fixture
@@ -310,13 +310,13 @@ def test_every_command_that_writes_files_takes_force():
 @pytest.mark.parametrize(
     ("command", "drawn"),
     [
-        (("modes", "belt", "--sweep", "drive.speed=0.05:0.4:5", "--figure", "a.png"), "rig.study.locus.draw"),
-        (("explain", "belt", "--measure", "--figure", "a.png"), "rig.study.parts_figure.draw"),
-        (("sound", "log.mcap", "--channel", "s", "--figure", "a.png"), "rig.study.sound.figure.draw"),
-        (("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--runs", "near"), "rig.study.map.figure.draw"),
+        (("modes", "belt", "--sweep", "drive.speed=0.05:0.4:5", "--figure", "a.png"), "rig.analysis.sweep_figure.draw"),
+        (("explain", "belt", "--measure", "--figure", "a.png"), "rig.qualify.effects_figure.draw"),
+        (("sound", "log.mcap", "--channel", "s", "--figure", "a.png"), "rig.analysis.sound.figure.draw"),
+        (("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--runs", "near"), "rig.analysis.map.figure.draw"),
         (
             ("map", "belt", "--x", "drive.speed=0.2:0.3:2", "--y", "load.force=10:20:2", "--eigenvalues"),
-            "rig.study.regions.draw",
+            "rig.analysis.regions.draw",
         ),
     ],
     ids=lambda one: one.split(".")[2] if isinstance(one, str) else one[0],
@@ -328,7 +328,7 @@ def test_a_figure_that_fails_does_not_take_the_report_with_it(capsys, tmp_path, 
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(drawn, fail)
-    monkeypatch.setattr("rig.study.explained.parts", lambda *_, **__: [])
+    monkeypatch.setattr("rig.qualify.effects_measured.parts", lambda *_, **__: [])
     with pytest.raises(SystemExit) as left:
         program.run([*command])
     out, err = capsys.readouterr()

@@ -7,7 +7,7 @@ import pytest
 
 import rig as lab
 from rig.cli import app
-from rig.record.save import save
+from rig.record.save_run import save
 
 SCENE = "belt_normal_force"
 

@@ -1,8 +1,8 @@
 import pytest
 
-import controllers
-from controllers.blocks.base import Controller, hears, parameters, retune
-from controllers.normal_force import NormalForce
+from rig import controllers
+from rig.controllers.blocks.base import Controller, hears, parameters, retune
+from rig.controllers.normal_force import NormalForce
 from rig.errors import UsageError
 
 SECTIONS = {

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-import controllers
-from controllers.dither import Dither
-from controllers.dither_sampled import SampledDither
+from rig import controllers
+from rig.controllers.dither import Dither
+from rig.controllers.dither_sampled import SampledDither
 from rig.errors import UsageError
 
 QUICK = {"hold_off": 0.5, "window": 0.7, "step": 0.2}

@@ -8,11 +8,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-import controllers
-from controllers.belt_velocity import BeltVelocity
-from controllers.blocks.base import retune
-from controllers.blocks.velocity import VelocityPath, VelocitySection
-from controllers.normal_force import NormalForce
+from rig import controllers
+from rig.controllers.belt_velocity import BeltVelocity
+from rig.controllers.blocks.base import retune
+from rig.controllers.blocks.velocity import VelocityPath, VelocitySection
+from rig.controllers.normal_force import NormalForce
 from rig.errors import UsageError
 
 

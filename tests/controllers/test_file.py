@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from controllers.blocks.base import Controller, retune
-from controllers.runtime.file import load_file
-from controllers.runtime.loop import Loop
+from rig.controllers.blocks.base import Controller, retune
+from rig.controllers.runtime.file import load_file
+from rig.controllers.runtime.loop import Loop
 from rig.errors import UsageError
 
 GOOD = """

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-import controllers
-from controllers.normal_force import NormalForce
-from controllers.runtime.loop import Loop
+from rig import controllers
+from rig.controllers.normal_force import NormalForce
+from rig.controllers.runtime.loop import Loop
 from rig.errors import UsageError
 
 NAN = math.nan

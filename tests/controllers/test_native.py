@@ -8,13 +8,13 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-import controllers
 import rig
-from controllers.blocks.base import retune
-from controllers.runtime.body import Untranslatable
-from controllers.runtime.native import Native
-from controllers.runtime.translate import translate
-from rig.study.design import numbers
+from rig import controllers
+from rig.controllers.blocks.base import retune
+from rig.controllers.runtime.body import Untranslatable
+from rig.controllers.runtime.native import Native
+from rig.controllers.runtime.translate import translate
+from rig.design.numbers import numbers
 
 SHIPPED = (
     "belt_normal_force", "belt_normal_force_displacement", "belt_normal_force_acceleration", "belt_velocity_feedback",

@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import controllers
-from controllers.normal_force import NormalForce
-from rig.solve.assembly import Assembly, Input, Output
-from rig.solve.laws import coulomb
-from rig.study import design
-from sensors.accelerometer import Accelerometer
-from sensors.displacement_laser import DisplacementLaser
+from rig import controllers
+from rig.controllers.normal_force import NormalForce
+from rig.design import numbers
+from rig.model.assembly import Assembly, Input, Output
+from rig.model.friction_law import coulomb
+from rig.sensors.accelerometer import Accelerometer
+from rig.sensors.displacement_laser import DisplacementLaser
 
 SENSORS = {"laser": DisplacementLaser(), "accelerometer": Accelerometer()}
 TRUTH = {"laser": lambda belt: belt.x, "accelerometer": lambda belt: belt.a}
@@ -34,7 +34,7 @@ def feedback(sensor, **given):
         **{"kind": "normal_force", "sensor": sensor, "velocity": "observed", "gain": 200.0, "enable_at": 4.0} | given
     )
     scene = SimpleNamespace(name="PEND", controllers={"feedback": section}, sensors=SENSORS, parameters=None)
-    return controllers.build(section, design.numbers(scene, pend())["feedback"])
+    return controllers.build(section, numbers.numbers(scene, pend())["feedback"])
 
 
 class Instrument:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-import controllers
-from controllers.blocks.observer import Observer, propagated
-from controllers.blocks.velocity import VelocityPath, VelocitySection
-from controllers.normal_force import NormalForce
+from rig import controllers
+from rig.controllers.blocks.observer import Observer, propagated
+from rig.controllers.blocks.velocity import VelocityPath, VelocitySection
+from rig.controllers.normal_force import NormalForce
 from rig.errors import UsageError
 
 A = np.array([[0.0, 1.0, 0.0], [-500.0, -0.4, 0.2], [0.0, 0.0, 0.0]])

@@ -17,14 +17,13 @@ import numpy as np
 import pytest
 from twin import Twin
 
-import controllers
-from controllers.normal_force import NormalForce
-from controllers.runtime import process
-from controllers.runtime.loop import Loop
-from controllers.squeal_switch import SquealSwitch
-from rig import bus
+from rig import bus, controllers
 from rig.bus import encode, messages
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
+from rig.controllers.normal_force import NormalForce
+from rig.controllers.runtime import process
+from rig.controllers.runtime.loop import Loop
+from rig.controllers.squeal_switch import SquealSwitch
 from rig.errors import BusError, UsageError
 
 ROOT = Path(__file__).parents[2]
@@ -361,7 +360,7 @@ import sys, time
 import numpy as np
 from rig import bus
 from rig.bus import encode
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
 setup = Setup.from_json(__import__("json").loads(sys.stdin.readline()))
 with bus.host(run="here") as session:
     server, watch = session.serve("scene", lambda _: setup.to_json()), session.watch("controller/*")

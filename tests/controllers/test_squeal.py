@@ -9,13 +9,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
-import controllers
-from controllers.blocks.resonator import Resonator
-from controllers.narrow_band import NarrowBand
-from controllers.runtime.loop import Loop
-from controllers.shunt_schedule import ShuntSchedule
-from controllers.shunt_tuner import ShuntTuner
-from controllers.squeal_switch import SquealSwitch
+from rig import controllers
+from rig.controllers.blocks.resonator import Resonator
+from rig.controllers.narrow_band import NarrowBand
+from rig.controllers.runtime.loop import Loop
+from rig.controllers.shunt_schedule import ShuntSchedule
+from rig.controllers.shunt_tuner import ShuntTuner
+from rig.controllers.squeal_switch import SquealSwitch
 from rig.errors import UsageError
 
 RATE, FRAME = 50_000, 50

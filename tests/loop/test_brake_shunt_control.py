@@ -8,7 +8,7 @@ import pytest
 import rig
 from rig.bench.simulate import simulate
 from rig.errors import SceneError
-from rig.scenes import shelf
+from rig.scenes import shipped
 
 TUNED = 0.5 / (30e-9 * (2 * math.pi * 3402.10) ** 2)  # H, at the squeal of the open stack
 
@@ -55,7 +55,7 @@ BANK = [24e-3, 30e-3, 36e-3, 42e-3, 48e-3]
 
 def scene_with(tmp_path, steps, bank=False, **changes):
     """brake_shunt with another protocol, and with a bank of coils."""
-    text = shelf.path("brake_shunt").read_text().partition("[[protocol]]")[0]
+    text = shipped.path("brake_shunt").read_text().partition("[[protocol]]")[0]
     if bank:
         head, _, rest = text.partition("inductance = [")
         text = f"{head}inductance = {BANK[0]}\nbank = {BANK}\n{rest.partition(chr(10))[2]}"

@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import controllers
 import rig
-from rig.bench import inside, playback, simulate, working
-from rig.bench.inside import Inside
-from rig.solve import control
-from rig.study.design import numbers
+from rig import controllers
+from rig.bench import compiled_controllers, controller_in_process, playback, simulate
+from rig.bench.compiled_controllers import Inside
+from rig.design.numbers import numbers
+from rig.solve import control_loop
 
 WAYS = ("outside", "called", "compiled")
 
@@ -23,8 +23,8 @@ def way(monkeypatch, name):
     """Controllers are asked from outside, from the compiled loop, or are compiled themselves."""
     if name == "outside":
         monkeypatch.setattr(Inside, "lend", lambda *_: ())
-    monkeypatch.setattr(working, "WORTH", 1 if name == "compiled" else 10**12)
-    monkeypatch.setattr(working, "TRIALS", 5)
+    monkeypatch.setattr(controller_in_process, "WORTH", 1 if name == "compiled" else 10**12)
+    monkeypatch.setattr(controller_in_process, "TRIALS", 5)
 
 
 def told(run):
@@ -89,9 +89,9 @@ def test_a_recording_is_simulated_again_with_the_same_bits(name, changes, durati
 
 
 def test_more_commands_than_the_compiled_loop_has_room_for(monkeypatch):
-    monkeypatch.setattr(inside, "ROWS", 64)
+    monkeypatch.setattr(compiled_controllers, "ROWS", 64)
     monkeypatch.setattr(playback, "ROWS", 64)
-    monkeypatch.setattr(control, "ROWS", 64)
+    monkeypatch.setattr(control_loop, "ROWS", 64)
     scene = rig.load("belt_normal_force", {"controllers.nf.enable_at": 0.0})
     first = rig.simulate(scene, 0.5)
     again = simulate.simulate(scene, {}, 5 * 10**8, first.commands, events=first.events)
@@ -105,13 +105,13 @@ def test_more_commands_than_the_compiled_loop_has_room_for(monkeypatch):
 def test_frames_are_carried_in_one_piece(monkeypatch):
     way(monkeypatch, "compiled")
     pieces = []
-    frames = simulate.Stand.frames
+    frames = simulate.PlantRunner.frames
 
-    def counted(stand, most):
+    def counted(runner, most):
         pieces.append(most)
-        frames(stand, most)
+        frames(runner, most)
 
-    monkeypatch.setattr(simulate.Stand, "frames", counted)
+    monkeypatch.setattr(simulate.PlantRunner, "frames", counted)
     rig.simulate(rig.load("belt_normal_force", {"controllers.nf.enable_at": 0.0}), 2.0)
     assert len(pieces) < 100  # of 2000 frames
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.solve.motion import Motion
+from rig.motion.motion import Motion
 
 KROGER = json.loads((Path(__file__).parents[1] / "reference" / "kroger.json").read_text())
 RIGS = json.loads((Path(__file__).parents[1] / "reference" / "kroger_rigs.json").read_text())
@@ -55,7 +55,7 @@ class Moved:
         self.motion, self.names, self.step = motion, names, step
 
     def __getitem__(self, name):
-        values = self.motion.outputs_at(self.motion.states, self.motion.slots_of_states)
+        values = self.motion.outputs_at(self.motion.states, self.motion.mode_sets_of_states)
         return values[:, self.names.index(name)]
 
     @property

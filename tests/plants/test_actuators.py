@@ -8,13 +8,13 @@ from pydantic import ValidationError
 
 from rig import scenes
 from rig.bench.audit import Visited, share
-from rig.bench.operation import Operation
+from rig.bench.experiment import Operation
+from rig.bench.runner import PlantRunner
 from rig.bench.simulate import simulate
-from rig.bench.stand import Stand
 from rig.effects.drive import BeltDrive
 from rig.effects.load import Load
 from rig.errors import UsageError
-from rig.solve.system import CLOSED
+from rig.solve.state_codes import CLOSED
 
 HELD, RAMPED = {"drive.speed": "held"}, {"drive.speed": "ramped"}
 COULOMB = {"friction.law": "coulomb", "friction.mu_static": 0.4, "friction.mu_kinetic": 0.25}
@@ -183,7 +183,7 @@ def test_an_audit_tells_its_share_at_any_size():
 )
 def test_an_operator_is_told_the_range(key, value):
     scene = scenes.load("belt")
-    operation = Operation(scene, Stand(scene), None, lambda *_: None)
+    operation = Operation(scene, PlantRunner(scene), None, lambda *_: None)
     with pytest.raises(UsageError, match=f"{key} = .*: must be -?[0-9]+ to 100"):
         operation.tuning.change({key: value})
     with pytest.raises(UsageError, match="1e\\+300 N s cannot be struck: it must be"):

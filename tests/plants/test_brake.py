@@ -15,10 +15,10 @@ from scipy.optimize import brentq
 
 import rig
 from rig.errors import SceneError
-from rig.solve.formulation import assemble
-from rig.solve.linear import sliding_key, steady
-from rig.solve.motion import Motion
-from rig.solve.system import OPEN, STICK
+from rig.model.formulation import assemble
+from rig.motion.motion import Motion
+from rig.solve.state_codes import OPEN, STICK
+from rig.stability.linearisation import sliding_key, steady
 
 BRAKE = json.loads((Path(__file__).parents[1] / "reference" / "brake.json").read_text())
 
@@ -152,7 +152,7 @@ def motion(brake, step=20e-6, duration=0.0, **how):
 
 
 def velocity(run):
-    return run.outputs_at(run.states, run.slots_of_states)[:, 0]
+    return run.outputs_at(run.states, run.mode_sets_of_states)[:, 0]
 
 
 def test_growth_of_the_open_stack_is_that_of_the_reference():
@@ -207,11 +207,13 @@ def test_a_smooth_run_closes_its_books():
 def test_pads_that_creep_stick():
     """The disc at 2 rpm, the pads faster than it: both stick in turn, and contacts open while they do."""
     run = motion(system({"drive.speed": "2 rpm", "start.velocity": 1.0}, "brake_3400"), duration=0.02)
-    modes = [run.system.modes(s.key) for s in run.slots.sets]
+    modes = [run.system.modes(s.key) for s in run.mode_sets.sets]
     assert any(STICK in patches for patches, *_ in modes)
     assert any(STICK in patches and OPEN in normals for patches, normals, *_ in modes)
     slip = run.states @ run.system.slip_rows.T
-    stuck = np.array([[m == STICK for m in run.system.modes(s.key)[0]] for s in run.slots.sets])[run.slots_of_states]
+    stuck = np.array([[m == STICK for m in run.system.modes(s.key)[0]] for s in run.mode_sets.sets])[
+        run.mode_sets_of_states
+    ]
     assert np.abs(slip[stuck]).max() < 1e-14
     assert abs(run.energy()["error"]) < 1e-6
 

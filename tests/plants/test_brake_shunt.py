@@ -13,12 +13,12 @@ import pytest
 from scipy.optimize import brentq, minimize_scalar
 
 import rig
-from rig.bench.stand import Stand
+from rig.bench.runner import PlantRunner
 from rig.effects import shunt_limits
 from rig.effects.stack import Stack
 from rig.scenes.scene import plant_module
-from rig.solve.linear import sliding_key, steady
-from rig.solve.verdict import verdict
+from rig.stability.linearisation import sliding_key, steady
+from rig.stability.report import verdict
 
 ORACLE = json.loads((Path(__file__).parents[1] / "reference" / "kroger_shunt.json").read_text())["brake"]
 
@@ -163,7 +163,7 @@ def test_the_best_coil_takes_twenty_decibels_within_30_ms():
 def test_the_energy_of_the_brake_closes_through_switching():
     """Each resistor, each interrupted current; the rig starts hard enough to lift off."""
     scene = rig.load("brake_shunt", {"start.velocity": 3.0})
-    on = Stand(scene)
+    on = PlantRunner(scene)
     connected = 0.0
     for _ in range(4):
         connected = 1.0 - connected

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import rig
-from rig.solve.linear import sliding_key, steady
-from rig.solve.motion import Motion
+from rig.motion.motion import Motion
+from rig.stability.linearisation import sliding_key, steady
 
 DEPTH, COUNT, RPM = 0.005, 8, 1200.0
 ROUND = {"inhomogeneity.depth": DEPTH, "inhomogeneity.sectors": COUNT, "drive.speed": f"{RPM} rpm"}

@@ -13,13 +13,13 @@ import pytest
 from scipy.integrate import quad, solve_ivp
 
 import rig
+from rig.analysis.averaged import averaged, mean_friction
 from rig.effects.disc_modes import free_modes
+from rig.model import friction_law
+from rig.motion.motion import Motion
 from rig.plants import disc_slider
 from rig.scenes.variants import without
-from rig.solve import laws
-from rig.solve.linear import sliding_key, steady
-from rig.solve.motion import Motion
-from rig.study.averaged import averaged, mean_friction
+from rig.stability.linearisation import sliding_key, steady
 
 LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_disc.json").read_text())
 BASE = rig.load("disc_slider").parameters.model_dump(exclude_none=True)
@@ -195,7 +195,7 @@ def test_edges_of_instability_under_dither_are_those_of_the_reference():
 
 def test_averaged_friction_is_that_of_the_reference():
     for one in LIU["averaged_friction_values"]:
-        law = laws.stribeck(one["fric"]["mus"], one["fric"]["muk"], 1.0 / one["fric"]["alpha"])
+        law = friction_law.stribeck(one["fric"]["mus"], one["fric"]["muk"], 1.0 / one["fric"]["alpha"])
         mean, by_speed, _ = mean_friction(law, one["v"], 1.0, one["a"])
         assert mean == pytest.approx(one["mean"], rel=1e-9)
         assert by_speed == pytest.approx(one["dmean_dv"], rel=1e-5)  # the reference's by differences
@@ -311,7 +311,7 @@ def grown(point, seconds, tolerance, size=1e-9):
     left = np.linalg.inv(right)[worst]
     shape = right[:, worst] / np.abs(right[:9, worst]).max()
     start = at.x[:18] + size * shape.real
-    m = motion(p, seconds, tolerance=tolerance, start=start, booking=False)
+    m = motion(p, seconds, tolerance=tolerance, start=start, with_energy=False)
     assert not m.events()
     sizes = [abs(left @ (x[:18] - at.x[:18])) for x in (start, m.x)]
     return math.log(sizes[1] / sizes[0]) / seconds, values[worst].real

@@ -8,8 +8,8 @@ import math
 import numpy as np
 import pytest
 
-from rig.study.averaged import averaged
-from rig.study.modes import modes
+from rig.analysis.averaged import averaged
+from rig.analysis.modes import modes
 
 FREQUENCY = 150.0
 M, C, D, F0 = 5.0, 2500.0, 2.0, 20.0

@@ -13,7 +13,7 @@ import pytest
 from scipy.optimize import brentq
 
 import rig
-from rig.solve.linear import sliding_key, steady
+from rig.stability.linearisation import sliding_key, steady
 from rig.view import contact
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "four_dof.json").read_text())

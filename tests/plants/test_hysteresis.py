@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from rig.solve.linear import steady
-from rig.solve.system import SLIP_PLUS
+from rig.solve.state_codes import SLIP_PLUS
+from rig.stability.linearisation import steady
 
 MOVED = {"drive.speed": "ramped"}
 SETTLE = 20.0  # s, between two steps of the speed

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 import rig
-from rig.solve.linear import sliding_key, steady
-from rig.solve.motion import Motion
-from rig.study.cycle import stuck
-from rig.study.map import chart, job
-from rig.study.map.judge import STICK_SLIP
-from rig.study.map.track import Track
-from rig.study.stages import stages
+from rig.analysis.cycle import stuck
+from rig.analysis.map import chart, job
+from rig.analysis.map.steady_state import STICK_SLIP
+from rig.analysis.map.track import Track
+from rig.analysis.three_stages import stages
+from rig.motion.motion import Motion
+from rig.stability.linearisation import sliding_key, steady
 
 LIU = json.loads((Path(__file__).parents[1] / "reference" / "liu_lever.json").read_text())
 RPM = math.pi / 30.0

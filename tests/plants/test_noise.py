@@ -8,7 +8,7 @@ from scipy.signal import welch
 
 import rig
 from rig import scenes
-from rig.bench.stand import Stand
+from rig.bench.runner import PlantRunner
 from rig.errors import SceneError
 
 FORCE = 0.5  # N/Hz^0.5
@@ -81,7 +81,7 @@ def test_it_depends_on_the_seed_and_on_nothing_else():
 )
 def test_frame_by_frame_or_many_at_once_are_the_same_bits(scene, changes):
     made = rig.load(scene, {"noise.force": 1e-2, **changes})
-    one, many = Stand(made), Stand(made, truthful=True)
+    one, many = PlantRunner(made), PlantRunner(made, truthful=True)
     count = 6000 if scene == "belt" else 300
     for _ in range(count):
         one.frame()
@@ -92,13 +92,13 @@ def test_frame_by_frame_or_many_at_once_are_the_same_bits(scene, changes):
 
 
 def test_another_strength_from_some_instant_on_goes_on_with_the_same_numbers():
-    stand, other = (Stand(rig.load("belt", {"noise.force": 0.1})) for _ in range(2))
+    runner, other = (PlantRunner(rig.load("belt", {"noise.force": 0.1})) for _ in range(2))
     for tick in range(100):
         if tick == 50:
-            stand.set_parameter("noise.force", 0.2)
-        stand.frame()
+            runner.set_parameter("noise.force", 0.2)
+        runner.frame()
         other.frame()
-        assert stand.output("noise_force") == (2.0 if tick >= 50 else 1.0) * other.output("noise_force")
+        assert runner.output("noise_force") == (2.0 if tick >= 50 else 1.0) * other.output("noise_force")
 
 
 def test_a_sensor_may_read_it():
@@ -145,7 +145,7 @@ def test_a_knock_and_noise_reach_every_rig(scene):
 
 
 def test_a_plate_on_points_is_struck_across():
-    struck, calm = Stand(rig.load("points")), Stand(rig.load("points"))
+    struck, calm = PlantRunner(rig.load("points")), PlantRunner(rig.load("points"))
     struck.knock(1e-3)
     rows = rig.load("points").assemble().outputs["displacement"].row
     speed = struck.output("velocity") - calm.output("velocity")

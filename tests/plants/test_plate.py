@@ -16,11 +16,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rig
-from rig.bench.findings import findings
+from rig.bench.build_findings import findings
 from rig.errors import NumericsError
+from rig.motion.motion import Motion
 from rig.plants import plate
-from rig.solve.film import COUNTED
-from rig.solve.motion import Motion
+from rig.solve.film_sums import COUNTED
 
 REFERENCE = json.loads((Path(__file__).parents[1] / "reference" / "plate.json").read_text())
 SMALL = {

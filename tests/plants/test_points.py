@@ -9,8 +9,8 @@ from scipy.integrate import dblquad
 import rig
 from rig.errors import SceneError
 from rig.plants.points import HALF_WAVES, _shapes
-from rig.solve.linear import sliding_key, steady
-from rig.solve.system import OPEN, SLIP_PLUS
+from rig.solve.state_codes import OPEN, SLIP_PLUS
+from rig.stability.linearisation import sliding_key, steady
 
 
 @pytest.fixture(scope="module")

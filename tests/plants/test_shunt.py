@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 import rig
-from rig.bench.stand import Stand
+from rig.bench.runner import PlantRunner
 from rig.errors import SceneError
 from rig.scenes.scene import plant_module
-from rig.solve.linear import sliding_key, steady
+from rig.stability.linearisation import sliding_key, steady
 
 REFERENCE = Path(__file__).parents[1] / "reference"
 ORACLE = json.loads((REFERENCE / "kroger_shunt.json").read_text())
@@ -181,8 +181,8 @@ def test_small_values_come_to_what_none_is(kept):
         assert least(**dict.fromkeys(gone, size))[0] == pytest.approx(none, rel=bound)
 
 
-def stand(**changes):
-    return Stand(rig.load("belt_shunt", STACK | {"piezo.coupling": 1e-3} | changes))
+def runner(**changes):
+    return PlantRunner(rig.load("belt_shunt", STACK | {"piezo.coupling": 1e-3} | changes))
 
 
 def read(on, *names):
@@ -196,7 +196,7 @@ def run_for(on, frames):
 
 @pytest.mark.parametrize("delta", [0.0, -0.5])
 def test_switching_keeps_the_charges_and_books_the_interrupted_current(delta):
-    on = stand(**shunt(delta=delta, resistance=300.0, inductance=20.0))
+    on = runner(**shunt(delta=delta, resistance=300.0, inductance=20.0))
     run_for(on, 500)
     for _ in range(3):
         before = on.motion.energy()
@@ -261,22 +261,22 @@ def test_a_shorted_stack_loses_its_charge_at_once_and_that_is_booked(move):
 
 
 def test_a_switch_that_only_opens_makes_no_new_matrices():
-    on = stand(**shunt(delta=-0.5, resistance=300.0, inductance=20.0))
+    on = runner(**shunt(delta=-0.5, resistance=300.0, inductance=20.0))
     run_for(on, 400)
-    slots = on.motion.slots
+    mode_sets = on.motion.mode_sets
     for position in (0.0, 1.0, 0.0, 1.0):
         on.apply("shunt.connected", position)
         run_for(on, 400)
-    assert on.motion.slots is slots
-    assert len(slots.sets) <= 6  # stick, slip+ and slip-, open and connected
+    assert on.motion.mode_sets is mode_sets
+    assert len(mode_sets.sets) <= 6  # stick, slip+ and slip-, open and connected
 
 
 def test_a_bank_of_coils_is_switched_like_everything_else():
     bank = (15.0, 20.0, 30.0)
-    on = stand(**shunt(delta=-0.5, resistance=300.0, inductance=20.0, bank=bank))
+    on = runner(**shunt(delta=-0.5, resistance=300.0, inductance=20.0, bank=bank))
     run_for(on, 400)
     before, current = on.motion.energy()["switch"], on.output("shunt_current")
-    slots = on.motion.slots
+    mode_sets = on.motion.mode_sets
     on.apply("shunt.inductance", 28.0)  # the nearest is 30
     on.motion.advance(0)
     assert on.output("shunt_current") == current
@@ -291,12 +291,12 @@ def test_a_bank_of_coils_is_switched_like_everything_else():
     on.apply("shunt.connected", 1.0)
     run_for(on, 100)
     assert "shunt 15 H" in on.mode
-    assert on.motion.slots is slots
+    assert on.motion.mode_sets is mode_sets
     assert abs(on.motion.energy()["error"]) < 1e-9
 
 
 def test_tuning_the_capacitance_keeps_the_charge():
-    on = stand(**shunt(delta=-0.5, resistance=300.0, inductance=20.0))
+    on = runner(**shunt(delta=-0.5, resistance=300.0, inductance=20.0))
     run_for(on, 400)
     x, voltage, current = read(on, "stack_extension", "stack_voltage", "shunt_current")
     for key, value in (("shunt.delta", -0.7), ("shunt.inductance", 12.0), ("shunt.resistance", 100.0)):
@@ -316,7 +316,7 @@ def test_an_amplifier_pulls_with_its_voltage():
 
 
 def errors(**values):
-    return Stand(rig.load("belt_shunt", shunt(**values) | {"clock.unstable": "run"})).findings
+    return PlantRunner(rig.load("belt_shunt", shunt(**values) | {"clock.unstable": "run"})).findings
 
 
 def test_the_static_limit_is_that_of_the_structure():
@@ -331,7 +331,7 @@ def test_the_static_limit_is_that_of_the_structure():
     assert not [f for f in errors(delta=-0.8) if f.level == "warning"]
     assert [f for f in errors() if f.level == "info" and "3400 Hz" in f.what]
     with pytest.raises(SceneError, match="gives way statically"):
-        Stand(rig.load("belt_shunt", shunt(delta=-1.05)))
+        PlantRunner(rig.load("belt_shunt", shunt(delta=-1.05)))
 
 
 @pytest.mark.parametrize(

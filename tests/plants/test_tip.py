@@ -12,10 +12,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 import rig
+from rig.analysis.three_stages import stages
+from rig.analysis.upper_speed import upper_speed
 from rig.errors import SceneError, UsageError
 from rig.plants.tip import Inclination
-from rig.study.stages import stages
-from rig.study.upper_speed import upper_speed
 
 TABLE_1 = [  # mu_s, mu_d, upper and lower critical speed [mm/s]
     (0.50, 0.20, 140.0, 30.0),

@@ -11,11 +11,11 @@ import pytest
 from scipy.optimize import brentq
 
 import rig
+from rig.analysis.three_stages import stages
 from rig.errors import SceneError
 from rig.plants.structures.bending import clamped, matrices
 from rig.plants.tip import Inclination
 from rig.plants.tip_beam import shapes
-from rig.study.stages import stages
 
 BENDING, EXTENSION, LINE, LENGTH = 8.27, 5.9e6, 0.305, 0.075
 

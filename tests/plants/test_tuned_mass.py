@@ -14,11 +14,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import rig
+from rig.analysis.cycle import limit_cycle
+from rig.analysis.modes import modes
 from rig.errors import SceneError
-from rig.solve.linear import sliding_key, steady
-from rig.solve.verdict import verdict
-from rig.study.cycle import limit_cycle
-from rig.study.modes import modes
+from rig.stability.linearisation import sliding_key, steady
+from rig.stability.report import verdict
 
 ORACLE = json.loads((Path(__file__).parents[1] / "reference" / "tuned_mass.json").read_text())
 P = ORACLE["params"]

@@ -15,7 +15,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
 
 import rig
-from rig.study.averaged import averaged
+from rig.analysis.averaged import averaged
 
 LIU = json.loads((Path(__file__).parents[1] / "reference" / "two_dof.json").read_text())
 W0 = LIU["omega_ref"]

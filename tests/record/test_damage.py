@@ -14,15 +14,15 @@ from mcap.writer import Writer as PlainWriter
 from twin import Twin
 
 from rig.bus import encode, messages
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
 from rig.errors import BusError, LogError, UsageError
-from rig.record import container, reader
+from rig.record import mcap_file, reader
+from rig.record.byte_scan import walk
 from rig.record.compare import compare
+from rig.record.message_scan import Scan
 from rig.record.recover import recover
 from rig.record.replay import replay
-from rig.record.save import save
-from rig.record.scan import Scan
-from rig.record.walk import walk
+from rig.record.save_run import save
 from rig.record.writer import Writer
 
 SETUP = Setup("r", '{"plant": "belt"}', 1_000_000, 1_000_000, {"x": "m"}, {"s": ("m", 1_000_000)})
@@ -95,7 +95,7 @@ def test_one_wrong_byte_costs_less_than_a_twentieth(logs, tmp_path):
 def test_every_single_byte_is_covered_by_a_checksum(tmp_path):
     path = tmp_path / "small.mcap"
     with path.open("wb") as file:  # all kinds of records in 2 kB
-        out = container.Writer(file, 8192)
+        out = mcap_file.Writer(file, 8192)
         out.attach("scene.json", "application/json", b"{}", 0)
         out.note("log", {"made": "recorded"})
         channel = out.channel("state", "protobuf", out.schema("rig.State", "protobuf", b"schema"), {"x": "m"})
@@ -292,7 +292,7 @@ def test_a_recovery_that_fails_leaves_nothing_behind(logs, tmp_path, monkeypatch
     def full(self):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(container.Writer, "finish", full)
+    monkeypatch.setattr(mcap_file.Writer, "finish", full)
     with pytest.raises(LogError, match="No space left on device"):
         recover(cut)
     assert [path.name for path in tmp_path.iterdir()] == ["c.mcap"]
@@ -366,7 +366,7 @@ def test_chunks_that_are_lost_together_with_the_statistics_are_an_unknown_loss(r
 def test_messages_of_channels_that_nothing_describes_are_counted_as_missing(tmp_path):
     path = tmp_path / "run.mcap"
     with path.open("wb") as file:
-        out = container.Writer(file, 1 << 20)
+        out = mcap_file.Writer(file, 1 << 20)
         out.attach("scene.json", "application/json", b"{}", 0)
         out._counts[1] = 0  # a channel that is described nowhere
         for k in range(9):

@@ -17,13 +17,13 @@ from mcap.reader import make_reader
 from mcap_protobuf.decoder import DecoderFactory
 
 from rig.bus import encode
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
 from rig.errors import LogError
-from rig.record import container, reader, writer
+from rig.record import mcap_file, reader, writer
 from rig.record.compare import compare
 from rig.record.recover import recover
 from rig.record.run import Commands, Run, Samples
-from rig.record.save import save
+from rig.record.save_run import save
 from rig.record.writer import Writer
 
 
@@ -312,7 +312,7 @@ def test_runs_are_aligned_by_time_not_by_index(run):
 
 
 def test_memory_does_not_grow_with_the_length_of_a_recording(tmp_path, monkeypatch):
-    monkeypatch.setattr(container, "_SPILL", 1 << 14)
+    monkeypatch.setattr(mcap_file, "_SPILL", 1 << 14)
     log, payload, taken = Writer(tmp_path / "run.mcap", SETUP, "recorded"), encode.block(0, 0, 1, [0.0]), []
     tracemalloc.start()
     for k in range(6000):

@@ -6,9 +6,9 @@ import pytest
 
 from rig.errors import LogError
 from rig.record import reader
-from rig.record.container import FORMAT
-from rig.record.save import save
-from rig.record.scan import Scan
+from rig.record.mcap_file import FORMAT
+from rig.record.message_scan import Scan
+from rig.record.save_run import save
 from rig.scenes import Scene
 
 OLD = Path(__file__).parent / "format_1.mcap"

@@ -13,7 +13,7 @@ from rig.plants.structures.plate_surface import Surface
 from rig.record import reader
 from rig.record.provenance import provenance
 from rig.record.recover import recover
-from rig.record.save import save
+from rig.record.save_run import save
 from rig.scenes.scene import Scene
 
 SECONDS = 0.01
@@ -93,9 +93,9 @@ def test_a_model_that_was_rounded_elsewhere_is_the_one_that_counts(run, tmp_path
 
 def _without(log, run, count):
     """The recording with a byte changed in the first `count` of its two copies of the model."""
-    from rig.record import attached
+    from rig.record import model_attachments
 
-    raw, packed, at = bytearray(log.read_bytes()), attached.packed(run.models[0]), 0
+    raw, packed, at = bytearray(log.read_bytes()), model_attachments.packed(run.models[0]), 0
     assert raw.count(packed) == 2
     for _ in range(count):
         at = raw.index(packed, at) + len(packed) // 2
@@ -129,11 +129,11 @@ def test_recovering_keeps_the_model(log, run, bare, tmp_path):
 
 
 def test_recordings_of_equal_runs_have_equal_models(run, tmp_path):
-    from rig.record import attached
+    from rig.record import model_attachments
 
     again = rig.simulate("plate", SECONDS)
     assert again.scene == run.scene
-    assert attached.packed(again.models[0]) == attached.packed(run.models[0])
+    assert model_attachments.packed(again.models[0]) == model_attachments.packed(run.models[0])
 
 
 def test_other_rigs_carry_no_models():

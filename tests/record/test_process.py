@@ -11,16 +11,16 @@ import pytest
 from rig import bus
 from rig.bus import encode, messages
 from rig.bus.arrivals import Message
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
 from rig.record import reader
-from rig.record.process import _Recorder
+from rig.record.recorder import _Recorder
 
 RECORDER = """
 import json, sys
 from dataclasses import asdict
 from pathlib import Path
 from rig.errors import RigError
-from rig.record.process import record
+from rig.record.recorder import record
 try:
     record(None, Path(sys.argv[1]), lambda r: print(json.dumps(asdict(r) | {"lost": r.lost}), flush=True))
 except RigError as fault:
@@ -259,7 +259,7 @@ def test_a_recorder_that_cannot_write_says_so_and_the_run_goes_on(plant, script,
 
 def test_a_recorder_without_a_run_says_so(script, tmp_path):
     recorder = script(
-        "from rig.record.process import record\n"
+        "from rig.record.recorder import record\n"
         "from rig.errors import BusError\n"
         "try: record('none', wait=0.2)\n"
         "except BusError as fault: print(fault)"
@@ -285,7 +285,7 @@ PLANT = """
 import time
 from rig import bus
 from rig.bus import encode
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
 with bus.host(scene="belt") as me:
     told = Setup(me.run, "{}", 1_000_000, 1_000_000, {"velocity": "m/s"}, {"laser": ("m/s", 1_000_000)})
     scene, watch = me.serve("scene", lambda body: told.to_json()), me.watch()

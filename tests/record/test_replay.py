@@ -9,12 +9,12 @@ from twin import Twin
 
 from rig import bus
 from rig.bus import encode, messages
-from rig.bus.setup import fetch
+from rig.bus.run_setup import fetch
 from rig.errors import BusError
 from rig.record import reader
 from rig.record.replay import replay
 from rig.record.run import Commands, Run, Samples
-from rig.record.save import save
+from rig.record.save_run import save
 from rig.record.writer import Writer
 
 FRAMES = 400

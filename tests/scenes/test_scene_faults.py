@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from rig import scenes
 from rig.errors import SceneError
 from rig.quantities import ORIGINS
-from rig.scenes import shelf
+from rig.scenes import shipped
 
 BELT = """
 plant = "belt"
@@ -306,7 +306,7 @@ def test_origins_are_the_known_ones():
 
 def test_a_file_may_begin_with_the_mark_of_its_encoding(tmp_path):
     marked = tmp_path / "marked.toml"
-    marked.write_bytes(b"\xef\xbb\xbf" + shelf.path("belt").read_bytes())
+    marked.write_bytes(b"\xef\xbb\xbf" + shipped.path("belt").read_bytes())
     assert scenes.load(marked).plant == "belt"
 
 

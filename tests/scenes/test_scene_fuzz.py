@@ -15,15 +15,15 @@ from contextlib import suppress
 import pytest
 
 from rig import scenes
-from rig.bench.stand import Stand
+from rig.bench.runner import PlantRunner
+from rig.design.numbers import numbers
 from rig.errors import RigError, SceneError
+from rig.model.method import chosen
+from rig.qualify.warmup import ready, shape
 from rig.scenes.explain import explain
 from rig.scenes.scene import Scene
-from rig.scenes.shelf import HERE
-from rig.solve.method import chosen
-from rig.solve.verdict import verdict
-from rig.study.design import numbers
-from rig.study.warmup import ready, shape
+from rig.scenes.shipped import HERE
+from rig.stability.report import verdict
 
 SECONDS = 30
 """In which every one of them must be judged."""
@@ -160,7 +160,7 @@ def judge(path, deep=False):
             numbers(scene)
         if deep and shape(scene) in ready():
             with suppress(RigError):
-                Stand(scene).frames(1)
+                PlantRunner(scene).frames(1)
         assert Scene.from_json(scene.to_json()).digest == scene.digest
         for key, (value, _) in scene.values().items():
             for one in value if isinstance(value, list) else [value]:

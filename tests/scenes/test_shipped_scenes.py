@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from rig import scenes, simulate
-from rig.bench.findings import findings
+from rig.bench.build_findings import findings
 from rig.quantities import ORIGINS
 from rig.scenes.scene import Scene
-from rig.scenes.shelf import card, plant
+from rig.scenes.shipped import card, plant
 
 NUMBER = re.compile(r"[+-]?[\d.]")
 EXPERIMENTS = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from sensors import KINDS
+from rig.sensors import KINDS
 
 
 def second_order(f, corner, quality):

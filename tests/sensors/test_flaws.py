@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sensors import KINDS
+from rig.sensors import KINDS
 
 ALL = sorted(KINDS)
 

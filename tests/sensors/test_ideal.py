@@ -13,7 +13,7 @@ from pydantic import ValidationError
 import rig
 from rig.errors import SceneError
 from rig.scenes.scene import Scene
-from sensors import KINDS
+from rig.sensors import KINDS
 
 FLAWS = [(kind, flaw) for kind, cls in sorted(KINDS.items()) for flaw in cls.perfect]
 EXAMPLES = {  # a value that can be told from none, where the default cannot

@@ -10,14 +10,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import rig
+from rig.analysis.recorded.series import places
 from rig.bus import encode, messages
+from rig.motion import motion
 from rig.record.reader import open as read
 from rig.record.replay import _Remade
-from rig.record.save import save
-from rig.solve import motion
-from rig.study.recorded.series import places
-from sensors import KINDS
-from sensors.chain.instants import Instants, common_step
+from rig.record.save_run import save
+from rig.sensors import KINDS
+from rig.sensors.chain.instants import Instants, common_step
 
 HOURS = 24 * 3_600_000_000_000
 ODD = [300.0, 400.0, 777.0, 44100.0, 1024.0, 333.3, 65.5, 1.7]

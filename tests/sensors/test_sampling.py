@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from scipy import signal
 
 from rig.errors import SceneError
+from rig.sensors import KINDS
+from rig.sensors.chain.bank import Bank
 from rig.solve.segments import Segments
-from sensors import KINDS
-from sensors.chain.bank import Bank
 
 SIGNALS = {
     "velocity": lambda t: 0.3 * np.sin(120.0 * t + 0.2) + 0.1,

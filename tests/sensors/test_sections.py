@@ -6,7 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from rig.quantities import unit_of
-from sensors import KINDS
+from rig.sensors import KINDS
 
 
 @pytest.mark.parametrize("kind", sorted(KINDS))

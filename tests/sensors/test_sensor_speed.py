@@ -7,9 +7,9 @@ import timeit
 import numpy as np
 import pytest
 
+from rig.sensors import KINDS
+from rig.sensors.chain.bank import Bank
 from rig.solve.segments import Segments
-from sensors import KINDS
-from sensors.chain.bank import Bank
 
 COLUMNS = ["velocity", "displacement", "acceleration", "normal_force"]
 FOUR = ("laser_vibrometer", "displacement_laser", "accelerometer", "normal_force")

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rig.solve import laws
-from rig.solve.assembly import Assembly
-from rig.solve.motion import Motion
+from rig.model import friction_law
+from rig.model.assembly import Assembly
+from rig.motion.motion import Motion
 
 NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
 
@@ -20,7 +20,7 @@ def oscillator(belt=None, load=None, law=None, start=None, **changes):
     p = NUM["P1"]["params"] | changes
     a = Assembly("oscillator")
     a.coordinate("x", p["m"], p["c"], p["k"])
-    a.patch("contact", {"x": 1.0}, belt or {"one": p["vb"]}, law or laws.coulomb(p["mus"], p["mud"]))
+    a.patch("contact", {"x": 1.0}, belt or {"one": p["vb"]}, law or friction_law.coulomb(p["mus"], p["mud"]))
     a.normal("load", "contact", load or {"one": p["N"]})
     a.start |= NUM["P1"]["start"] if start is None else start
     return a
@@ -32,7 +32,7 @@ def p1(**changes):
 
 def p2():
     p = NUM["P2"]["params"]
-    return oscillator(law=laws.stribeck(p["mus"], p["mud"], p["vs"])).system()
+    return oscillator(law=friction_law.stribeck(p["mus"], p["mud"], p["vs"])).system()
 
 
 def p3():
@@ -43,7 +43,7 @@ def p3():
     a.coordinate("z", p["m"], p["cz"], p["kzz"])
     a.stiffness["x", "z"] = a.stiffness["z", "x"] = p["kxz"]
     a.push("z", {"one": p["F0"]})
-    a.patch("contact", {"x": 1.0}, {"one": p["vb"]}, laws.coulomb(p["mu"], p["mu"]))
+    a.patch("contact", {"x": 1.0}, {"one": p["vb"]}, friction_law.coulomb(p["mu"], p["mu"]))
     a.normal("load", "contact", {"one": p["F0"], "z": p["k3"]}, {"z": -1.0})
     a.start |= NUM["P3"]["start"]
     return a.system()
@@ -86,8 +86,8 @@ def run(system, step_ms, duration, method="exact", outputs=None, **how):
         times=np.array([(e.tick + e.place) * step_ms * 1e-3 for e in events]),
         what=[e.what for e in events],
         states=motion.states,
-        slots=motion.slots_of_states,
-        outputs=motion.outputs_at(motion.states, motion.slots_of_states) if outputs else None,
+        mode_sets=motion.mode_sets_of_states,
+        outputs=motion.outputs_at(motion.states, motion.mode_sets_of_states) if outputs else None,
         energy=motion.energy(),
     )
 

@@ -3,13 +3,15 @@
 import numpy as np
 import pytest
 
-from rig.solve import laws
+from rig.model import friction_law
 
 
 @pytest.fixture(scope="module")
 def sliding(rigs):
     """A mass that slides all the time under a falling law: smooth motion."""
-    return rigs.oscillator(law=laws.stribeck(0.4, 0.25, 0.02), start={"x": 0.0025, "x'": 0.01}, vb=0.2, c=1.0).system()
+    return rigs.oscillator(
+        law=friction_law.stribeck(0.4, 0.25, 0.02), start={"x": 0.0025, "x'": 0.01}, vb=0.2, c=1.0
+    ).system()
 
 
 def order(sizes, errors):

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rig.solve import laws
-from rig.solve.assembly import Assembly
+from rig.model import friction_law
+from rig.model.assembly import Assembly
 
 SMOOTH, WITH_EVENTS = 1e-9, 1e-6
 
@@ -29,7 +29,7 @@ def test_ledger_of_rk4_closes_over_events(rigs, run):
 
 
 def test_ledger_closes_in_smooth_motion(rigs, run):
-    falling = rigs.oscillator(law=laws.stribeck(0.4, 0.25, 0.02), start={"x": 0.003}, vb=0.2, c=1.0).system()
+    falling = rigs.oscillator(law=friction_law.stribeck(0.4, 0.25, 0.02), start={"x": 0.003}, vb=0.2, c=1.0).system()
     for method in ("dopri5", "rk4"):
         found = run(falling, 0.2, 2.0, method, tolerance=1e-10)
         assert len(found.times) == 0
@@ -130,7 +130,7 @@ def test_friction_only_ever_heats(run, mu, extra, belt, damping, x, v):
     """T w >= 0 at every tick, |T| within the cone, and the ledger's heat never falls."""
     a = Assembly("one mass")
     a.coordinate("x", 1.0, damping, 1000.0)
-    a.patch("contact", {"x": 1.0}, {"one": belt}, laws.coulomb(mu + extra, mu))
+    a.patch("contact", {"x": 1.0}, {"one": belt}, friction_law.coulomb(mu + extra, mu))
     a.normal("load", "contact", {"one": 10.0})
     a.start |= {"x": x, "x'": v}
     found = run(a.system(), 1.0, 0.5, outputs=[{"T:contact": 1.0}, {"w:contact": 1.0}], longest=500)

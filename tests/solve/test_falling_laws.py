@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from rig.solve import laws
-from rig.solve.assembly import Assembly
-from rig.solve.motion import Motion
+from rig.model import friction_law
+from rig.model.assembly import Assembly
+from rig.motion.motion import Motion
 
 
 def pair(opens=False, inertia=0.0):
@@ -16,8 +16,8 @@ def pair(opens=False, inertia=0.0):
     a.coordinate("x", 1.0, 0.5, 900.0)
     a.coordinate("y", 1.4, 0.7, 1500.0)
     a.stiffness["x", "y"] = a.stiffness["y", "x"] = -250.0
-    a.patch("first", {"x": 1.0}, {"one": 0.06}, laws.stribeck(0.5, 0.2, 0.03))
-    a.patch("second", {"y": 1.0}, {"one": -0.04}, laws.falling(0.4, 1.5, 0.1))
+    a.patch("first", {"x": 1.0}, {"one": 0.06}, friction_law.stribeck(0.5, 0.2, 0.03))
+    a.patch("second", {"y": 1.0}, {"one": -0.04}, friction_law.falling(0.4, 1.5, 0.1))
     a.normal("load 1", "first", {"one": 8.0})
     a.normal(
         "load 2", "second", {"one": 5.0, "x": 1600.0 if opens else 300.0}, inertia={"x": inertia} if inertia else {}
@@ -40,7 +40,7 @@ def test_dopri5_and_rk4_agree_on_two_falling_contacts(run, system):
 @pytest.mark.parametrize("tolerance", [1e-4, 1e-7, 1e-10])
 def test_a_release_is_not_undone_at_its_own_instant(tolerance):
     """It is a zero of the force itself that sticking needs, not of a polynomial near it: slip would begin too early."""
-    motion = Motion(pair(inertia=0.2), 1_000_000, "dopri5", tolerance=tolerance, booking=False, longest=1000)
+    motion = Motion(pair(inertia=0.2), 1_000_000, "dopri5", tolerance=tolerance, with_energy=False, longest=1000)
     motion.advance(1000)
     times = np.array([event.tick + event.place for event in motion.events()])
     assert len(times) == 12
@@ -50,7 +50,7 @@ def test_a_release_is_not_undone_at_its_own_instant(tolerance):
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4, 1e-6, 1e-8])
 def test_mode_changes_are_the_same_at_every_tolerance_where_a_load_winds_along_a_stick(rigs, run, tolerance):
     """Stuck, the mass moves straight on and no error of a step is to be seen: the load winds within it all the same."""
-    a = rigs.oscillator(law=laws.stribeck(0.42, 0.3, 0.0045), load={"one": 20.0, "wave": 4.0})
+    a = rigs.oscillator(law=friction_law.stribeck(0.42, 0.3, 0.0045), load={"one": 20.0, "wave": 4.0})
     a.product("wave", ("cos-1", {"x": 2000.0}))
     found, exact = run(a.system(), 0.1, 2.0, "dopri5", tolerance=tolerance), run(a.system(), 0.02, 2.0, "rk4")
     assert len(exact.what) == 18
@@ -60,7 +60,7 @@ def test_mode_changes_are_the_same_at_every_tolerance_where_a_load_winds_along_a
 
 def test_a_step_too_long_to_tell_whether_slip_goes_on_does_not_end_it_at_its_begin(rigs, run):
     """Just let go, a contact moves off as the square of the time: beside it the error that 1e-2 leaves is large."""
-    law = laws.seal(0.97, 620.0, 3.4785, 1e-5)
+    law = friction_law.seal(0.97, 620.0, 3.4785, 1e-5)
     lip = rigs.oscillator(belt={"one": 0.003}, load={"one": 10.0}, law=law, start={"x'": 0.003}, m=0.2, k=2e4, c=3.17)
     found = run(lip.system(), 0.1, 2.0, "dopri5", tolerance=1e-2)
     assert "contact releases +" in found.what
@@ -73,7 +73,7 @@ def test_contacts_that_open_do_open(run):
 
 def test_a_falling_law_without_its_fall_is_coulomb_friction(rigs, run, num):
     """The path for laws over speed, on a law that is constant: the events of P1 with one coefficient."""
-    flat = rigs.oscillator(law=laws.falling(0.3, 0.0, 0.3)).system()
+    flat = rigs.oscillator(law=friction_law.falling(0.3, 0.0, 0.3)).system()
     plain = rigs.p1(mus=0.3, mud=0.3)
     found, exact = run(flat, 1.0, 4.0, "dopri5", tolerance=1e-11), run(plain, 1.0, 4.0)
     assert found.states == pytest.approx(exact.states, abs=1e-9)
@@ -101,7 +101,7 @@ def test_friction_follows_the_load_that_depends_on_it(run):
 def test_a_contact_under_load_dither_opens_where_the_load_is_zero(rigs, run, method):
     """N = N0 + A sin(w t), A > N0: it opens and closes at arcsines, whatever the mass does."""
     omega, load, amplitude = 2.0 * math.pi * 50.0, 4.0, 6.0
-    a = rigs.oscillator(load={"one": load, "shake": amplitude}, law=laws.stribeck(0.4, 0.25, 0.02))
+    a = rigs.oscillator(load={"one": load, "shake": amplitude}, law=friction_law.stribeck(0.4, 0.25, 0.02))
     rigs.sine(a, "shake", 1.0, omega)
     system = a.system()
     found = run(system, 0.1, 0.5, method, outputs=[{"N:load": 1.0}, {"T:contact": 1.0}])

@@ -12,11 +12,11 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 import rig
+from rig.model import friction_law, kick_tables
+from rig.model.assembly import Assembly
+from rig.model.method import chosen
+from rig.motion.motion import Motion
 from rig.plants.points import HALF_WAVES
-from rig.solve import kick, laws
-from rig.solve.assembly import Assembly
-from rig.solve.method import chosen
-from rig.solve.motion import Motion
 
 PROBLEMS = Path(__file__).parents[1] / "problems"
 TIME = 0.002  # s: the first tenth of the problem, some 160 lift-offs of 24 points
@@ -105,7 +105,7 @@ def test_energy_of_a_contact_that_opens_and_closes_stays():
     a = Assembly("bouncing")
     a.coordinate("z", 1.0, 0.0, 100.0)
     a.push("z", {"one": -5.0})
-    a.patch("contact", {}, {"one": 1.0}, laws.coulomb(0.0, 0.0), {})
+    a.patch("contact", {}, {"one": 1.0}, friction_law.coulomb(0.0, 0.0), {})
     a.normal("load", "contact", {"z": -1e4}, {"z": 1.0})
     a.start["z"] = 0.05
     for idle in range(4):  # so many states that the kernel is that of the plate
@@ -118,21 +118,21 @@ def test_energy_of_a_contact_that_opens_and_closes_stays():
     first, last = total[: ticks // 10], total[-ticks // 10 :]
     assert np.abs(total / 0.375 - 1.0).max() < 0.02
     assert last.mean() == pytest.approx(first.mean(), rel=1e-3)
-    load = motion.outputs_at(motion.states, motion.slots_of_states)[:, 0]
+    load = motion.outputs_at(motion.states, motion.mode_sets_of_states)[:, 0]
     assert load.min() == 0.0
     assert load == pytest.approx(np.maximum(-1e4 * z, 0.0), abs=1e-9)
 
 
 def test_what_it_refuses(rigs):
-    assert kick.refusal(rigs.p1()) == "no contact opens here: exact or dopri5"
-    assert kick.refusal(rigs.p3()) == ""
+    assert kick_tables.refusal(rigs.p1()) == "no contact opens here: exact or dopri5"
+    assert kick_tables.refusal(rigs.p3()) == ""
     with pytest.raises(ValueError, match="kick: no contact opens here"):
         Motion(rigs.p1(), 1_000_000, "kick")
     a = Assembly("damped contact")
     a.coordinate("z", 1.0)
-    a.patch("contact", {}, {"one": 1.0}, laws.coulomb(0.1, 0.1), {})
+    a.patch("contact", {}, {"one": 1.0}, friction_law.coulomb(0.1, 0.1), {})
     a.normal("load", "contact", {"z": -1e4, "z'": -1.0}, {"z": 1.0})
-    assert "none of positions alone" in kick.refusal(a.system())
+    assert "none of positions alone" in kick_tables.refusal(a.system())
 
 
 def test_the_residual_is_what_the_springs_hold_beyond_the_work_of_the_kicks(p5):

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from rig.solve import laws
-from rig.solve.assembly import Assembly
+from rig.model import friction_law
+from rig.model.assembly import Assembly
 
 PEND = {"m": 5.0, "c": 2500.0, "d": 2.0, "F0": 20.0, "v0": 0.06}
 LAG = 0.01
@@ -19,7 +19,7 @@ def belt_feedback(gain, low, high):
     a.signal("speed", {}, PEND["v0"], "drive")
     a.signal("belt", {"belt": -1.0 / LAG}, PEND["v0"], "drive")
     a.limit("drive", {"speed": 1.0, "x'": gain}, low, high, "belt", 1.0 / LAG)
-    a.patch("contact", {"x": 1.0}, {"belt": 1.0}, laws.coulomb(0.4, 0.25))
+    a.patch("contact", {"x": 1.0}, {"belt": 1.0}, friction_law.coulomb(0.4, 0.25))
     a.normal("load", "contact", {"one": PEND["F0"]})
     a.start |= {"x'": PEND["v0"]}
     return a.system()
@@ -118,7 +118,7 @@ def test_a_ramp_into_a_clamp_stops_at_it_between_ticks(run):
         a.signal("command", {"one": 0.1}, 0.0, "drive")
         a.signal("actual", {"actual": -1.0 / LAG}, 0.0, "drive")
         a.limit("drive", {"command": 1.0}, -1.0, 0.0333, "actual", 1.0 / LAG)
-        a.patch("contact", {"x": 1.0}, {"actual": 1.0}, laws.coulomb(0.4, 0.25))
+        a.patch("contact", {"x": 1.0}, {"actual": 1.0}, friction_law.coulomb(0.4, 0.25))
         a.normal("load", "contact", {"one": 1.0})
         found = run(a.system(), step, 0.63)
         clamps = [t for t, what in zip(found.times, found.what) if what == "drive clamps high"]

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rig.solve import laws
-from rig.solve.assembly import Assembly
-from rig.solve.formulation import assemble
-from rig.solve.linear import inputs, own_law, sliding_key, steady
-from rig.solve.motion import Motion
+from rig.model import friction_law
+from rig.model.assembly import Assembly
+from rig.model.formulation import assemble
+from rig.motion.motion import Motion
+from rig.stability.linearisation import inputs, own_law, sliding_key, steady
 
 MS = 1_000_000
 
@@ -22,7 +22,7 @@ def duffing():
     return a
 
 
-STRIBECK = laws.stribeck(0.4, 0.25, 0.1)
+STRIBECK = friction_law.stribeck(0.4, 0.25, 0.1)
 
 
 def sliding(mu=STRIBECK, travel=None):
@@ -46,7 +46,7 @@ def sliding(mu=STRIBECK, travel=None):
 def advance(system, method, ticks, rows, **settings):
     motion = Motion(system, MS, method, outputs=rows, **settings)
     motion.advance(ticks)
-    return motion, motion.outputs_at(motion.states, motion.slots_of_states)
+    return motion, motion.outputs_at(motion.states, motion.mode_sets_of_states)
 
 
 @pytest.mark.parametrize(("method", "settings", "bound"), [
@@ -113,13 +113,13 @@ def test_steady_sliding_is_where_the_equations_rest():
 
 @pytest.mark.parametrize("method", ["dopri5", "rk4"])
 def test_stick_sticks_where_the_equations_bend(method):
-    a = sliding(laws.coulomb(0.9, 0.5))
+    a = sliding(friction_law.coulomb(0.9, 0.5))
     a.start |= {"x'": 0.3}
     motion, found = advance(a.system(), method, 60, [{"x": 1.0}, {"x'": 1.0}, {"T:contact": 1.0}, {"N:load": 1.0}])
     stuck = [
         i
-        for i, slot in enumerate(motion.slots_of_states)
-        if "stick" in motion.system.describe(motion.slots.sets[slot].key)
+        for i, mode_set in enumerate(motion.mode_sets_of_states)
+        if "stick" in motion.system.describe(motion.mode_sets.sets[mode_set].key)
     ]
     assert len(stuck) > 20
     assert np.all(found[stuck, 1] == 0.3)
@@ -129,7 +129,7 @@ def test_stick_sticks_where_the_equations_bend(method):
 
 
 def test_a_stuck_contact_may_not_need_its_own_force():
-    a = sliding(laws.coulomb(0.9, 0.5))
+    a = sliding(friction_law.coulomb(0.9, 0.5))
     a.push("x", {"T cos": 1.0})
     a.start |= {"x'": 0.3}
     with pytest.raises(ValueError, match="T cos: what a stuck contact needs cannot depend on its own force"):

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from rig.solve import laws
-from rig.solve.assembly import Assembly
-from rig.solve.formulation import assemble
-from rig.solve.linear import inputs, own_law
-from rig.solve.motion import Motion
-from rig.solve.system import CLOSED, SLIP_MINUS, SLIP_PLUS, STICK
+from rig.model import friction_law
+from rig.model.assembly import Assembly
+from rig.model.formulation import assemble
+from rig.motion.motion import Motion
+from rig.solve.state_codes import CLOSED, SLIP_MINUS, SLIP_PLUS, STICK
+from rig.stability.linearisation import inputs, own_law
 
 NAMES = ("a", "b", "c")  # seven states, as the lever rig: compiled once for both
 SIGN = {SLIP_PLUS: 1.0, SLIP_MINUS: -1.0}
@@ -41,7 +41,10 @@ def random_rig(seed):
         parts[f"P{j}"] = [factor(kinds) for _ in range(rng.integers(1, 4))]
     for j in rng.permutation(8):
         A.product(f"P{j}", *parts[f"P{j}"])
-    for patch, name, law in (("p", "a", laws.stribeck(0.5, 0.3, 0.1)), ("q", "b", laws.coulomb(0.6, 0.4))):
+    for patch, name, law in (
+        ("p", "a", friction_law.stribeck(0.5, 0.3, 0.1)),
+        ("q", "b", friction_law.coulomb(0.6, 0.4)),
+    ):
         A.patch(patch, {name: rng.uniform(0.5, 1.5)}, {"one": rng.uniform(0.2, 0.5)}, law)
     for k, patch in enumerate("ppq"):
         pressed = {"one": rng.uniform(5.0, 9.0), **states(), f"P{rng.integers(3)}": rng.normal()}
@@ -119,11 +122,11 @@ def test_kernels_evaluate_what_the_equations_say(seed):
     rng = np.random.default_rng(seed)
     for _ in range(6):
         key = system.key(rng.integers(3, size=2), rng.integers(2, size=3), ())
-        if motion.slots.tables.slot_of[key] < 0:
-            motion.slots.add(key)
+        if motion.mode_sets.tables.mode_set_of[key] < 0:
+            motion.mode_sets.add(key)
         x = np.append(rng.uniform(-0.2, 0.2, 6), 1.0)
         motion.work.T[:] = np.nan  # as a trial step that overflowed leaves it
-        found = motion.outputs_at(x[None], motion.slots.tables.slot_of[[key]].astype(np.int64))[0]
+        found = motion.outputs_at(x[None], motion.mode_sets.tables.mode_set_of[[key]].astype(np.int64))[0]
         expected = plain(A, parts, system.modes(key), x)
         assert dict(zip(asked, found)) == pytest.approx({name: expected[name] for name in asked}, rel=1e-12, abs=1e-12)
 
@@ -158,7 +161,7 @@ def test_what_would_have_to_be_known_before_itself_is_refused(product, inertia, 
     A.coordinate("x", 1.0, 0.3, 100.0)
     A.coordinate("z", 0.5, 0.4, 400.0)
     A.product("P", product, "z")
-    A.patch("contact", {"x": 1.0}, {"one": 0.3}, laws.stribeck(0.4, 0.25, 0.1))
+    A.patch("contact", {"x": 1.0}, {"one": 0.3}, friction_law.stribeck(0.4, 0.25, 0.1))
     A.normal("load", "contact", {"one": 10.0}, {"z": 1.0}, inertia)
     A.push("z", {"P": 0.1})
     with pytest.raises(ValueError, match=f"product P: {told}"):

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rig.solve import laws
-from rig.solve.assembly import Assembly
-from rig.solve.motion import Motion
+from rig.model import friction_law
+from rig.model.assembly import Assembly
+from rig.motion.motion import Motion
 
 TICKS = 300
 MASS, ALONG, ACROSS, BETWEEN = 1.0, 900.0, 1600.0, 300.0
@@ -33,16 +33,16 @@ def carried(system, method, block):
     while motion.tick < TICKS:
         motion.advance(min(block, TICKS - motion.tick))
         states.append(motion.states.copy())
-        outputs.append(motion.outputs_at(motion.states, motion.slots_of_states))
+        outputs.append(motion.outputs_at(motion.states, motion.mode_sets_of_states))
         events += [((event.tick + event.place) * 1e-3, event.what) for event in motion.events()]
     return np.concatenate(states), np.concatenate(outputs), events, motion.energy()["error"]
 
 
 @pytest.mark.parametrize("block", [1, 7, TICKS])
 @pytest.mark.parametrize(("method", "law"), [
-    ("exact", laws.coulomb(0.4, 0.4)),
-    ("dopri5", laws.stribeck(0.4, 0.3, 0.5)),
-    ("rk4", laws.stribeck(0.4, 0.3, 0.5)),
+    ("exact", friction_law.coulomb(0.4, 0.4)),
+    ("dopri5", friction_law.stribeck(0.4, 0.3, 0.5)),
+    ("rk4", friction_law.stribeck(0.4, 0.3, 0.5)),
 ])  # fmt: skip
 def test_it_moves_as_an_independent_integrator_says(method, law, block):
     speed = 5.0
@@ -65,7 +65,7 @@ def test_it_moves_as_an_independent_integrator_says(method, law, block):
 
 @pytest.mark.parametrize("method", ["exact", "rk4"])
 def test_a_contact_that_sticks_and_pulls_does_so_whatever_the_block(method):
-    system = held(laws.coulomb(1.0, 0.5), 0.03)
+    system = held(friction_law.coulomb(1.0, 0.5), 0.03)
     whole, outputs, events, error = carried(system, method, TICKS)
     assert outputs[:, 0].min() < -LOAD
     assert {"contact slip ends", "contact releases +"} <= {what for _, what in events}

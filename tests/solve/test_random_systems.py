@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from rig.solve import laws
-from rig.solve.assembly import Assembly
-from rig.solve.formulation import assemble
-from rig.solve.system import OPEN, STICK
+from rig.model import friction_law
+from rig.model.assembly import Assembly
+from rig.model.formulation import assemble
+from rig.solve.state_codes import OPEN, STICK
 
 COARSE, FINE, DURATION = 4.0, 0.2, 1.0  # ms, ms, s
 NQ = 3
@@ -30,7 +30,7 @@ def random_system(seed, kind):
     for p in range(3 if kind == INERTIA else 2):
         along, normal = (v / np.linalg.norm(v) for v in rng.normal(size=(2, NQ)))
         kinetic = rng.uniform(0.1, 0.5)
-        law = laws.coulomb(kinetic * rng.uniform(1.0, 1.6), kinetic)
+        law = friction_law.coulomb(kinetic * rng.uniform(1.0, 1.6), kinetic)
         a.patch(f"contact {p}", dict(zip(names, along)), {"one": rng.uniform(-0.3, 0.3)}, law)
         load = rng.uniform(1.0, 5.0)
         row, direction, inertia = {"one": load}, {}, {}
@@ -80,7 +80,7 @@ def contacts_obey(system, found):
     """At every tick: no contact pulls, friction within its cone and against the slip, none where it is open."""
     P = len(system.patches)
     T, w, N = np.split(found.outputs, [P, 2 * P], axis=1)
-    keys = [found.motion.slots.sets[s].key for s in found.slots]
+    keys = [found.motion.mode_sets.sets[s].key for s in found.mode_sets]
     modes = {key: system.modes(key) for key in set(keys)}
     assert np.all(N >= -1e-9)
     for p, patch in enumerate(system.patches):
@@ -136,7 +136,7 @@ def test_two_oscillators_that_let_go_at_once(run, num, offset, step):
     a = Assembly("twins")
     for name, start in (("x", 0.0), ("y", offset)):
         a.coordinate(name, p["m"], p["c"], p["k"])
-        a.patch(f"contact {name}", {name: 1.0}, {"one": p["vb"]}, laws.coulomb(p["mus"], p["mud"]))
+        a.patch(f"contact {name}", {name: 1.0}, {"one": p["vb"]}, friction_law.coulomb(p["mus"], p["mud"]))
         a.normal(f"load {name}", f"contact {name}", {"one": p["N"]})
         a.start |= {name: start, f"{name}'": p["vb"]}
     found = run(a.system(), step, 4.0)

@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from rig.solve import laws
-from rig.solve.assembly import Assembly
-from rig.solve.motion import Motion
-from rig.study.torture.rigs import Sectored, sectored
+from rig.model import friction_law
+from rig.model.assembly import Assembly
+from rig.motion.motion import Motion
+from rig.qualify.torture.rigs import Sectored, sectored
 
 MS = 1_000_000
 SPEED, RADIUS, EDGE = 0.3, 0.05, 2.0
 MU = (0.3, 0.15)
 
 
-ROUGH, SMOOTH = laws.coulomb(0.3, 0.3), laws.coulomb(0.15, 0.15)
+ROUGH, SMOOTH = friction_law.coulomb(0.3, 0.3), friction_law.coulomb(0.15, 0.15)
 
 
 def rig(first=ROUGH, second=SMOOTH, place=0.5):
@@ -81,7 +81,7 @@ def test_the_edges_do_not_depend_on_the_step(step_ns):
 
 def test_a_stuck_contact_stays_in_its_sector():
     """Stuck from the start: the place stands still, also where the disc has turned on by more than the sector."""
-    sticky, slick = laws.coulomb(5.0, 0.3), laws.coulomb(0.1, 0.1)
+    sticky, slick = friction_law.coulomb(5.0, 0.3), friction_law.coulomb(0.1, 0.1)
     a = rig(sticky, slick, place=1.9)
     a.start |= {"x'": SPEED}
     motion = Motion(a.system(), MS, "exact")
@@ -91,11 +91,11 @@ def test_a_stuck_contact_stays_in_its_sector():
 
 
 def test_laws_over_speed_change_at_the_edge_too():
-    first, second = laws.stribeck(0.4, 0.2, 0.1), laws.coulomb(0.1, 0.1)
+    first, second = friction_law.stribeck(0.4, 0.2, 0.1), friction_law.coulomb(0.1, 0.1)
     system = rig(first, second).system()
     motion = Motion(system, MS, "dopri5", tolerance=1e-9, outputs=[{"T:contact": 1.0}, {"w:contact": 1.0}])
     motion.advance(2000)
-    found = motion.outputs_at(motion.states, motion.slots_of_states)
+    found = motion.outputs_at(motion.states, motion.mode_sets_of_states)
     place = motion.states @ system.sectors[0].row
     slips = found[:, 1] > 1e-9
     in_second = place >= EDGE

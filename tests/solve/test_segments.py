@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rig.solve.motion import Motion
+from rig.motion.motion import Motion
 from rig.solve.segments import DEGREE
 
 ROWS = [{"x'": 1.0}, {"x''": 1.0}, {"T:contact": 1.0}, {"w:contact": 1.0}]
@@ -20,7 +20,7 @@ def frames(system, method, step_ns, steps, count, **how):
             s.start[:n].copy(),
             s.length[:n].copy(),
             s.coef[:n].copy(),
-            motion.outputs_at(motion.states, motion.slots_of_states),
+            motion.outputs_at(motion.states, motion.mode_sets_of_states),
             [(e.tick + e.place) * step_ns * 1e-9 for e in motion.events()],
             (motion.tick - steps) * step_ns * 1e-9,
         )

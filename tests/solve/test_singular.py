@@ -5,14 +5,14 @@ import pytest
 
 import rig
 from rig.errors import Jammed, Singular
+from rig.model import friction_law
+from rig.model.assembly import Assembly
+from rig.model.formulation import assemble
+from rig.model.singular import assembled
+from rig.motion.motion import Motion
 from rig.scenes.scene import Scene
-from rig.solve import laws
-from rig.solve.assembly import Assembly
-from rig.solve.formulation import assemble
-from rig.solve.motion import Motion
-from rig.solve.singular import assembled
-from rig.solve.system import SLIP_PLUS, STICK
-from rig.solve.verdict import verdict
+from rig.solve.state_codes import SLIP_PLUS, STICK
+from rig.stability.report import verdict
 
 MASS, STIFFNESS, PUSH = 2.0, 50.0, 3.0
 
@@ -21,7 +21,7 @@ def body(mass=MASS, inertia=0.0, mu=0.5):
     """One mass pressed on a belt, N = 20 N + inertia x''."""
     a = Assembly(title="test")
     a.coordinate("x", mass, 0.0, STIFFNESS)
-    a.patch("contact", {"x": 1.0}, {"one": 0.1}, laws.coulomb(mu, mu))
+    a.patch("contact", {"x": 1.0}, {"one": 0.1}, friction_law.coulomb(mu, mu))
     a.normal("load", "contact", {"one": 20.0}, inertia={"x": inertia} if inertia else {})
     return a
 
@@ -33,7 +33,7 @@ def clamped(tilt=0.0):
     a.coordinate("y", 1.0, 0.0, 10.0)
     a.push("x", {"one": PUSH})
     for name, along in (("inner", {"x": 1.0}), ("outer", {"x": 1.0, "y": tilt} if tilt else {"x": 1.0})):
-        a.patch(name, along, {"one": 0.1}, laws.coulomb(0.5, 0.5))
+        a.patch(name, along, {"one": 0.1}, friction_law.coulomb(0.5, 0.5))
         a.normal(f"{name} load", name, {"one": 20.0})
     return a.system()
 
@@ -65,7 +65,7 @@ def test_a_body_without_mass_is_no_jamming():
 
 def test_a_contact_along_which_nothing_moves_is_no_jamming():
     a = body()
-    a.patch("rail", {}, {"one": 0.1}, laws.coulomb(0.5, 0.5))
+    a.patch("rail", {}, {"one": 0.1}, friction_law.coulomb(0.5, 0.5))
     a.normal("rail load", "rail", {"one": 5.0})
     system = a.system()
     with pytest.raises(Singular, match="no coordinate moves along rail") as raised:

@@ -5,14 +5,18 @@ import math
 import numpy as np
 import pytest
 
-from rig.solve import laws
-from rig.solve.motion import Motion
-from rig.solve.verdict import verdict
+from rig.model import friction_law
+from rig.motion.motion import Motion
+from rig.stability.report import verdict
 
 
 def test_a_smoothed_law_is_odd_and_its_slope_is_its_slope():
-    for law in (laws.coulomb(0.3, 0.3), laws.stribeck(0.5, 0.2, 0.05), laws.falling(0.4, 0.3, 0.05)):
-        smooth = laws.smoothed(law, 1e-3)
+    for law in (
+        friction_law.coulomb(0.3, 0.3),
+        friction_law.stribeck(0.5, 0.2, 0.05),
+        friction_law.falling(0.4, 0.3, 0.05),
+    ):
+        smooth = friction_law.smoothed(law, 1e-3)
         for v in (1e-5, 5e-4, 3e-3, 0.1):
             assert smooth.mu(v) == pytest.approx(law.mu(v) * math.tanh(v / 1e-3), rel=1e-14)
             assert smooth.mu(-v) == -smooth.mu(v)

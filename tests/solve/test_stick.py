@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from rig.solve import laws
-from rig.solve.assembly import Assembly
-from rig.solve.motion import Motion
+from rig.model import friction_law
+from rig.model.assembly import Assembly
+from rig.motion.motion import Motion
 
 MILLION = 1_000_000
 
@@ -32,7 +32,7 @@ def test_a_mass_stuck_to_a_moving_belt_goes_with_it(rigs):
     a.start |= {"x'": amplitude}
     motion = Motion(a.system(), 100_000, "exact", outputs=[{"w:contact": 1.0}, {"T:contact": 1.0}], longest=MILLION)
     motion.advance(MILLION)
-    w, T = motion.outputs_at(motion.states, motion.slots_of_states).T
+    w, T = motion.outputs_at(motion.states, motion.mode_sets_of_states).T
     assert motion.event_count == 0
     assert np.abs(w).max() < 4e-16 * amplitude * 8
     assert np.abs(T).max() == pytest.approx(0.99 * 4.0, rel=1e-6)
@@ -77,7 +77,7 @@ def test_equal_contacts_are_one_patch(run):
     def pad(loads):
         a = Assembly("pad")
         a.coordinate("x", 1.0, 0.6, 1000.0)
-        a.patch("pad", {"x": 1.0}, {"one": 0.05}, laws.coulomb(0.4, 0.25))
+        a.patch("pad", {"x": 1.0}, {"one": 0.05}, friction_law.coulomb(0.4, 0.25))
         for i, load in enumerate(loads):
             a.normal(f"contact {i}", "pad", {"one": load})
         a.start |= {"x'": 0.05}
@@ -94,12 +94,12 @@ def test_a_landing_moves_nothing_but_what_slips(run):
     a.coordinate("x", 1.0, 0.2, 500.0)
     a.coordinate("y", 3.0, 0.3, 900.0)
     a.mass["x", "y"] = a.mass["y", "x"] = 0.4
-    a.patch("contact", {"x": 1.0, "y": -1.0}, {}, laws.coulomb(0.5, 0.3))
+    a.patch("contact", {"x": 1.0, "y": -1.0}, {}, friction_law.coulomb(0.5, 0.3))
     a.normal("load", "contact", {"one": 6.0})
     a.start |= {"x": 0.05, "y": -0.02}
     motion = Motion(a.system(), 1_000_000, "exact", outputs=[{"w:contact": 1.0}], longest=20_000)
     motion.advance(20_000)
-    stuck = next(s for s in motion.slots.sets if motion.system.describe(s.key) == "contact stick")
+    stuck = next(s for s in motion.mode_sets.sets if motion.system.describe(s.key) == "contact stick")
     Pi = stuck.landing
     assert Pi @ Pi == pytest.approx(Pi, abs=1e-14)
     assert np.abs(motion.system.slip_rows @ Pi).max() < 1e-14

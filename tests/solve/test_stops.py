@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 from rig.errors import Chatter, Diverged, Jammed
-from rig.solve import laws
-from rig.solve.assembly import Assembly
-from rig.solve.motion import Motion
+from rig.model import friction_law
+from rig.model.assembly import Assembly
+from rig.motion.motion import Motion
 
 
 def growing(rate):
     """A free mass with negative damping."""
     a = Assembly("growing")
     a.coordinate("x", 1.0, -2.0 * rate, 100.0)
-    a.patch("contact", {"x": 1.0}, {"one": 1e3}, laws.coulomb(0.1, 0.1))
+    a.patch("contact", {"x": 1.0}, {"one": 1e3}, friction_law.coulomb(0.1, 0.1))
     a.normal("load", "contact", {"one": 1.0})
     return a.system()
 
@@ -59,7 +59,7 @@ def test_too_many_events_are_named():
     a.coordinate("x", 1.0, 0.5, 100.0)
     a.signal("sin", {"cos": 3141.6}, 0.0, "test")
     a.signal("cos", {"sin": -3141.6}, 1.0, "test")
-    a.patch("contact", {"x": 1.0}, {"one": 1.0}, laws.coulomb(0.3, 0.3))
+    a.patch("contact", {"x": 1.0}, {"one": 1.0}, friction_law.coulomb(0.3, 0.3))
     a.normal("load", "contact", {"one": 1.0, "sin": 2.0})
     motion = Motion(a.system(), 10_000_000, "exact", cap=3)
     with pytest.raises(Chatter, match=r"more than 3 events in one block; the last: load (opens|closes)") as told:
@@ -73,7 +73,7 @@ def test_a_contact_that_no_mode_fits_has_jammed():
     a = Assembly("tilted pin")
     a.coordinate("x", 1.0, 0.0, 0.0)
     a.coordinate("y", 1.0, 0.1, 100.0)
-    a.patch("tip", {"x": 1.0}, {"one": 0.1}, laws.coulomb(0.6, 0.6))
+    a.patch("tip", {"x": 1.0}, {"one": 0.1}, friction_law.coulomb(0.6, 0.6))
     a.normal("load", "tip", {"one": 1.0}, inertia={"x": 2.0})
     a.start |= {"x'": 0.0}
     with pytest.raises(Jammed, match="jamming") as told:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from rig.solve.motion import Motion
+from rig.motion.motion import Motion
 
 
 def test_event_times_after_a_hundred_thousand_seconds(rigs):
@@ -14,7 +14,7 @@ def test_event_times_after_a_hundred_thousand_seconds(rigs):
     a, w = (p["mus"] - p["mud"]) * 10.0 / 1000.0, math.sqrt(1000.0)
     stick = 2.0 * a / p["vb"]
     period = stick + (2.0 * math.pi - 2.0 * math.atan2(a, p["vb"] / w)) / w
-    motion = Motion(rigs.p1(c=0.0, **p), 20_000_000, "exact", longest=50_000, booking=False)
+    motion = Motion(rigs.p1(c=0.0, **p), 20_000_000, "exact", longest=50_000, with_energy=False)
     for _ in range(100):
         motion.advance(50_000)
     assert motion.tick * motion.step_ns == 100_000 * 1_000_000_000
@@ -59,7 +59,7 @@ def test_kept_states_are_those_of_one_call(rigs):
     for _ in range(6):
         many.advance(10, keep=True)
     assert np.array_equal(many.log.out[: many.kept], one.states)
-    assert np.array_equal(many.log.modes[: many.kept], one.slots_of_states)
+    assert np.array_equal(many.log.modes[: many.kept], one.mode_sets_of_states)
 
 
 def test_a_finer_step_changes_nothing_but_the_record(rigs, run):

@@ -11,7 +11,7 @@ from rig.bus.batch import Batch
 from rig.bus.inbound import Door
 from rig.bus.port import PRESENCES, Receiver, Session, Watch
 from rig.bus.publisher import Publisher
-from rig.bus.questions import WAITING, Answer, Request, Server
+from rig.bus.queries import WAITING, Answer, Request, Server
 from rig.bus.waiting import Inbox
 
 

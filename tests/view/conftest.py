@@ -10,9 +10,9 @@ from twin import Twin
 
 import rig
 from rig.bus import encode, messages
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
 from rig.scenes.scene import Scene
-from rig.solve.system import SLIP_PLUS, STICK
+from rig.solve.state_codes import SLIP_PLUS, STICK
 
 OUTPUTS = {
     "displacement": "m",

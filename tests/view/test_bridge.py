@@ -172,7 +172,7 @@ def test_a_viewer_that_hangs_delays_nobody():
         def flush(self, **_):
             release.wait(10.0)
 
-    from rig.view.parts import Columns
+    from rig.view.shapes import Columns
 
     sender = Sender(Hung())
     sender.offer([Columns("x", np.array([0]), [])])
@@ -251,7 +251,7 @@ import numpy as np
 import psutil
 from rig import bus
 from rig.bus import encode
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
 outputs = {"displacement": "m", "velocity": "m/s"}
 with bus.host("shown") as me:
     told = Setup(me.run, '{"plant": "other"}', 1_000_000, 1_000_000, outputs, {"laser": ("m/s", 1_000_000)})

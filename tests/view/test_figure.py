@@ -11,10 +11,10 @@ from hypothesis.extra.numpy import arrays
 
 import rig
 from rig.record.run import Commands, Run, Samples
-from rig.scenes import shelf
-from rig.view import contact, story
+from rig.scenes import shipped
+from rig.view import contact, timeline
 from rig.view.curves import thinned
-from rig.view.figure import draw
+from rig.view.run_figure import draw
 
 NOTHING = Samples(np.empty(0, np.int64), np.empty(0))
 
@@ -91,10 +91,10 @@ def test_any_run_can_be_drawn(kind, tmp_path):
 
 def test_phases_marks_and_controllers_are_told_in_spans():
     run = made_up(3.0, 1_000_000)
-    assert story.phases(run) == [(0.0, 1.0, "drive.speed to 2 m/s"), (1.0, 3.0, "hold")]
-    assert story.marks(run) == [(1.0, "on")]
-    assert story.controlled(run) == [(1.0, 2.0, "c")]
-    assert [section.text for section in story.sections(run)] == ["free", "c", "free"]
+    assert timeline.phases(run) == [(0.0, 1.0, "drive.speed to 2 m/s"), (1.0, 3.0, "hold")]
+    assert timeline.marks(run) == [(1.0, "on")]
+    assert timeline.controlled(run) == [(1.0, 2.0, "c")]
+    assert [section.text for section in timeline.sections(run)] == ["free", "c", "free"]
 
 
 def test_only_the_plant_tells_what_happened_and_a_controller_of_its_own_parameters():
@@ -104,16 +104,16 @@ def test_only_the_plant_tells_what_happened_and_a_controller_of_its_own_paramete
         {"t_ns": 2 * 10**9, "tick": 2000, "kind": kind, "text": kind, "data": {"controller": "c"}} for kind in kinds
     ]
     run.events += [event | {"source": source} for source in ("guest", "c") for event in said]
-    assert story.phases(run) == [(0.0, 1.0, "drive.speed to 2 m/s"), (1.0, 3.0, "hold")]
-    assert story.marks(run) == [(1.0, "on"), (2.0, "parameter")]
-    assert story.controlled(run) == [(1.0, 2.0, "c")]
+    assert timeline.phases(run) == [(0.0, 1.0, "drive.speed to 2 m/s"), (1.0, 3.0, "hold")]
+    assert timeline.marks(run) == [(1.0, "on"), (2.0, "parameter")]
+    assert timeline.controlled(run) == [(1.0, 2.0, "c")]
 
 
 def test_a_controller_without_a_protocol_works_from_when_it_is_enabled():
     run = made_up(3.0, 1_000_000)
     run.events = []
     run.scene = json.dumps({"controllers": {"c": {"enable_at": 2.0}}})
-    assert story.controlled(run) == [(2.0, 3.0, "c")]
+    assert timeline.controlled(run) == [(2.0, 3.0, "c")]
 
 
 @settings(max_examples=30, deadline=None)
@@ -131,13 +131,13 @@ def test_a_thinned_line_keeps_its_extremes(v, columns):
 def test_a_circuit_is_closed_from_switch_to_switch(tmp_path):
     hold = 'step = "hold"\ntime = "4 ms"'
     steps = [hold, *(f'step = "set"\ntarget = "shunt.connected"\nto = {to}\n[[protocol]]\n{hold}' for to in (1, 0))]
-    text = shelf.path("brake_shunt").read_text().partition("[[protocol]]")[0]
+    text = shipped.path("brake_shunt").read_text().partition("[[protocol]]")[0]
     (tmp_path / "ours.toml").write_text("\n[[protocol]]\n".join([text, *steps]))
     run = rig.simulate(str(tmp_path / "ours.toml"))
-    [span] = story.circuits(run, contact.system_of(run.scene))
+    [span] = timeline.circuits(run, contact.system_of(run.scene))
     assert (span.begin, span.end) == pytest.approx((4e-3, 8e-3), abs=2.1e-5)
     assert span.text == "shunt connected"
-    assert story.circuits(run, None) == []
+    assert timeline.circuits(run, None) == []
     draw(run, tmp_path / "run.png")
     assert ink(tmp_path / "run.png")[2] > 0.03
 
@@ -145,12 +145,12 @@ def test_a_circuit_is_closed_from_switch_to_switch(tmp_path):
 def test_a_surface_far_faster_than_the_body_does_not_flatten_its_curve(run):
     from matplotlib.figure import Figure
 
-    from rig.view import figure
+    from rig.view import run_figure
 
     slow = replace(run, signals={**run.signals, "surface_speed": np.full(run.time.size, 20.0)})
     for one, below in ((run, True), (slow, False)):
         axes = Figure().subplots()
-        figure._velocity(axes, one)
+        run_figure._velocity(axes, one)
         drawn = [line.get_label() for line in axes.get_lines()]
         assert ("surface speed" in drawn) is below
         assert axes.get_ylim()[1] < 1.0

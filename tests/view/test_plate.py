@@ -9,17 +9,17 @@ from matplotlib.image import imread
 import rig
 from rig.bus import encode, messages
 from rig.bus.arrivals import Message
-from rig.bus.setup import Setup
+from rig.bus.run_setup import Setup
 from rig.plants import plate as plant
-from rig.record import instants
-from rig.record.points import Points, listed, numbered, points_of
+from rig.record import pressure_instants
+from rig.record.film_points import Points, listed, numbered, points_of
 from rig.record.run import Run
-from rig.view import heat
+from rig.view import pressure_colours
 from rig.view.blueprint import blueprint
 from rig.view.channels import plots
 from rig.view.drawing import Drawing
 from rig.view.feed import Feed
-from rig.view.figure import draw
+from rig.view.run_figure import draw
 
 FILM = {"film.along": "5", "film.across": "4"}
 
@@ -92,15 +92,15 @@ def test_scenes_without_points_have_none():
 
 
 def test_open_is_white_and_a_light_touch_is_dark():
-    shades = heat.colours(np.array([0.0, 1.0, 5e5, 9e5, np.nan]), 5e5).astype(int).sum(axis=1)
+    shades = pressure_colours.colours(np.array([0.0, 1.0, 5e5, 9e5, np.nan]), 5e5).astype(int).sum(axis=1)
     assert shades[0] == shades[4] > 700
     assert shades[1] < 200
     assert shades[2] == shades[3]
 
 
 def test_instants_that_tell_most_are_found_after_the_load_is_on(run):
-    found = {instant.why: run.time[instant.sample] for instant in instants.telling(run)}
-    opening = run.time[instants.first_open(run)]
+    found = {instant.why: run.time[instant.sample] for instant in pressure_instants.telling(run)}
+    opening = run.time[pressure_instants.first_open(run)]
     assert opening == pytest.approx(run.time[(run.time >= 0.3) & (run.signals["contact_fraction"] < 1.0)][0])
     assert found["first opening"] == opening
     assert 0.2 < found["before the first opening"] < opening
@@ -116,8 +116,8 @@ def test_samples_that_a_recording_lost_are_no_openings(run):
     openings = run.signals["openings"][quiet].copy()
     fraction[200] = openings[200] = np.nan
     part = replace(run, time=run.time[quiet], signals={"contact_fraction": fraction, "openings": openings})
-    assert instants.first_open(part) is None
-    assert {instant.why for instant in instants.telling(part)} == {"all in contact"}
+    assert pressure_instants.first_open(part) is None
+    assert {instant.why for instant in pressure_instants.telling(part)} == {"all in contact"}
 
 
 def test_the_slider_travels_as_it_does_and_its_motion_is_magnified(scene, run, units):
@@ -132,7 +132,7 @@ def test_the_slider_travels_as_it_does_and_its_motion_is_magnified(scene, run, u
     assert np.diff(place[:, 2]) == pytest.approx(picture.scale.motion / 0.05 * np.diff(heave), abs=1e-6)
     assert 0.01 < np.abs(heave).max() * picture.scale.motion / 0.05 < 0.3
     colours = column(columns, "film/map", "vertex_colors")
-    white = int(heat.OPEN[1:] + "ff", 16)
+    white = int(pressure_colours.OPEN[1:] + "ff", 16)
     opened = [frame.count(white) / len(frame) for frame in colours]
     assert opened == pytest.approx(1.0 - run.signals["contact_fraction"][shown])
     assert colours == column(columns, "rig/film", "vertex_colors")
@@ -188,7 +188,7 @@ def test_any_run_of_the_plate_becomes_a_figure(kind, run, tmp_path):
     draw(replace(run, time=run.time[:end], signals=signals, mode=run.mode[:end]), tmp_path / "run.png")
     picture = imread(tmp_path / "run.png")
     assert picture.shape[1] == 1600
-    violet = np.abs(picture[..., :3] - heat.table()[0] / 255.0).max(axis=2) < 0.1
+    violet = np.abs(picture[..., :3] - pressure_colours.table()[0] / 255.0).max(axis=2) < 0.1
     assert (violet.mean() > 1e-4) == (kind in ("film", "no opening"))
 
 

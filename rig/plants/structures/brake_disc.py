@@ -14,8 +14,8 @@ from __future__ import annotations
 import math
 
 from rig.effects.disc_modes import Disc, Mode, free_modes
+from rig.model.assembly import Row
 from rig.plants.structures.multibody import Body
-from rig.solve.assembly import Row
 
 
 class Bending(Body):

@@ -16,6 +16,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
+from rig.model.assembly import Row
 from rig.quantities import (
     Kilogram,
     KilogramSquareMetre,
@@ -25,7 +26,6 @@ from rig.quantities import (
     Unit,
     quantity,
 )
-from rig.solve.assembly import Row
 
 GROUND = "ground"
 Place: Any = quantity("m")

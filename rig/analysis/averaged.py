@@ -1,0 +1,125 @@
+"""Friction under dither, averaged over one period of the fast vibration.
+
+    w(theta) = w + Re(W exp(i theta)),  N(theta) = N + Re(L exp(i theta)),  contact closed where N(theta) > 0
+    T(w, N) = 1/2pi int mu(|w(theta)|) sgn(w(theta)) max(N(theta), 0) dtheta
+
+W, L: the answer of the structure without friction to the generator. The integrand jumps where w passes through zero;
+between such places it is smooth and Gauss-Legendre quadrature of `ORDER` nodes is exact to rounding. The slope over w
+has a part from those places, 2 mu(0) N / |dw/dtheta| each: it is what makes dither damp.
+Coulomb friction gives mu (2/pi) asin(w/a). At a = w the slope jumps: take no reading there.
+Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 4; Thomsen, J. Sound Vib. 228 (1999).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.model import friction_law
+from rig.model.friction_law import Law
+from rig.model.system import System
+from rig.solve.friction_coefficient import COULOMB
+from rig.stability.linearisation import Steady, sliding_key, steady
+
+Array = NDArray[np.float64]
+ORDER = 64
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(ORDER)
+
+
+def mean_friction(law: Law, w: float, N: float, fast: complex, load: complex = 0.0) -> tuple[float, float, float]:
+    """Mean friction force, its slope over w and its slope over N; `fast`, `load`: complex amplitudes of w and N."""
+    cuts = np.sort(np.concatenate([_zeros(w, fast), _zeros(N, load)]))
+    if not len(cuts):
+        cuts = np.array([0.0])
+    T = by_speed = by_load = 0.0
+    for start, end in zip(cuts, np.append(cuts[1:], cuts[0] + 2.0 * np.pi)):
+        theta = 0.5 * (end - start) * (_NODES + 1.0) + start
+        weight = 0.5 * (end - start) * _WEIGHTS / (2.0 * np.pi)
+        speed = w + (fast * np.exp(1j * theta)).real
+        force = N + (load * np.exp(1j * theta)).real
+        closed = weight * (force > 0.0)
+        mu = np.array([law.mu(abs(v)) for v in speed]) * np.sign(speed)
+        T += float(closed @ (mu * force))
+        by_load += float(closed @ mu)
+        by_speed += float(closed @ (np.array([law.slope(abs(v)) for v in speed]) * force))
+    for theta in _zeros(w, fast):
+        force = N + (load * np.exp(1j * theta)).real
+        steepness = abs((1j * fast * np.exp(1j * theta)).real)
+        if steepness > 0.0:
+            by_speed += law.mu(0.0) * max(force, 0.0) / (np.pi * steepness)
+    return T, by_speed, by_load
+
+
+def _zeros(mean: float, amplitude: complex) -> Array:
+    """Angles in [0, 2 pi) at which mean + Re(amplitude exp(i theta)) passes through zero."""
+    size = abs(amplitude)
+    if not abs(mean) < size:
+        return np.zeros(0)
+    middle, half = np.pi - np.angle(amplitude), np.arccos(mean / size)
+    return np.sort(np.mod([middle - half, middle + half], 2.0 * np.pi))
+
+
+def fast_motion(
+    system: System, sine: int, cosine: int, amplitude: float, leading: bool = False
+) -> NDArray[np.complex128]:
+    """Complex amplitude of every state under a generator a' = omega b, b' = -omega a, without friction.
+
+    The states are Re(. exp(i omega t)); those of the generator, `sine` and `cosine`, are a sin and a cos.
+    `leading`: only what inertia leaves.
+    """
+    omega = float(system.signals[sine - system.one, cosine])
+    nq = len(system.coordinates)
+    unit = amplitude * np.array([-1j, 1.0])  # a sin = Re(-i a exp(i omega t)), a cos = Re(a exp(i omega t))
+    shaken = (np.array([sine, cosine]), unit)
+
+    def driven(row: Array) -> complex:
+        return complex(row[shaken[0]] @ shaken[1])
+
+    push = np.array([driven(row) for row in system.force]) if nq else np.zeros(0)
+    dynamic = -(omega**2) * system.mass.astype(complex)
+    if not leading:
+        dynamic += system.stiffness + 1j * omega * system.damping
+    for k in system.normals:
+        push = push + k.direction * driven(k.row)
+        dynamic += omega**2 * np.outer(k.direction, k.inertia)
+        if not leading:
+            dynamic -= np.outer(k.direction, k.row[:nq] + 1j * omega * k.row[nq : 2 * nq])
+    answer = np.zeros(system.n, dtype=np.complex128)
+    q = np.linalg.solve(dynamic, push.astype(complex)) if nq else push
+    answer[:nq], answer[nq : 2 * nq] = q, 1j * omega * q
+    answer[shaken[0]] = shaken[1]
+    return answer
+
+
+def averaged(system: System, sine: int, cosine: int, amplitude: float, leading: bool = False) -> Steady:
+    """Steady sliding under a generator a' = omega b, b' = -omega a (states `sine`, `cosine`) of given amplitude.
+
+    Fast and slow motion are taken apart: good where the generator is much faster than the structure's modes.
+    `leading`: of the fast motion only what inertia leaves of it, the leading order of theories that part the motion
+    directly: a force A on a mass m shakes it with A / (m omega). Springs and dampers change that by 1 / omega^2.
+    """
+    answer = fast_motion(system, sine, cosine, amplitude, leading)
+    omega = float(system.signals[sine - system.one, cosine])
+    q = answer[: len(system.coordinates)]
+    fast = [complex(system.slip_rows[p] @ answer) for p in range(len(system.patches))]
+    pressed = [(k.patch, k.row @ answer - omega**2 * k.inertia @ q) for k in system.normals]
+    load = [complex(sum(N for patch, N in pressed if patch == p)) for p in range(len(system.patches))]
+
+    start = system.start.copy()
+    start[[sine, cosine]] = 0.0
+    speeding = tuple(replace(p, law=_over_speed(p.law)) for p in system.patches)
+    slow = replace(system, patches=speeding, start=start)
+
+    def contact(p: int, w: float, N: float) -> tuple[float, float, float]:
+        return mean_friction(system.patches[p].law, w, N, fast[p], load[p])
+
+    return steady(slow, sliding_key(slow), contact)
+
+
+def _over_speed(law: Law) -> Law:
+    """The same law as one that the formulation keeps out of the matrices."""
+    if law.code != COULOMB:
+        return law
+    return replace(friction_law.falling(law.numbers[0], 0.0, 0.0), static=law.static)

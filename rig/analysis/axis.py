@@ -1,0 +1,182 @@
+"""An axis of a sweep: one parameter of the rig at evenly spaced values, as a user writes it.
+
+    drive.speed=0.05 m/s:0.4 m/s:50      drive.speed=0:8 rpm:81      load.force=10:30:21
+
+An end without a unit takes that of the other end; without any, numbers are SI.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from rig.bench.rig_variant import with_values
+from rig.errors import SceneError
+from rig.quantities import si
+from rig.scenes.faults import near, shortened, unit_of
+from rig.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+MOST, POINTS = 100_000, 10_000_000
+"""Values of one axis, and points of all together."""
+FORM = 'expected KEY=FROM:TO:COUNT, e.g. drive.speed="0.05 m/s:0.4 m/s:50"'
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Parameter `key` at `values` (SI, in `unit`), in the order given; `shown` is the unit it is told in.
+
+    `scale`: SI value of one `shown`.
+    """
+
+    key: str
+    unit: str
+    values: tuple[float, ...]
+    shown: str
+    scale: float = 1.0
+
+    @classmethod
+    def parse(cls, text: str, scene: Scene, controller: str = "") -> Self:
+        """`text` as an axis of `scene`, or of its `controller`. Raises SceneError with every fault."""
+        key, equals, rest = text.partition("=")
+        key, parts = key.strip(), [part.strip() for part in rest.split(":")]
+        if not equals or not key or len(parts) != 3 or not all(parts):
+            raise SceneError(shortened(text), [FORM])
+        known = _numbers(scene, controller)
+        faults = []
+        if key not in known:
+            faults.append(f"{shortened(key)}: is no number of this scene's rig; {near(key, known)}")
+        count = int(parts[2]) if re.fullmatch("[0-9]{1,9}", parts[2]) else 0
+        if not 2 <= count <= MOST:
+            faults.append(f"count = {shortened(parts[2])}: must be a whole number from 2 to {MOST}")
+        if key not in known:
+            raise SceneError(shortened(text), faults)
+        unit = known[key]
+        shown = next((u for u in (_unit(part) for part in parts[:2]) if u), unit)
+        ends = []
+        for name, part in zip(("from", "to"), parts):
+            try:
+                ends.append(si(part if _unit(part) else f"{part} {shown if shown != '1' else ''}".strip(), unit))
+            except ValueError as error:
+                faults.append(f"{name} {error}")
+        if len(ends) == 2 and ends[0] == ends[1]:
+            faults.append(f"from {parts[0]} to {parts[1]}: the ends are the same; -p {key}=... sets a single value")
+        if faults:
+            raise SceneError(shortened(text), faults)
+        one = 1.0 if shown == unit else si(f"1 {shown}", unit) - si(f"0 {shown}", unit)
+        whole = bool(np.isfinite(ends).all())  # else there are no values between, and the scene cannot have the ends
+        values = np.linspace(ends[0], ends[1], count).tolist() if whole else ends
+        axis = cls(key, unit, tuple(values), shown, one)
+        axis._check(text, scene)
+        return axis
+
+    @classmethod
+    def of(cls, key: str, values: Iterable[float], scene: Scene, controller: str = "") -> Self:
+        """`key` of `scene` or of its `controller` at values in SI, rising or falling.
+
+        Raises SceneError with every fault.
+        """
+        known, given = _numbers(scene, controller), tuple(float(value) for value in values)
+        faults = [] if key in known else [f"{shortened(key)}: is no number of this scene's rig; {near(key, known)}"]
+        steps = np.diff(given)
+        if not 2 <= len(given) <= MOST:
+            faults.append(f"{len(given)} values: must be from 2 to {MOST}")
+        elif not (np.all(steps > 0.0) or np.all(steps < 0.0)):
+            faults.append("values must rise or fall throughout")
+        if faults:
+            raise SceneError(key, faults)
+        axis = cls(key, known[key], given, known[key])
+        axis._check(key, scene)
+        return axis
+
+    def _check(self, text: str, scene: Scene) -> None:
+        """Every value must be one that the scene can have."""
+        refused = []
+        for value in self.values:
+            try:
+                self.at(scene, value)
+            except SceneError as error:
+                refused.append((value, "; ".join(error.faults)))
+        if refused:
+            value, why = refused[0]
+            others = f" (and {len(refused) - 1} more values)" if len(refused) > 1 else ""
+            raise SceneError(shortened(text), [f"{self.key} = {self.tell(value)}{others}: {why}"])
+
+    def at(self, scene: Scene, value: float) -> Scene:
+        """`scene` with this parameter at `value` (SI). Raises SceneError where the scene cannot have it."""
+        room, _, rest = self.key.partition(".")
+        if room != "controllers":
+            return replace(scene, parameters=with_values(scene.parameters, {self.key: value}))
+        name, _, field = rest.partition(".")
+        changed = with_values(scene.controllers[name], {field: value})
+        return replace(scene, controllers={**scene.controllers, name: changed})
+
+    def tell(self, value: float, digits: int = 6) -> str:
+        """A value (SI) for a reader."""
+        return f"{value / self.scale:.{digits}g}" + (f" {self.shown}" if self.shown != "1" else "")
+
+    @property
+    def label(self) -> str:
+        """For a figure or a table."""
+        return self.key if self.shown == "1" else f"{self.key} [{self.shown}]"
+
+    @property
+    def told(self) -> Array:
+        """The values in the unit that they are told in, for a figure."""
+        return np.array(self.values) / self.scale
+
+
+def axes(scene: Scene, given: Mapping[str, str | None], controller: str = "") -> list[Axis]:
+    """The axes of several options (`--x`, `--y`), those that were given. Raises SceneError with all their faults.
+
+    `controller`: one whose own numbers may be swept too.
+    """
+    found, faults = [], []
+    for option, text in given.items():
+        if text is None:
+            continue
+        try:
+            found.append(Axis.parse(text, scene, controller))
+        except SceneError as error:
+            faults += [f"{option} {text}: {fault}" for fault in error.faults]
+    keys = [axis.key for axis in found]
+    faults += [f"{key}: is on more than one axis" for key in {k for k in keys if keys.count(k) > 1}]
+    points = math.prod(len(axis.values) for axis in found)
+    if points > POINTS:
+        faults.append(f"{points} points: must be at most {POINTS}; fewer values on one of the axes")
+    if faults:
+        raise SceneError(scene.name, faults)
+    return found
+
+
+def _numbers(scene: Scene, controller: str) -> dict[str, str]:
+    """Key and unit of what can be swept."""
+    found = dict(sweepable(scene.parameters))
+    if controller in scene.controllers:
+        found |= sweepable(scene.controllers[controller], f"controllers.{controller}")
+    return found
+
+
+def sweepable(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]:
+    """(dotted key, unit) of every number of a section and of the sections in it, also of those left out."""
+    for name, info in type(section).model_fields.items():
+        value, key = getattr(section, name), f"{prefix}.{name}" if prefix else name
+        if isinstance(value, BaseModel):
+            yield from sweepable(value, key)
+        elif isinstance(value, dict):
+            for entry, part in value.items():
+                if isinstance(part, BaseModel):
+                    yield from sweepable(part, f"{key}.{entry}")
+        elif (value is None or (isinstance(value, float | int) and not isinstance(value, bool))) and unit_of(info):
+            yield key, unit_of(info)
+
+
+def _unit(part: str) -> str:
+    return part.partition(" ")[2].strip()

@@ -1,0 +1,295 @@
+"""A control loop of a scene, linearised: closed-loop eigenvalues, and how much gain, phase and delay it bears.
+
+The loop is that of the scene: the controller's own numbers, its instrument, its delay, sample and hold, all exactly
+discretised (rig.analysis.sampled_loop). Margins come from the exact frequency response L(exp(i w T)) of the opened
+loop. A rig that rubs may be unstable without control, so gain has a range, not a margin: below it friction wins, above
+it the loop.
+
+    gain range     gains of both signs between which every eigenvalue decays
+    phase margin   the least turn at |L| = 1 that makes L = -1        delay margin   the same turn as a delay, turn / w
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig import controllers
+from rig.analysis.axis import Axis
+from rig.analysis.eigenvalue_curves import Spectrum, absent, of_matrix
+from rig.analysis.plant import plant
+from rig.analysis.sampled_loop import Feedback, Sampled, sampled
+from rig.analysis.sweep import Sweep, along
+from rig.analysis.text_table import columns
+from rig.controllers.blocks.feedback import VelocityFeedback
+from rig.design.numbers import numbers
+from rig.errors import SceneError, Singular
+from rig.quantities import unit_of
+from rig.scenes.faults import near
+from rig.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from control import StateSpace
+
+Array = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+VANISHED = 1e-8  # |exp(lambda T)| of what a single period wipes out: commands under way
+MOST = 8  # motions told
+GRID = 400
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A closed loop about steady sliding. `unit`: of the gain; `delay` [s]: of its sensor and of the loop together.
+
+    `gain`: the controller's; of one that has none, a factor on what it hears. `model`: with a gain of one. `energy`: of
+    the states of the rig (rig.analysis.plant). `others`: controllers of the scene that stay open.
+    """
+
+    scene: str
+    controller: str
+    through: str
+    gain: float
+    unit: str
+    delay: float
+    model: Sampled
+    energy: Array
+    others: tuple[str, ...] = ()
+
+    @cached_property
+    def spectrum(self) -> Spectrum:
+        """Eigenvalues lambda = ln(z) / T of the closed loop, least stable first; those that vanish at once left out."""
+        z, right, left = of_matrix(self.model.closed(self.gain))
+        seen = np.abs(z) > VANISHED
+        rates = (np.log(z[seen].astype(np.complex128)) / self.model.period).astype(np.complex128)
+        order = np.lexsort((-rates.imag, -rates.real))
+        columns = np.flatnonzero(seen)[order]
+        states, own = self.model.states, self.model.own
+        nq = sum(f"{name}'" in states for name in states)
+        return Spectrum(rates[order], right[:, columns], left[:, columns], states, nq, own, energy=self.energy)
+
+    @property
+    def growth(self) -> float:
+        """The largest growth rate [1/s]."""
+        return float(self.spectrum.rates[0].real)
+
+    def response(self, omega: Array) -> Complex:
+        """The opened loop L at `omega` [rad/s], with the sign in which -1 is the limit of stability."""
+        return self.gain * self._unit_response(omega)
+
+    def _unit_response(self, omega: Array) -> Complex:
+        z = np.exp(1j * omega * self.model.period)
+        F, G = self.model.F, self.model.G.astype(np.complex128)
+        held = np.linalg.solve(z[:, None, None] * np.eye(len(F)) - F, np.broadcast_to(G[:, None], (len(z), len(G), 1)))
+        return np.asarray(-(self.model.H @ held)[:, 0])
+
+    def state_space(self) -> StateSpace:
+        """The opened loop as python-control's StateSpace, sampled with the period; unity feedback closes it."""
+        import control
+
+        m = self.model
+        return control.ss(m.F, m.G[:, None], -self.gain * m.H[None, :], [[0.0]], m.period, name=self.controller)
+
+    @cached_property
+    def gain_ranges(self) -> list[tuple[float, float]]:
+        """Gains of both signs between which the loop is stable, rising; the ends may be infinite."""
+        limits = sorted({0.0, *self._limits()})
+        found: list[tuple[float, float]] = []
+        for low, high in pairwise([-math.inf, *limits, math.inf]):
+            inside = (
+                2.0 * high - 1.0 if low == -math.inf else 2.0 * low + 1.0 if high == math.inf else 0.5 * (low + high)
+            )
+            if np.abs(np.linalg.eigvals(self.model.closed(inside))).max() < 1.0:
+                joined = bool(found) and found[-1][1] == low
+                found = [*found[:-1], (found[-1][0], high)] if joined else [*found, (low, high)]
+        return found
+
+    @cached_property
+    def gain_range(self) -> tuple[float, float] | None:
+        """The range that the controller's own gain lies in; None where the loop is unstable."""
+        return next((ends for ends in self.gain_ranges if ends[0] < self.gain < ends[1]), None)
+
+    @cached_property
+    def margins(self) -> dict[str, float] | None:
+        """Least phase margin [rad] and delay margin [s], each with its frequency [Hz]; None where unstable.
+
+        Infinite where the loop's gain never passes one.
+        """
+        if self.growth >= 0.0:
+            return None
+        at = np.array(self._roots(lambda w: np.abs(self.response(w)) - 1.0))
+        if not len(at):
+            return {"phase": math.inf, "phase_hertz": math.nan, "delay": math.inf, "delay_hertz": math.nan}
+        turn = np.mod(np.angle(self.response(at)) + math.pi, 2.0 * math.pi)  # clockwise to -1
+        back = np.minimum(turn, 2.0 * math.pi - turn)
+        phase, delay = int(back.argmin()), int((turn / at).argmin())
+        hertz = at / (2.0 * math.pi)
+        return {
+            "phase": float(back[phase]),
+            "phase_hertz": float(hertz[phase]),
+            "delay": float(turn[delay] / at[delay]),
+            "delay_hertz": float(hertz[delay]),
+        }
+
+    def _limits(self) -> list[float]:
+        """Gains at which an eigenvalue lies on the unit circle."""
+        top = math.pi / self.model.period
+        turning = [1e-9 * top, *self._roots(lambda w: self._unit_response(w).imag), top]
+        return [float(-1.0 / value) for value in self._unit_response(np.array(turning)).real if value]
+
+    def _roots(self, f: Callable[[Array], Array]) -> list[float]:
+        """Frequencies [rad/s] below Nyquist's at which f passes zero."""
+        from scipy.optimize import brentq
+
+        w = self._frequencies
+        values = f(w)
+        found = []
+        for i in np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) < 0.0):
+            root = float(brentq(lambda x: float(f(np.array([x]))[0]), w[i], w[i + 1], xtol=1e-14 * w[i + 1]))
+            if abs(f(np.array([root]))[0]) <= abs(values[i]) + abs(values[i + 1]):  # not a pole
+                found.append(root)
+        return found
+
+    @cached_property
+    def _frequencies(self) -> Array:
+        """A grid up to Nyquist's frequency that is dense where the opened or the closed loop turns fast."""
+        top = math.pi / self.model.period
+        z = np.concatenate([np.linalg.eigvals(self.model.F), np.linalg.eigvals(self.model.closed(self.gain))])
+        poles = np.log(z[np.abs(z) > VANISHED].astype(np.complex128)) / self.model.period
+        slowest = max(float(np.abs(poles).min()), 1e-6 * top)
+        around = np.concatenate([p.imag + max(abs(p.real), 1e-9 * abs(p)) * np.linspace(-8.0, 8.0, 49) for p in poles])
+        w = np.concatenate([np.geomspace(1e-2 * slowest, top, GRID), around])
+        return np.unique(w[(w > 0.0) & (w < top)])
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        ends = self.gain_range
+        return {
+            "scene": self.scene,
+            "controller": self.controller,
+            "through": self.through,
+            "gain": self.gain,
+            "gain_unit": self.unit,
+            "period": self.model.period,
+            "delay": self.delay,
+            "stable": self.growth < 0.0,
+            "modes": [{"growth": g, "frequency": f} for g, f in self._motions()],
+            "gain_range": None if ends is None else list(ends),
+            "gain_ranges": [list(one) for one in self.gain_ranges],
+            "margins": self.margins,
+        }
+
+    def _motions(self) -> list[tuple[float, float]]:
+        """Growth [1/s] and frequency [Hz] of each motion, a pair once."""
+        return [(float(r.real), float(r.imag) / (2.0 * math.pi)) for r in self.spectrum.rates if r.imag >= 0.0]
+
+    def text(self) -> str:
+        """For a reader."""
+        late = f"delay {1e3 * self.delay:g} ms, " if self.delay else ""
+        hold = f"{late}sample and hold at {1e3 * self.model.period:g} ms"
+        lines = [
+            f"{self.scene}: loop of {self.controller} ({self.through}), gain {self.gain:g} {self.unit}".rstrip(),
+            f"  linearised about steady sliding, within all limits; {hold}, exactly discretised",
+            *([f"  not connected here: {', '.join(self.others)}"] if self.others else []),
+            "",
+        ]
+        told = self._motions()
+        rows = [("motion", "growth 1/s", "frequency Hz")]
+        rows += [("grows" if g > 0.0 else "decays", f"{g:.6g}", f"{f:.6g}") for g, f in told[:MOST]]
+        lines += columns(rows, "<>>")
+        lines += [f"  and {len(told) - MOST} that decay faster"] if len(told) > MOST else []
+        lines += ["", *self._ranges()]
+        if self.margins is not None:
+            m = self.margins
+            lines += [f"  phase margin {math.degrees(m['phase']):.4g} deg at {m['phase_hertz']:.5g} Hz"]
+            lines += [f"  delay margin {1e3 * m['delay']:.5g} ms more, then it grows at {m['delay_hertz']:.5g} Hz"]
+        return "\n".join(lines)
+
+    def _ranges(self) -> Iterator[str]:
+        """The ranges of gain in words, and what is wrong with the controller's own."""
+        unit = f" {self.unit}" if self.unit else ""
+        for low, high in self.gain_ranges:
+            ends = [low, high]
+            told = [
+                f"{end:.6g}" if math.isfinite(end) else f"any {'positive' if end > 0.0 else 'negative'} gain"
+                for end in ends
+            ]
+            own = ""
+            if (
+                self.gain
+                and min(ends) * max(ends) >= 0.0
+                and self.gain * sum(e for e in ends if math.isfinite(e)) > 0.0
+            ):
+                least, most = sorted(end / self.gain for end in ends)
+                own = f" ({least:.4g} to {most:.4g} times its own)"
+            yield f"  stable with a gain from {told[0]} to {told[1]}{unit if math.isfinite(high) else ''}{own}"
+        if not self.gain_ranges:
+            yield "  stable with no gain of either sign"
+        elif self.gain_range is None:
+            sign = math.copysign(1.0, self.gain)
+            wrong = self.gain and not any(max(sign * low, sign * high) > 0.0 for low, high in self.gain_ranges)
+            yield f"  its own gain, {self.gain:g}{unit}, {'has the wrong sign' if wrong else 'lies outside'}"
+
+
+def loop(scene: Scene, name: str) -> Loop:
+    """The loop of controller `name` of `scene` about the equilibrium of the scene's own values; the others stay open.
+
+    Raises SceneError for a controller that is not there, one that is no linear feedback, and a rig that nowhere slides
+    steadily.
+    """
+    if name not in scene.controllers:
+        raise SceneError(scene.name, [f"controller {name}: unknown; {near(name, scene.controllers)}"])
+    section = scene.controllers[name]
+    feedback = controllers.build(section, numbers(scene)[name])
+    if not isinstance(feedback, Feedback):
+        known = [n for n, s in scene.controllers.items() if issubclass(controllers.KINDS[s.kind][1], Feedback)]
+        other = f"; {', '.join(known)} is" if known else ""
+        raise SceneError(
+            scene.name, [f"controllers.{name}: {section.kind} is no linear feedback: it has no margins{other}"]
+        )
+    sensor, own, unit = scene.sensors[section.sensor], 1.0, "1"
+    end = sensor.front_end()
+    if isinstance(feedback, VelocityFeedback):
+        own, unit = section.gain, unit_of(type(section), "gain")
+        one = section.model_copy(update={"gain": 1.0})
+        feedback = type(feedback)(one, feedback.numbers)
+    try:
+        rig = plant(scene)
+        model = sampled(rig, feedback, sensor.reads, end, section.delay)
+    except ValueError as fault:
+        raise SceneError(scene.name, [f"controllers.{name}.{fault}"]) from None
+    return Loop(
+        scene=scene.name,
+        controller=name,
+        through=f"{section.sensor} to {section.drive}",
+        gain=own,
+        unit="" if unit == "1" else unit,
+        delay=(end.delay_ns + section.delay) * 1e-9,
+        model=model,
+        energy=rig.energy,
+        others=tuple(other for other in scene.controllers if other != name),
+    )
+
+
+def sweep_loop(scene: Scene, axis: Axis, name: str) -> Sweep:
+    """The eigenvalues of the closed loop of controller `name` over a parameter of the rig or of that controller.
+
+    Where there is no loop (nothing slides steadily, periods that do not fit), the sweep says why.
+    """
+
+    def spectrum(value: float) -> Spectrum:
+        try:
+            return loop(axis.at(scene, value), name).spectrum
+        except SceneError as error:
+            return absent("no loop", "; ".join(error.faults))
+        except Singular as error:
+            return absent("no loop", error.why)
+
+    return along(scene.name, axis, spectrum, name)

@@ -1,0 +1,186 @@
+"""Critical values of a parameter: where a motion about steady sliding begins or stops to grow, and what lies beside.
+
+The real parts of all eigenvalues in falling order are continuous functions of the parameter, whatever branches cross or
+coalesce in between. So a critical value is a root of one of them, found without following anything, to the rounding of
+the key (Brent). Where friction falls with a kink, growth may jump over zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import pairwise
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.eigenvalue_curves import Spectra, Spectrum
+from rig.analysis.growth_crossings import RELATIVE, Bracket, Growth, Hole, brackets, edge, looked, none, root, stretches
+from rig.analysis.modes import motion
+
+Complex = NDArray[np.complex128]
+JUMP = 1e-3  # of the growth beside it: what is left at a root of a continuous function is far less
+_SAME = 1e-9  # of the axis: critical values of one kind this close are those of one motion, a pair of eigenvalues
+
+
+@dataclass(frozen=True)
+class Critical:
+    """A value of the key at which a motion stops or begins to grow, and the motion there.
+
+    kind          flutter (an oscillation), divergence (a monotone growth), jump (growth leaps over zero), jamming
+                  (friction takes up all of the inertia; no motion, branch -1)
+    becomes       what this motion becomes as the key rises: "unstable" or "stable"
+    branch        number of the branch of the sweep that it belongs to; `frequency` [Hz]
+    shape         amplitude of each state, that with most of the energy being 1; `energy`: share of each coordinate and
+                  network state in the energy (rig.analysis.modes)
+    below, above  number of eigenvalues that grow just below and just above the value, of all motions; None where
+                  nothing slides or the axis ends
+    """
+
+    value: float
+    kind: Literal["flutter", "divergence", "jump", "jamming"]
+    becomes: Literal["unstable", "stable"]
+    frequency: float
+    branch: int
+    shape: dict[str, complex]
+    energy: dict[str, float]
+    below: int | None = None
+    above: int | None = None
+
+    @property
+    def sides(self) -> str:
+        """What the rig, not this motion alone, is on both sides, in words."""
+        if self.kind == "jamming":
+            return f"jams {'above' if self.becomes == 'unstable' else 'below'}"
+        if self.below and self.above:
+            return f"unstable on both sides: {_grow(self.below)} below, {self.above} above"
+        if self.above is None:
+            return "nothing to tell above" if self.below is None else f"{'un' * bool(self.below)}stable below"
+        return f"{'un' * bool(self.above)}stable above"
+
+
+def _grow(count: int) -> str:
+    return f"{count} eigenvalue{'s' * (count > 1)} grow{'s' * (count == 1)}"
+
+
+class Gap(NamedTuple):
+    """From `start` to `end` on the axis, both included, there is no steady sliding: `note`, and `why` in words."""
+
+    start: float
+    end: float
+    note: str
+    why: str
+
+
+class Found(NamedTuple):
+    """Critical values, rising, gaps in the order of the axis, and the widest distance of two values looked at."""
+
+    critical: tuple[Critical, ...]
+    gaps: tuple[Gap, ...]
+    resolution: float
+
+
+def growing(spectrum: Spectrum) -> int | None:
+    """The number of eigenvalues that grow; None where they do not count."""
+    return int(np.count_nonzero(spectrum.rates.real > none(spectrum.rates))) if spectrum.counts else None
+
+
+def search(values: Sequence[float], rates: Complex, spectra: Spectra) -> Found:
+    """Everything critical between the ends of `values`. `rates` [value, branch] tell the branches of the sweep."""
+
+    @lru_cache(maxsize=4096)
+    def growths(value: float) -> Growth | None:
+        one = spectra(value)
+        return Growth(one.rates.real, none(one.rates)) if one.counts else None
+
+    def look(grid: list[float]) -> Found:
+        known: list[Critical] = list(_jamming(grid, spectra))
+        for stretch in stretches(grid, growths):
+            for bracket in brackets(stretch, growths):
+                one = _at(spectra, bracket, root(bracket, growths), values, rates)
+                span = _SAME * abs(values[-1] - values[0])
+                if not any(abs(c.value - one.value) <= span and c.kind == one.kind for c in known):
+                    known.append(one)
+        known.sort(key=lambda one: one.value)
+        return Found(tuple(_with_sides(known, grid, spectra)), tuple(_gaps(grid, spectra)), _resolution(grid))
+
+    return looked(values, growths, look)
+
+
+def _resolution(grid: Sequence[float]) -> float:
+    return max(abs(b - a) for a, b in pairwise(grid))
+
+
+def _with_sides(known: list[Critical], grid: Sequence[float], spectra: Spectra) -> Iterator[Critical]:
+    """With what grows below and above: the same up to the next value on the grid or the next critical one."""
+    places = sorted({*grid, *(one.value for one in known)})
+    for one in known:
+        at = places.index(one.value)
+        below, above = places[:at][-1:], places[at + 1 :][:1]
+        sides = [_beside(one.value, near[0], spectra) if near else None for near in (below, above)]
+        yield replace(one, below=sides[0], above=sides[1])
+
+
+def _beside(value: float, near: float, spectra: Spectra) -> int | None:
+    """The number of eigenvalues that grow half-way to the next value. Raises Hole where only there nothing slides."""
+    middle = 0.5 * (value + near)
+    found = growing(spectra(middle))
+    if found is None and spectra(value).counts and spectra(near).counts:
+        raise Hole(middle)
+    return found
+
+
+def _gaps(grid: Sequence[float], spectra: Spectra) -> Iterator[Gap]:
+    """Where nothing slides steadily, and why."""
+    notes, span = [spectra(value).note for value in grid], abs(grid[-1] - grid[0])
+    starts = [i for i in range(len(grid)) if i == 0 or notes[i] != notes[i - 1]]
+    for first, beyond in pairwise([*starts, len(grid)]):
+        if not (note := notes[first]):
+            continue
+
+        def holds(value: float, note: str = note) -> bool:
+            return spectra(value).note == note
+
+        last = beyond - 1
+        start = edge(grid[first], grid[first - 1], holds, span)[0] if first else grid[first]
+        end = edge(grid[last], grid[beyond], holds, span)[0] if beyond < len(grid) else grid[last]
+        yield Gap(start, end, note, spectra(grid[(first + last) // 2]).why)
+
+
+def _jamming(grid: Sequence[float], spectra: Spectra) -> Iterator[Critical]:
+    """Where the mass matrix with friction in it stops or begins to be one."""
+    from scipy.optimize import brentq
+
+    for a, b in pairwise(grid):
+        one, other = spectra(a), spectra(b)
+        if one.inertia * other.inertia < 0.0 or (one.inertia and not other.inertia):
+            ends = sorted((a, b))
+            root = float(brentq(lambda value: spectra(value).inertia, *ends, xtol=1e-300, rtol=RELATIVE))
+            rises = (other.inertia > one.inertia) == (b > a)
+            yield Critical(root, "jamming", "stable" if rises else "unstable", 0.0, -1, {}, {})
+
+
+def _at(spectra: Spectra, bracket: Bracket, root: float, values: Sequence[float], rates: Complex) -> Critical:
+    """The critical value at the root of a bracket."""
+    k, a, b, how = bracket
+    low, high = sorted((a, b))
+    at, sides = spectra(root), [float(spectra(value).rates[k].real) for value in (low, high)]
+    jumps = how == "passes" and abs(at.rates[k].real) > JUMP * min(map(abs, sides))
+    grown = spectra(high if sides[1] > 0.0 else low) if jumps else at
+    i = k if grown.rates[k].imag >= 0.0 else int(np.abs(grown.rates - grown.rates[k].conj()).argmin())
+    rate, vector = grown.rates[i], grown.right[: grown.own, i]
+    near = int(np.abs(np.array(values) - root).argmin())
+    here = np.where(np.isfinite(rates[near]), np.abs(rates[near] - rate), np.inf)
+    rests = not jumps and not rate.imag  # a divergence: what is left of its rate is rounding
+    shape, energy = motion(grown.names[: grown.own], vector, grown.energy, 0.0 if rests else rate, grown.coordinates)
+    return Critical(
+        value=root,
+        kind="jump" if jumps else "flutter" if rate.imag else "divergence",
+        becomes="unstable" if sides[1] > sides[0] else "stable",
+        frequency=float(rate.imag / (2.0 * np.pi)),
+        branch=int(here.argmin()),
+        shape=shape,
+        energy=energy,
+    )

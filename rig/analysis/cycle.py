@@ -1,0 +1,296 @@
+"""The limit cycle of a rig at constant actuator values: stick-slip, found by running the plant until it repeats.
+
+The run starts stuck to the surface at the unloaded structure, outside of the cycle, so that a cycle is found wherever
+one exists beside stable sliding. It has settled when the last cycles have the same mode changes at the same times to
+`REPEAT` of a period, or where there are none, the same turning points. A cycle that attracts slowly is looked for by
+Newton's method from there on (rig.analysis.shooting); it counts once the simulation repeats it and its multipliers say
+that it attracts. One more cycle is then read from the dense output: extremes inside steps and at events alike. What it
+does with a small disturbance: rig.analysis.floquet. When a motion is at rest in sliding: rig.analysis.settled.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.cycle_report import Cycle
+from rig.analysis.floquet import floquet
+from rig.analysis.many_points import refuse
+from rig.analysis.orbit import Orbit
+from rig.analysis.repetition import MOST, REPEAT, all_round, repeating, stick_times, time_of, turn_of
+from rig.analysis.settled import NEAR, Rest
+from rig.analysis.shooting import Shot, shoot
+from rig.analysis.turning_points import Turns
+from rig.model.assembly import Assembly
+from rig.model.method import chosen
+from rig.model.system import System
+from rig.motion.motion import Event
+from rig.scenes.scene import Scene
+from rig.stability.linearisation import Steady, sliding_key, steady
+
+Array = NDArray[np.float64]
+TIGHT = 1e-10
+LONGEST = 120.0  # s
+CHANGES = 500_000  # mode changes: over a minute of a squeal at 3.4 kHz
+QUIET = 40.0  # periods of the slowest mode without an event, after which it is asked whether the motion dies away
+_AGAIN = 1.01  # times the time at which it was asked last whether the motion repeats
+_FIRST = 64  # mode changes after which Newton's method is tried, and again after twice as many
+_NEARLY = 1e-2  # of the period: rounds that differ by less may lie near a cycle
+_CALM = 2  # turns of such a surface without a change of contact, after which the rig slides
+_TURNS = 5.0  # turns of it that are waited for
+_SLOW = 0.9  # a multiplier above which a cycle attracts slowly
+_LEFT = 1e-6  # of the period: what may be left of the way to a cycle that attracts slowly
+
+
+def _nobody(now: float, drift: float) -> None:
+    """Nobody watches."""
+
+
+def limit_cycle(
+    scene: Scene,
+    tolerance: float = TIGHT,
+    longest: float | None = None,
+    watch: Callable[[float, float], object] = _nobody,
+) -> Cycle:
+    """The limit cycle of `scene` with every actuator held at its value at the start, no controller, no sensor.
+
+    `tolerance`: of dopri5. `longest`: simulated seconds until it must have settled; by default `LONGEST`, more where
+    the surface is not alike everywhere and turns slowly, less where there are `CHANGES` mode changes before. `watch`
+    is told the simulated time [s] and to what share of its period the motion repeats. Raises
+    rig.errors.NumericsError where it has to stop, UsageError for a film of points.
+    """
+    refuse(scene, "a limit cycle")
+    assembly = scene.assemble()
+    system = assembly.system()
+    sliding = steady(system, sliding_key(system))
+    if not np.any(_surfaces(sliding)):
+        why = (
+            "nothing slides, every surface stands still"
+            if system.patches
+            else "the rig has no contact that could slide"
+        )
+        return Cycle(scene.name, chosen(scene.clock.method, system), False, f"no limit cycle: {why}", 0.0)
+    return _Search(scene, assembly, sliding, tolerance, longest, watch).run()
+
+
+class _Search:
+    """One search for a limit cycle."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        assembly: Assembly,
+        sliding: Steady,
+        tolerance: float,
+        longest: float | None,
+        watch: Callable[[float, float], object],
+    ) -> None:
+        self.scene, self.watch = scene, watch
+        self.most = CHANGES if longest is None else math.inf
+        system = sliding.system
+        self.method = chosen(scene.clock.method, system)
+        rough = {"dopri5": max(REPEAT, 10.0 * tolerance), "rk4": 1e-7}
+        self.repeat = rough.get(self.method, REPEAT)
+        start = stuck(system, sliding.x)
+        self.rest = Rest(sliding, start)
+        self.orbit = Orbit(scene, assembly, start, self.method, tolerance)
+        self.turns = Turns(self.orbit, sliding)
+        turning = np.abs(sliding.eigenvalues())
+        self.slowest = 2.0 * math.pi / float(turning[turning > 1e-6 * turning.max()].min())
+        self.step, self.round_s = scene.step_ns * 1e-9, turn_of(sliding)
+        self.longest = longest or (LONGEST if math.isinf(self.round_s) else max(LONGEST, _TURNS * self.round_s))
+        self.events: list[Event] = []  # the last, as many as are compared
+        self.changes = 0
+        self.asked = 0.0
+        self.drift, self.touched = math.inf, 0.0  # last difference of rounds; when a contact has changed last [s]
+        self.due = _FIRST  # mode changes, or turning points, at which Newton's method is tried
+        self.shot: Shot | None = None
+        self.unstable: Shot | None = None
+
+    @property
+    def now(self) -> float:
+        return self.orbit.motion.tick * self.step
+
+    def run(self) -> Cycle:
+        """Simulate until the answer is known."""
+        round_s = self.round_s
+        begun, before, since = 0.0, 0, 0.0  # when this turn of the surface began, mode changes then; the last event
+        while self.now < self.longest and self.changes < self.most:
+            if self.now - begun >= round_s:
+                if begun and self.changes - before > MOST:
+                    return self._none(_uneven(round_s, self.changes - before))
+                begun, before = self.now, self.changes
+            before_block = self.now
+            met = self.orbit.block()
+            if beyond := self.orbit.beyond():
+                return self._none(f"no limit cycle: {beyond} at {before_block:.4g} s")
+            if self._held() or self._touches(met):
+                self.touched = self.now
+            if met:
+                since = self.now
+                found = self._after(met)
+            elif self._held():
+                since, found = self.now, None
+            else:
+                found = self._between(since)
+                if self.now - since > QUIET * self.slowest:
+                    since = self.now
+            if found is not None:
+                return found
+        return self._undecided()
+
+    def _after(self, met: list[Event]) -> Cycle | None:
+        """What is known after events."""
+        self.turns.clear()
+        self.events = [*self.events, *met][-3 * MOST :]
+        self.changes += len(met)
+        if self.now < _AGAIN * self.asked:
+            return None
+        self.asked = self.now
+        count, self.drift = repeating(self.events, self.step, self.repeat)
+        self.watch(self.now, self.drift)
+        if not count:
+            return None
+        last = self.events[-count - 1 :]
+        times = [time_of(event, last[0].tick, self.step) for event in last]
+        if not all_round(times[-1] - times[0], self.round_s):
+            return None
+        if self.drift <= self.repeat:
+            return self._read(times[-1] - times[0], self.drift, stick_times(self.orbit, last[1:], times))
+        if self.changes >= self.due and self.drift <= _NEARLY:
+            self._shoot(times[-1] - times[0])
+            self.due = max(2 * self.due, self.changes)
+        return None
+
+    def _between(self, since: float) -> Cycle | None:
+        """What is known of a motion that slips without an event since `since` [s]."""
+        if math.isfinite(self.round_s):  # each sector pushes: what counts is that sliding outlasts all of them
+            calm = self.rest.stable and self.now - self.touched >= _CALM * self.round_s
+            return (
+                self._none(f"{self.rest.text()}; no contact changes in {_CALM} turns of the surface") if calm else None
+            )
+        if self.rest.reached(self.orbit.motion.x):
+            return self._none(self.rest.text())
+        self.turns.add()
+        if closed := self.turns.closes(self.repeat):
+            return self._read(*closed, dict.fromkeys((p.name for p in self.orbit.system.patches), 0.0))
+        if self.now - since > QUIET * self.slowest and self.rest.stable and self.turns.dying(since):
+            return self._none(self.rest.text())
+        return None
+
+    def _read(self, period: float, drift: float, sticks: dict[str, float]) -> Cycle | None:
+        """The cycle; None where it attracts so slowly that what is left of the way to it counts: go on from there."""
+        after = self.now
+        found = _read(self.orbit, period, drift, after, sticks, self.shot.steps if self.shot else 0)
+        slow = _SLOW < found.multiplier < 1.0
+        if self.shot is None and slow and drift > _LEFT * (1.0 - found.multiplier) and self._shoot(period):
+            return None
+        return found
+
+    def _shoot(self, period: float) -> bool:
+        """Go on from a cycle found by Newton's method, if there is one that attracts."""
+        shot = shoot(self.orbit, period)
+        self.events.clear()  # the orbit is a period on
+        self.turns.clear()
+        self.asked = 0.0
+        if shot is None or self.rest.share(shot.x) <= NEAR:
+            return False
+        if not shot.stable:
+            self.unstable = shot
+            return False
+        self.shot = shot
+        self.orbit.turn_to(shot.x)
+        return True
+
+    def _held(self) -> bool:
+        """Whether a contact sticks now."""
+        return any(self.orbit.stuck(self.orbit.motion.key, p) for p in range(len(self.orbit.system.patches)))
+
+    def _touches(self, met: list[Event]) -> bool:
+        """Whether a contact has changed, not only the sector that it is in."""
+        keys = [*(event.before for event in met), self.orbit.motion.key]
+        modes = [self.orbit.system.modes(key)[:2] for key in keys]
+        return any(a != b for a, b in pairwise(modes))
+
+    def _none(self, why: str) -> Cycle:
+        return Cycle(self.scene.name, self.method, False, why, self.now)
+
+    def _undecided(self) -> Cycle:
+        """Why nothing is known, and what to do."""
+        held = self._held() and not self.changes
+        what = "the start still sticks" if held else "the motion does not repeat"
+        why = f"undecided: {what} within {self.now:.4g} s and {self.changes} mode changes"
+        if math.isfinite(self.drift):
+            why += f"; its last rounds differ by {self.drift:.1e} of their period"
+        if self.unstable is not None:
+            period = self.unstable.period
+            rate = math.log(self.unstable.multiplier) / period
+            why += f"; beside it lies an unstable cycle of {period:.6g} s, which it leaves with {rate:.3g} 1/s"
+        why += (
+            f". It is slow or irregular: --longest {4.0 * self.now:.3g} looks further, rig map shows what it settles to"
+        )
+        return replace(self._none(why), decided=False)
+
+
+def _surfaces(sliding: Steady) -> Array:
+    """Speed of each surface [m/s]."""
+    x = sliding.x.copy()
+    x[: 2 * len(sliding.system.coordinates)] = 0.0
+    return np.asarray(sliding.system.slip_rows @ x)
+
+
+def _uneven(round_s: float, changes: int) -> str:
+    return (f"no limit cycle: the surface is not alike all round, and in a turn of {round_s:.4g} s there are {changes} "
+            "mode changes: the motion swings with the turn and does not come back to where it was. What is in the way "
+            "can be taken out (-p inhomogeneity=none, -p sector=none); the swing itself is told by rig simulate and "
+            "rig sound")  # fmt: skip
+
+
+def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[str, float], newton: int) -> Cycle:
+    """Run one more cycle and tell what it is like."""
+    one = orbit.round(period)
+    met = [event for _, event in one.events]
+    held = [orbit.stuck(event.before, 0) for event in met]
+    changes = list(zip(held, [*held[1:], *held[:1]]))
+
+    def at(change: tuple[bool, bool], after: bool) -> dict[str, float]:
+        """Outputs where the first contact begins or ends to stick."""
+        if change not in changes:
+            return {}
+        return dict(zip(orbit.outputs, one.dense.at(one.events[changes.index(change)][0], after).tolist()))
+
+    return Cycle(
+        scene=orbit.scene.name,
+        method=orbit.method,
+        found=True,
+        why="",
+        after=now,
+        period=period,
+        repeats=drift,
+        stick_time=sticks,
+        extremes={name: one.dense.extremes(i) for i, name in enumerate(orbit.outputs)},
+        units=orbit.units,
+        stick_start=at((False, True), after=True),
+        stick_end=at((True, False), after=False),
+        energy=one.energy,
+        events=tuple((t, event.what) for t, event in one.events),
+        floquet=floquet(orbit, one, period),
+        newton=newton,
+    )
+
+
+def stuck(system: System, x: Array) -> Array:
+    """The state with the signals of `x`, the structure unloaded and every contact moving with its surface."""
+    nq = len(system.coordinates)
+    out = x.copy()
+    out[: 2 * nq] = 0.0
+    directions = np.array([p.direction for p in system.patches])
+    push = np.linalg.solve(system.mass, directions.T)
+    speeds = system.slip_rows @ out
+    out[nq : 2 * nq] = push @ np.linalg.lstsq(directions @ push, speeds, rcond=None)[0]
+    return out

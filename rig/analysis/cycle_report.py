@@ -1,0 +1,105 @@
+"""A limit cycle as it is read, or why there is none."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+from rig.analysis.floquet import Floquet
+from rig.analysis.repetition import REPEAT
+from rig.analysis.text_table import columns
+
+_ROUNDING = 1e-13  # of the largest output of the same unit: what is less is told as nothing
+
+
+@dataclass(frozen=True)
+class Cycle:
+    """A limit cycle, or why there is none (`found` false, `why`), or why nothing is known (`decided` false as well).
+
+    period, frequency   [s], [Hz]             amplitude   half of peak to peak, of each output
+    stick_time          [s] in one period, and its share, for each contact
+    extremes            (lowest, highest) of each plant output in its unit; start and end of stick: outputs there
+    energy              [J] in one cycle by term; `error`: what does not close, relative to the largest term or
+                        to what is stored
+    repeats             largest difference of an event's time from the cycle before, relative to the period; of a
+                        cycle without events that of a turning point, relative to the span of each state
+    floquet             multipliers: what a round leaves of a small disturbance
+    newton              steps of Newton's method that led to it; 0 where simulation alone did
+    """
+
+    scene: str
+    method: str
+    found: bool
+    why: str
+    after: float
+    period: float = math.nan
+    repeats: float = math.nan
+    stick_time: dict[str, float] = field(default_factory=dict)
+    extremes: dict[str, tuple[float, float]] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    stick_start: dict[str, float] = field(default_factory=dict)
+    stick_end: dict[str, float] = field(default_factory=dict)
+    energy: dict[str, float] = field(default_factory=dict)
+    events: tuple[tuple[float, str], ...] = ()
+    floquet: Floquet = field(default_factory=Floquet)
+    newton: int = 0
+    decided: bool = True
+
+    @property
+    def multiplier(self) -> float:
+        """Size of the largest multiplier: below one, the cycle attracts what is beside it. NaN where there is none."""
+        return max((abs(v) for v in self.floquet.multipliers), default=math.nan)
+
+    @property
+    def frequency(self) -> float:
+        """Cycles in a second [Hz]."""
+        return 1.0 / self.period
+
+    @property
+    def stick_share(self) -> dict[str, float]:
+        """Share of the period that each contact sticks."""
+        return {name: time / self.period for name, time in self.stick_time.items()}
+
+    @property
+    def amplitude(self) -> dict[str, float]:
+        """Half of peak to peak of each output: the amplitude index of a cycle."""
+        return {name: 0.5 * (high - low) for name, (low, high) in self.extremes.items()}
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        if not self.found:
+            kept = ("scene", "method", "found", "decided", "why", "after")
+            return {name: getattr(self, name) for name in kept}
+        derived = {"frequency": self.frequency, "stick_share": self.stick_share, "amplitude": self.amplitude}
+        derived |= {"events": [{"t": t, "what": what} for t, what in self.events], "floquet": self.floquet.to_json()}
+        return {**vars(self), **derived}
+
+    def text(self) -> str:
+        """For a reader."""
+        if not self.found:
+            return f"{self.scene}: {self.why}"
+        unsure = max(10.0 * self.floquet.error, REPEAT)
+        attracts, repels = self.multiplier < 1.0 - unsure, self.multiplier > 1.0 + unsure
+        kind = "limit cycle" if any(self.stick_time.values()) or attracts or repels else "periodic motion"
+        kind = f"unstable {kind}" if repels else kind
+        kind += "" if any(self.stick_time.values()) else " in which nothing sticks"
+        newton = f", the last of the way by {self.newton} steps of Newton's method" if self.newton else ""
+        lines = [f"{self.scene}: {kind}, {self.method}, settled after {self.after:.4g} s{newton}"]
+        lines += [f"  period {self.period:.10g} s, {self.frequency:.6g} Hz; repeats to {self.repeats:.1e}"]
+        for name, time in self.stick_time.items():
+            lines += [f"  {name} sticks for {time:.10g} s, {100.0 * time / self.period:.4g} % of the period"]
+        rows: list[tuple[str, ...]] = [("output", "lowest", "highest", "amplitude", "stick starts", "stick ends", "")]
+        largest: dict[str, float] = {}
+        for name, ends in self.extremes.items():
+            largest[self.units[name]] = max(largest.get(self.units[name], 0.0), *map(abs, ends))
+        for name, ends in self.extremes.items():
+            values = (*ends, self.amplitude[name], self.stick_start.get(name), self.stick_end.get(name))
+            none = _ROUNDING * largest[self.units[name]]
+            told = ("" if value is None else f"{value if abs(value) > none else 0.0:.8g}" for value in values)
+            rows.append((name, *told, self.units[name]))
+        lines += ["", *columns(rows, "<>>>>><")]
+        lines += ["", f"  Floquet multipliers: {self.floquet.text()}"]
+        terms = ", ".join(f"{name} {v:.6g}" for name, v in self.energy.items() if name != "error" and v)
+        lines += ["", f"  energy in a cycle [J]: {terms}; closes to {abs(self.energy['error']):.1e}"]
+        return "\n".join(lines)

@@ -1,0 +1,165 @@
+"""Floquet multipliers of a periodic motion: what one round leaves of a small disturbance.
+
+The motion is started again from a state in slip, displaced to both sides along each moving state, and carried through
+one period; central differences (of fourth order) of where it arrives make the monodromy matrix. The events of every
+run are located, so what a landing or a release does to the disturbance, its saltation, is in it. One multiplier is one,
+the shift along the motion itself: it is left out, and how well it comes out tells how good the others are. A contact
+that sticks forgets: its multiplier is zero. Where a displaced run meets other events, the return is not smooth, and
+smaller displacements are tried.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.orbit import Orbit, Round
+from rig.model.singular import assembled
+from rig.solve.state_codes import STICK
+from rig.stability.linearisation import inputs, moving_states, own_law
+
+Array = NDArray[np.float64]
+STEPS = (1e-3, 1e-4, 1e-5)  # of the size of each state
+_MANY, _SHOWN = 10, 6  # multipliers: more than these are cut down to so many
+RUNS = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
+
+
+@dataclass(frozen=True)
+class Floquet:
+    """Multipliers, the largest first; `error`: how far the one of the motion itself is from one (NaN: it is driven).
+
+    `why`: what keeps them from being told, "" where they are.
+    """
+
+    multipliers: tuple[complex, ...] = ()
+    error: float = math.nan
+    why: str = ""
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {"multipliers": [[v.real, v.imag] for v in self.multipliers], "error": self.error, "why": self.why}
+
+    def text(self) -> str:
+        """For a reader; what is less than the error is zero."""
+        if self.why:
+            return self.why
+        small = 10.0 * (self.error if math.isfinite(self.error) else 0.0)
+        most = len(self.multipliers) if len(self.multipliers) <= _MANY else _SHOWN
+        shown = [
+            "0" if abs(v) <= small else f"{v.real:.6g}" if v.imag == 0.0 else f"{v.real:.6g} {v.imag:+.6g}i"
+            for v in self.multipliers[:most]
+        ]
+        if left := self.multipliers[most:]:
+            shown.append(f"{len(left)} more of size {abs(left[0]):.6g} and less")
+        return f"{', '.join(shown)} (to {self.error:.1e})" if math.isfinite(self.error) else ", ".join(shown)
+
+
+@dataclass(frozen=True)
+class Return:
+    """What one period makes of states beside `x`, in small steps along `basis` [moving state, i], each over its `size`.
+
+    `matrix` [i, i]: the monodromy matrix. `miss` [i]: how far `x` itself ends from where it began. `flow` [i]: its rate
+    [1/s]. `met`: events on the way.
+    """
+
+    x: Array
+    matrix: Array
+    miss: Array
+    flow: Array
+    met: list[str]
+    basis: Array
+    moving: NDArray[np.int64]
+    size: Array
+
+    def shifted(self, by: Array) -> Array:
+        """The state that lies beside x by `by` [i]."""
+        x = self.x.copy()
+        x[self.moving] += self.size[self.moving] * (self.basis @ by)
+        return x
+
+    def apart(self, end: Array, start: Array) -> Array:
+        """The difference of two states, [i]."""
+        return np.asarray(self.basis.T @ ((end - start)[self.moving] / self.size[self.moving]))
+
+
+def returned(orbit: Orbit, x: Array, period: float, span: Array) -> Return | None:
+    """The return of `x` after `period` [s]; `span`: how far each state comes in it. None where it is not smooth."""
+    system = orbit.system
+    modes = assembled(system, orbit.key_at(x))
+    moving = moving_states(system, modes.A)
+    moving = moving[np.any(modes.landing[:, moving] != 0.0, axis=0)]  # not the current of an open circuit: it is zero
+    size = _sizes(span, len(system.coordinates))
+    rows = [p for p, mode in enumerate(system.modes(modes.key)[0]) if mode == STICK]
+    basis = _free(system.slip_rows[rows][:, moving] * size[moving])
+    rate = modes.A @ x + modes.b @ inputs(system, modes, x, own_law(system, modes))[0]
+    whole, met = orbit.carried(x, period)
+    none = np.zeros(basis.shape[1])
+    found = Return(x, np.eye(len(none)), none, none, met, basis, moving, size)
+    for step in STEPS:
+        columns = []
+        for unit in np.eye(len(none)):
+            ends = [orbit.carried(found.shifted(share * step * unit), period) for share, _ in RUNS]
+            if any(events != met for _, events in ends):
+                break
+            slope = np.sum([weight * (end - whole) for (end, _), (_, weight) in zip(ends, RUNS)], axis=0) / step
+            columns.append(found.apart(slope, np.zeros(system.n)))
+        if len(columns) == len(none):
+            flow = found.apart(rate, np.zeros(system.n))
+            return replace(found, matrix=np.array(columns).T, miss=found.apart(whole, x), flow=flow)
+    return None
+
+
+def floquet(orbit: Orbit, around: Round, period: float) -> Floquet:
+    """The multipliers of the cycle `around`, which repeats after `period` [s]."""
+    x, span = around.states[middle(orbit, around)], np.ptp(around.states, axis=0)
+    found = returned(orbit, x, period, span)
+    if found is None:
+        return Floquet(why="the return is not smooth: runs beside the motion meet other events")
+    return multipliers(found.matrix, driven=bool(np.any(np.delete(span, found.moving) > 0.0)))
+
+
+def multipliers(matrix: Array, driven: bool) -> Floquet:
+    """Those of a monodromy matrix; `driven`: no shift along the motion is among them."""
+    values = np.linalg.eigvals(matrix)
+    order = sorted((complex(v) for v in values), key=lambda v: (-abs(v), -v.imag))
+    if driven:
+        return Floquet(tuple(order))
+    own = min(order, key=lambda v: abs(v - 1.0))
+    order.remove(own)
+    return Floquet(tuple(order), abs(own - 1.0))
+
+
+def middle(orbit: Orbit, around: Round) -> int:
+    """The tick in the middle of the longest stretch between events, with as few contacts stuck as there are."""
+    step, ticks = orbit.scene.step_ns * 1e-9, len(around.states) - 1
+    if not around.events:
+        return 0
+    times = [0.0, *(t for t, _ in around.events)]
+    stretches = [
+        (sum(orbit.stuck(event.before, p) for p in range(len(orbit.system.patches))), a - b, 0.5 * (a + b))
+        for a, b, (_, event) in zip(times, times[1:], around.events)
+    ]
+    *_, middle = min(stretches)
+    return min(round(middle / step), ticks)
+
+
+def _sizes(span: Array, nq: int) -> Array:
+    """What each state is displaced by, before the step: its span, or a little of the largest of its kind."""
+    out = span.copy()
+    for kind in (slice(nq), slice(nq, 2 * nq), slice(2 * nq, None)):  # metres, metres per second, volts and the like
+        if span[kind].size:
+            out[kind] = np.maximum(span[kind], 1e-3 * span[kind].max())
+    return np.where(out > 0.0, out, 1.0)
+
+
+def _free(rows: Array) -> Array:
+    """Orthonormal directions [state, i] that leave the slip speed of stuck contacts alone."""
+    if not len(rows):
+        return np.eye(rows.shape[1])
+    _, values, directions = np.linalg.svd(rows)
+    rank = int(np.count_nonzero(values > 1e-12 * values.max()))
+    return np.asarray(directions[rank:].T)

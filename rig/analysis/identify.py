@@ -1,0 +1,218 @@
+"""The experiments that tell the parameters of the lever rig, read as on a bench: from what the instruments measured.
+
+free vibration     x = A exp(-b t) cos(w t + ..);  J = k1 r1^2 / (w^2 + b^2), c1 = 2 b J
+                   of the lever with (k2 + k3) r3^2 in place of k1 r1^2: I, c2
+static friction    mu_s = k1 r1^2 phi_max / (r2 N): the largest deflection that a creeping disc carries the pin to
+kinetic friction   mu = F r1 / (r2 N) of the load cell's force F; mu_k, alpha (and mu_s) of the exponential law, fitted
+
+Stiffnesses and lengths count as known (weighed, measured); everything else comes from the sensors of the scene.
+Source: Liu and Ouyang, Mechanical Systems and Signal Processing (2022), section 3.1, equations 22 to 30.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.text_table import columns
+from rig.errors import UsageError
+from rig.plants.lever import Parameters
+from rig.record.run import Run
+from rig.scenes.protocol import Hold, Repeat
+from rig.scenes.scene import Scene
+
+Array = NDArray[np.float64]
+_SETTLED = 0.5  # share of a hold after which a reading is taken
+_SKIP = 3  # samples of a free vibration before the laser sees nothing but it
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter as identified, beside what the scene states, in SI."""
+
+    key: str
+    unit: str
+    found: float
+    stated: float
+
+    @property
+    def error(self) -> float:
+        """Relative to what is stated."""
+        return self.found / self.stated - 1.0
+
+
+@dataclass(frozen=True)
+class Identified:
+    """What an experiment tells. `readings`: names of columns, and the numbers that were fitted, where there are any."""
+
+    scene: str
+    experiment: str
+    parameters: tuple[Parameter, ...]
+    columns: tuple[str, ...] = ()
+    readings: tuple[tuple[float, ...], ...] = ()
+
+    def text(self) -> str:
+        """For a reader."""
+        rows = [("", "found", "stated", "error", "")]
+        for one in self.parameters:
+            unit = "" if one.unit == "1" else one.unit
+            rows.append((one.key, f"{one.found:.6g}", f"{one.stated:.6g}", f"{100.0 * one.error:.2f} %", unit))
+        lines = [f"{self.scene}: {self.experiment}", *columns(rows, "<>>><")]
+        if self.readings:
+            readings = [[f"{value:.6g}" for value in row] for row in self.readings]
+            lines += ["", *columns([self.columns, *readings], ">" * len(self.columns))]
+        return "\n".join(lines)
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {
+            "scene": self.scene,
+            "experiment": self.experiment,
+            "parameters": [{**vars(one), "error": one.error} for one in self.parameters],
+            "readings": [dict(zip(self.columns, row)) for row in self.readings],
+        }
+
+
+def identify(scene: Scene) -> Identified:
+    """Run an experiment and read it. Raises UsageError for a scene that is none."""
+    from rig.bench.simulate import simulate
+
+    _reader(scene)
+    return read(simulate(scene, {}))
+
+
+def read(run: Run) -> Identified:
+    """What a run of an experiment tells, simulated or recorded. Raises UsageError for a scene that is none."""
+    scene = Scene.from_json(run.scene_text())
+    return _reader(scene)(scene, run)
+
+
+def _reader(scene: Scene) -> Callable[[Scene, Run], Identified]:
+    p = scene.parameters
+    if not isinstance(p, Parameters):
+        raise UsageError(f"{scene.name}: no experiment is known that identifies a {scene.plant}; known: of a lever")
+    if p.disc is None and (p.lever is None or p.cylinder.bolted):
+        return _free_vibration
+    if p.disc is not None and p.lever is None:
+        return _static_friction if p.load_cell is None else _kinetic_friction
+    raise UsageError(
+        f"{scene.name}: is no experiment that identifies a part; those take the rig apart: lever_free_cylinder, "
+        "lever_free_lever, lever_static_friction, lever_kinetic_friction"
+    )
+
+
+def _free_vibration(scene: Scene, run: Run) -> Identified:
+    p: Any = scene.parameters
+    c, of = p.cylinder, "lever" if p.cylinder.bolted else "cylinder"
+    if c.bolted:
+        output, part = "lever_displacement", p.lever
+        stiffness = (p.springs.fixture.stiffness + p.springs.tail.stiffness) * part.leg**2
+    else:
+        output, part, stiffness = "arm_displacement", c, p.springs.arm.stiffness * c.arm**2
+    t, x = _measured(scene, run, output)
+    frequency, decay = vibration(t[_SKIP:], x[_SKIP:])
+    inertia = stiffness / (frequency**2 + decay**2)
+    found = (
+        Parameter(f"{of}.inertia", "kg*m^2", inertia, part.inertia),
+        Parameter(f"{of}.damping", "N*m*s/rad", 2.0 * decay * inertia, part.damping),
+    )
+    return Identified(scene.name, f"free vibration of the {of}", found)
+
+
+def vibration(t: Array, x: Array) -> tuple[float, float]:
+    """Frequency w [rad/s] and decay b [1/s] of x = exp(-b t) (A cos w t + B sin w t) + C, by least squares.
+
+    t: evenly spaced [s].
+    """
+    from scipy.optimize import least_squares
+
+    step = float(t[1] - t[0])
+    count = 8 * len(x)
+    spectrum = np.abs(np.fft.rfft(x - x[len(x) // 2 :].mean(), count))
+    first = 2.0 * np.pi * float(np.fft.rfftfreq(count, step)[spectrum.argmax()])
+    rings = t - t[0]
+
+    def left(wb: Array) -> Array:
+        fading = np.exp(-wb[1] * rings)
+        shapes = np.stack((fading * np.cos(wb[0] * rings), fading * np.sin(wb[0] * rings), np.ones_like(rings)), axis=1)
+        return np.asarray(x - shapes @ np.linalg.lstsq(shapes, x, rcond=None)[0])
+
+    guess = np.array([first, 0.05 * first])
+    found = least_squares(left, guess, x_scale=guess, ftol=1e-14, xtol=1e-14, gtol=1e-14).x
+    return float(found[0]), float(found[1])
+
+
+def _static_friction(scene: Scene, run: Run) -> Identified:
+    p: Any = scene.parameters
+    t, x = _measured(scene, run, "arm_displacement")
+    at, N = _measured(scene, run, "normal_force")
+    readings = []
+    for begin, end in _holds(scene.protocol):
+        pressed = float(N[(at >= begin) & (at < end)].mean())
+        reach = float(x[(t >= begin) & (t < end)].max() - x[0])
+        mu = p.springs.arm.stiffness * p.cylinder.arm * reach / (p.cylinder.pin * pressed)
+        readings.append((pressed, reach, mu))
+    mean = float(np.mean([mu for *_, mu in readings]))
+    found = (Parameter("friction.mu_static", "1", mean, p.friction.friction().static),)
+    return Identified(scene.name, "static friction", found, ("load N", "deflection m", "mu"), tuple(readings))
+
+
+def _kinetic_friction(scene: Scene, run: Run) -> Identified:
+    from scipy.optimize import curve_fit
+
+    p: Any = scene.parameters
+    if p.friction.law != "exponential":
+        raise UsageError(f"{scene.name}: friction.law = {p.friction.law!r}: the law that is fitted is the exponential")
+    quantities = ("disc_speed", "cell_force", "normal_force")
+    signals = [_measured(scene, run, quantity) for quantity in quantities]
+    readings = []
+    for begin, end in _holds(scene.protocol):
+        settled = begin + _SETTLED * (end - begin)
+        speed, force, load = (float(x[(t >= settled) & (t < end)].mean()) for t, x in signals)
+        readings.append((p.disc.radius * speed, force * p.cylinder.arm / (p.cylinder.pin * load)))
+    v, mu = np.array(sorted(readings)).T
+
+    def law(v: Array, static: float, kinetic: float, decay: float) -> Array:
+        return np.asarray(kinetic + (static - kinetic) * np.exp(-decay * v))
+
+    guess = (float(mu[0]), float(mu[-1]), 1.0 / float(np.median(v)))
+    (static, kinetic, decay), _ = curve_fit(law, v, mu, guess)
+    found = (
+        Parameter("friction.mu_static", "1", float(static), p.friction.mu_static),
+        Parameter("friction.mu_kinetic", "1", float(kinetic), p.friction.mu_kinetic),
+        Parameter("friction.decay", "s/m", float(decay), p.friction.decay),
+    )
+    return Identified(scene.name, "kinetic friction over speed", found, ("slip speed m/s", "mu"), tuple(readings))
+
+
+def _measured(scene: Scene, run: Run, quantity: str) -> tuple[Array, Array]:
+    """Times [s] and values [unit of the quantity] of the sensor that reads `quantity`."""
+    for name, sensor in scene.sensors.items():
+        if sensor.reads == quantity:
+            samples = run.measurements[name]
+            return np.asarray(samples.t_ns * 1e-9), np.asarray(samples.v / sensor.sensitivity)
+    raise UsageError(f"{scene.name}: needs a sensor that reads {quantity}")
+
+
+def _holds(protocol: Iterable[Any]) -> list[tuple[float, float]]:
+    """When each hold of a protocol without waits begins and ends [s]."""
+    found, now = [], 0
+    for step in _unrolled(protocol):
+        length = getattr(step, "time", 0) or getattr(step, "over", 0)
+        if isinstance(step, Hold):
+            found.append((now * 1e-9, (now + length) * 1e-9))
+        now += length
+    return found
+
+
+def _unrolled(steps: Iterable[Any]) -> Iterator[Any]:
+    for step in steps:
+        if isinstance(step, Repeat):
+            for _ in range(int(step.times)):
+                yield from _unrolled(step.steps)
+        else:
+            yield step

@@ -1,0 +1,86 @@
+"""Maps: which steady motions a rig has, over one parameter or two.
+
+job        scene, axes, settings; the units of work, batched: pure functions of the job
+track      the rig of one row, to be put and moved along the x axis and watched
+row        runs along it: carried up and down, near and far starts
+judge      what a motion has settled to
+dither     the boundary of dither over frequency and amplitude: averaged beside simulated
+store      results in a folder as they come; a broken run goes on
+crew       worker processes
+chart      the map as it is read            figure   as a picture
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rig.analysis.axis import Axis, axes
+from rig.analysis.many_points import refuse
+from rig.analysis.map.chart import Map, gathered
+from rig.analysis.map.dither import Boundary, put_together
+from rig.analysis.map.job import PERIODS, RUNS, Job, Settings, checked
+from rig.analysis.map.store import Store
+from rig.analysis.map.workers import Progress, make
+from rig.analysis.regions import Regions
+from rig.analysis.regions import put_together as put_rows_together
+from rig.errors import UsageError
+from rig.scenes.scene import Scene
+from rig.scheduling import cores
+
+__all__ = ["PERIODS", "RUNS", "Boundary", "Job", "Map", "Settings", "Store", "chart", "job", "survey", "surveyed"]
+ROOT = Path("maps")
+_SECTION = 24  # local maxima kept of each point of a bifurcation diagram
+
+
+def job(
+    scene: Scene,
+    x: str,
+    y: str | None = None,
+    output: str | None = None,
+    runs: tuple[str, ...] = RUNS,
+    longest: float | None = None,
+) -> Job:
+    """The job of a map: `x`, `y` as rig.analysis.axis.Axis reads them, `output` a plant output (the first by default).
+
+    Raises SceneError, UsageError with every fault.
+    """
+    refuse(scene, "a map of steady motions")
+    if not scene.assemble().patches:
+        raise UsageError(
+            f"{scene.name}: the rig has no contact that could slide, and a map tells how it slides. "
+            f"Eigenvalues over a parameter: rig modes {scene.name} --sweep KEY=A:B:N"
+        )
+    found = axes(scene, {"x": x, "y": y})
+    watched = next(iter(scene.assemble().outputs)) if output is None else output
+    settings = Settings(watched, tuple(runs), longest=longest, section=0 if y else _SECTION)
+    return checked(Job(scene, found[0], found[1] if y else None, settings))
+
+
+def chart(job: Job, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None) -> Map | Boundary:
+    """The map of `job`, over frequency and amplitude of a dither its boundary.
+
+    What is not in the job's folder under `root` yet is computed by `workers` processes.
+
+    All cores by default. Raises UsageError where the folder cannot be used, WorkerError when a worker is lost. What is
+    done by then, or when the user interrupts, stays, and the same call goes on from there.
+    """
+    store = Store.of(job, root)
+    with store.open(job):
+        found = make(job, store, workers or cores(), progress or (lambda done, total: None))
+    return (put_together if job.dithered else gathered)(job, found, store.folder)
+
+
+def surveyed(scene: Scene, x: Axis, y: Axis) -> Job:
+    """The job of `survey`."""
+    return Job(scene, x, y, Settings("", eigenvalues=True))
+
+
+def survey(
+    scene: Scene, x: Axis, y: Axis, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None
+) -> tuple[Regions, Path]:
+    """What eigenvalues say of `scene` over two axes, and the folder of it; workers and errors as `chart` has them."""
+    todo = surveyed(scene, x, y)
+    store = Store.of(todo, root)
+    with store.open(todo):
+        rows = make(todo, store, workers or cores(), progress or (lambda done, total: None))
+    return put_rows_together(scene, x, y, rows), store.folder

@@ -1,0 +1,220 @@
+"""A map as it is read: regions, boundaries, every point.
+
+I    nothing but sliding        II   sliding and vibration, which depends on where one comes from
+III  nothing but vibration      ?    undecided: a run that did not settle could make it another region
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.map.job import RUNS, Arrays, Job
+from rig.analysis.map.steady_state import NAMES, SLIDING, STICK_SLIP, STOPPED, STUCK, UNDECIDED, VIBRATION
+from rig.analysis.text_table import columns
+
+Array = NDArray[np.float64]
+UNKNOWN, ONE, TWO, THREE, REST = range(5)
+REGIONS = ("?", "I", "II", "III", "stuck")
+MEANING = ("undecided", "sliding only", "sliding and vibration", "vibration only", "nothing moves")
+_ROWS = 12  # of boundaries, on the screen
+
+
+@dataclass(frozen=True)
+class Map:
+    """What `rig.map` finds, over [row, point]; a map with one axis has one row.
+
+    state      verdicts of rig.analysis.map.steady_state, [run, row, point], runs in the order of `RUNS`; NONE where not asked for
+    tables     low, high, rms of the output; share, period of sticking; spent: simulated seconds; the same shape.
+               section: local maxima of the output, [run, row, point, number]
+    why        why a motion had to stop, in words, of the same shape as `state`; "" where it did not
+    growth     largest growth rate at the sliding equilibrium [1/s], nan where there is none; frequency [Hz] of it
+    onsets     of each row: where the growth rate passes through zero
+    ends       [run-up and run-down, row, 2]: last value at which the carried vibration lived, first without it
+    """
+
+    job: Job
+    unit: str
+    state: NDArray[np.int8]
+    tables: dict[str, Array]
+    why: NDArray[np.str_]
+    growth: Array
+    frequency: Array
+    onsets: tuple[Array, ...]
+    ends: Array
+    folder: Path
+
+    @cached_property
+    def regions(self) -> NDArray[np.int8]:
+        """Region of each point, [row, point]: number in `REGIONS`."""
+        slides = (self.state == SLIDING).any(axis=0)
+        vibrates = np.isin(self.state, (STICK_SLIP, VIBRATION)).any(axis=0)
+        open_ = np.isin(self.state, (UNDECIDED, STOPPED)).any(axis=0)
+        found = np.full(slides.shape, UNKNOWN, dtype=np.int8)
+        found[slides & ~vibrates & ~open_] = ONE
+        found[~slides & vibrates & ~open_] = THREE
+        found[slides & vibrates] = TWO
+        found[(self.state == STUCK).any(axis=0) & ~slides & ~vibrates] = REST
+        return found
+
+    @property
+    def amplitude(self) -> Array:
+        """Half of peak to peak of the output, [run, row, point]."""
+        return 0.5 * (self.tables["high"] - self.tables["low"])
+
+    @property
+    def disagreement(self) -> NDArray[np.bool_]:
+        """Where the near start and the eigenvalue are decided and do not agree, [row, point]."""
+        near = self.state[RUNS.index("near")]
+        slid, left = near == SLIDING, np.isin(near, (STICK_SLIP, VIBRATION))
+        return np.asarray((slid & (self.growth > 0.0)) | (left & (self.growth < 0.0)))
+
+    def axes(self) -> tuple[Array, Array]:
+        """Values of x and of y (nan without) in the units they are told in."""
+        return self.job.x.told, self.job.y.told if self.job.y else np.array([np.nan])
+
+    def text(self) -> str:
+        """For a reader."""
+        job, x = self.job, self.job.x
+        settings = job.settings
+        span = f"{x.key} from {x.tell(x.values[0])} to {x.tell(x.values[-1])}, {len(x.values)} values"
+        if job.y is not None:
+            y = job.y
+            span += f"; {y.key} from {y.tell(y.values[0])} to {y.tell(y.values[-1])}, {len(y.values)} values"
+        lines = [f"{job.scene.name}: {span}", f"  runs: {', '.join(settings.runs)}; output {settings.output}", ""]
+        counts = np.bincount(self.regions.ravel(), minlength=len(REGIONS))
+        lines += columns([(REGIONS[r], MEANING[r], f"{counts[r]} points") for r in (1, 2, 3, 4, 0) if counts[r]], "<<>")
+        if "near" in settings.runs:
+            both = ~np.isnan(self.growth)
+            wrong = self.disagreement
+            told = f"  near starts and eigenvalues differ at {wrong.sum()} of {both.sum()} points"
+            worst = f"; largest growth rate there {np.abs(self.growth[wrong]).max():.2g} 1/s" if wrong.any() else ""
+            lines += ["", told + worst]
+        lines += self._stopped()
+        lines += ["", *self._boundaries()]
+        return "\n".join(lines)
+
+    def _stopped(self) -> list[str]:
+        """At how many points a motion had to stop, and at the first of them why."""
+        where = np.argwhere((self.state == STOPPED).any(axis=0))
+        if not len(where):
+            return []
+        (row, column), x, y = where[0].tolist(), self.job.x, self.job.y
+        at = f"{x.key} = {x.tell(x.values[column])}" + (f", {y.key} = {y.tell(y.values[row])}" if y else "")
+        why = next(text for text in self.why[:, row, column].tolist() if text)
+        count = self.regions.size
+        return ["", f"  a run had to stop at {len(where)} of {count} points; first at {at}: {why}"]
+
+    def _boundaries(self) -> Iterator[str]:
+        y, x = self.job.y, self.job.x
+        heads = ("sliding loses stability", "run-up loses vibration", "run-down loses vibration")
+        table: list[tuple[str, ...]] = [(y.label if y else "", *heads)]
+        rows = range(len(self.onsets))
+        chosen = sorted({round(r) for r in np.linspace(0, rows[-1], min(_ROWS, len(rows)))})
+        for row in chosen:
+            onset = ", ".join(x.tell(v) for v in self.onsets[row]) or "-"
+            ends = (self._end(end[row]) for end in self.ends)
+            table.append((y.tell(y.values[row]) if y else "", onset, *ends))
+        yield from columns(table if y else [row[1:] for row in table], "<" * len(table[0][bool(not y) :]))
+        if len(chosen) < len(rows):
+            yield f"  and {len(rows) - len(chosen)} more rows"
+
+    def _end(self, end: Array) -> str:
+        x = self.job.x
+        return "-" if np.isnan(end[0]) else f"{end[0] / x.scale:.6g} to {x.tell(end[1])}"
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values; boundaries in SI."""
+        x, y = self.job.x, self.job.y
+        rows = range(len(self.onsets))
+        return {
+            "scene": self.job.scene.name,
+            "x": {"key": x.key, "unit": x.unit, "values": list(x.values)},
+            "y": {"key": y.key, "unit": y.unit, "values": list(y.values)} if y else None,
+            "settings": vars(self.job.settings),
+            "regions": [[REGIONS[r] for r in row] for row in self.regions.tolist()],
+            "boundaries": [
+                {
+                    "y": y.values[row] if y else None,
+                    "onset": self.onsets[row].tolist(),
+                    "up_ends": self.ends[0, row].tolist(),
+                    "down_ends": self.ends[1, row].tolist(),
+                }
+                for row in rows
+            ],
+            "disagreement": int(self.disagreement.sum()),
+            "points": list(self.points()),
+            "folder": str(self.folder),
+        }
+
+    def points(self) -> Iterator[dict[str, Any]]:
+        """Every point as a flat record: axes (SI), region, growth rate, and what each run has found."""
+        x, y, amplitude = self.job.x, self.job.y, self.amplitude
+        asked = [(RUNS.index(run), run) for run in RUNS if run in self.job.settings.runs]
+        for row, column in np.ndindex(*self.regions.shape):
+            record: dict[str, Any] = {x.key: x.values[column]}
+            if y is not None:
+                record[y.key] = y.values[row]
+            record |= {"region": REGIONS[self.regions[row, column]], "growth": float(self.growth[row, column])}
+            record["frequency"] = float(self.frequency[row, column])
+            for number, run in asked:
+                at = number, row, column
+                record |= {f"{run}_state": NAMES[self.state[at]], f"{run}_amplitude": float(amplitude[at])}
+                record[f"{run}_why"] = str(self.why[at])
+                names = ("low", "high", "rms", "share", "period", "spent")
+                record |= {f"{run}_{name}": float(self.tables[name][at]) for name in names}
+            yield record
+
+    def write_csv(self, path: Path) -> None:
+        """Every point as a line; units: SI, the output in its own."""
+        records = list(self.points())
+        with path.open("w", newline="") as file:
+            writer = csv.DictWriter(file, list(records[0]))
+            writer.writeheader()
+            writer.writerows(records)
+
+
+def gathered(job: Job, found: dict[int, Arrays], folder: Path) -> Map:
+    """The units of a job put together."""
+    count, rows = len(job.x.values), len(job.y.values) if job.y else 1
+    one = found[0]
+
+    def table(name: str) -> NDArray[Any]:
+        shape = one[name].shape
+        out = np.zeros((*shape[:1], rows, count, *shape[2:]), one[name].dtype)
+        for number, (row, first, last) in enumerate(job.units):
+            out[:, row, first:last] = found[number][name]
+        return out
+
+    def line(name: str) -> Array:
+        out = np.zeros((rows, count))
+        for number, (row, first, last) in enumerate(job.units):
+            out[row, first:last] = found[number][name]
+        return out
+
+    onsets: list[list[float]] = [[] for _ in range(rows)]
+    ends = np.full((2, rows, 2), np.nan)
+    for number, (row, first, last) in enumerate(job.units):
+        onsets[row] += found[number]["onset"].tolist()
+        if (first, last) == (0, count):
+            ends[:, row] = found[number]["end"]
+    names = ("low", "high", "rms", "share", "period", "spent", "section")
+    return Map(
+        job=job,
+        unit=job.scene.assemble().outputs[job.settings.output].unit,
+        state=table("state"),
+        tables={name: table(name) for name in names},
+        why=table("why"),
+        growth=line("growth"),
+        frequency=line("frequency"),
+        onsets=tuple(np.array(values) for values in onsets),
+        ends=ends,
+        folder=folder,
+    )

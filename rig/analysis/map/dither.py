@@ -1,0 +1,207 @@
+"""The boundary of dither: the amplitude above which it keeps a rig sliding, over the frequency; averaged and simulated.
+
+averaged    the least stable motion of rig.analysis.averaged neither grows nor decays; leading: the same where the fast
+            motion is only what inertia leaves of it, as direct partition of motion takes it
+simulated   a run that starts on the fast orbit, pushed along that motion, neither grows nor decays: its slow part
+            (means over periods of the dither) swings as much in the last third as in the first
+
+Where dither just reverses the slip speed both show a thin range of stability, and above it one without; what counts is
+the largest amplitude at which sliding is lost. So amplitudes are gone through downwards from the largest, closely just
+above that place, and the first gap with a loss in it is halved.
+Source: Thomsen, J. Sound Vib. 228 (1999); Liu and Ouyang, Meccanica 55 (2020), sections 2 and 4.1.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.averaged import averaged, fast_motion
+from rig.analysis.map.job import Arrays, Job
+from rig.analysis.modes import GENERATOR
+from rig.analysis.text_table import columns
+from rig.bench.rig_variant import with_values
+from rig.errors import NumericsError
+from rig.model.method import chosen
+from rig.model.system import System
+from rig.motion.motion import Motion
+from rig.scenes.scene import Scene, plant_module
+
+Array = NDArray[np.float64]
+OFFSET = 0.02
+"""Size of the push, over the displacement of sliding."""
+SLOW = 60.0
+"""Length of a run where none is stated, in slow periods."""
+_SAMPLES = 64  # of a period of the dither
+_CLOSE = 1e-3  # relative: gaps of the amplitude that are not halved any more
+_ABOVE = (0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08)  # relative
+_LOST = 10.0  # pushes: a slow motion of this size has left
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """What `rig.map` finds over dither.frequency and dither.amplitude.
+
+    averaged    boundary at each frequency (SI); 0 where sliding is kept throughout, inf where not even at the top
+    leading     the same to leading order
+    simulated   [frequency, 2]: largest amplitude seen to lose sliding, smallest one above it seen to keep it
+    """
+
+    job: Job
+    averaged: Array
+    leading: Array
+    simulated: Array
+    folder: Path
+
+    @property
+    def deviation(self) -> Array:
+        """Simulated over averaged boundary, less one."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            return np.asarray(self.simulated.mean(axis=1) / self.averaged - 1.0)
+
+    def text(self) -> str:
+        """For a reader."""
+        x, y = self.job.x, self.job.y
+        assert y is not None
+        lines = [f"{self.job.scene.name}: least amplitude of dither that keeps the rig sliding", ""]
+        rows: list[tuple[str, ...]] = [(x.label, "leading order", "averaged", "simulated", "to averaged")]
+        for i, frequency in enumerate(x.values):
+            low, high = self.simulated[i] / y.scale
+            deviation = self.deviation[i]
+            told = f"{100.0 * deviation:+.2f} %" if np.isfinite(deviation) else ""
+            theory = (f"{found[i] / y.scale:.6g}" for found in (self.leading, self.averaged))
+            rows.append((x.tell(frequency), *theory, f"{low:.6g} to {high:.6g}", told))
+        lines += columns(rows, "<>>>>")
+        lines += ["", f"  amplitudes in {y.shown}; 0: stable from the smallest on, inf: not even at the largest"]
+        return "\n".join(lines)
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values, SI."""
+        x, y = self.job.x, self.job.y
+        assert y is not None
+        return {
+            "scene": self.job.scene.name,
+            "x": {"key": x.key, "unit": x.unit, "values": list(x.values)},
+            "y": {"key": y.key, "unit": y.unit, "values": list(y.values)},
+            "leading": self.leading.tolist(),
+            "averaged": self.averaged.tolist(),
+            "simulated": self.simulated.tolist(),
+            "deviation": self.deviation.tolist(),
+            "folder": str(self.folder),
+        }
+
+    def write_csv(self, path: Path) -> None:
+        """A line for each frequency, SI."""
+        with path.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow([self.job.x.key, "leading", "averaged", "simulated_lost", "simulated_kept"])
+            for i, frequency in enumerate(self.job.x.values):
+                writer.writerow([frequency, self.leading[i], self.averaged[i], *self.simulated[i]])
+
+
+def put_together(job: Job, found: dict[int, Arrays], folder: Path) -> Boundary:
+    """The frequencies of a job put together."""
+    tables = {name: np.array([found[i][name] for i in range(len(job.units))]) for name in found[0]}
+    return Boundary(job, folder=folder, **tables)
+
+
+def boundary(job: Job, column: int) -> Arrays:
+    """The boundary at one frequency."""
+    assert job.y is not None
+    amplitudes = job.y.values
+    shaken = _Shaken(job.x.at(job.scene, job.x.values[column]), job.settings.longest)
+    middle = {}
+    for name, leading in (("averaged", False), ("leading", True)):
+        tried = shaken.closely(amplitudes, leading)
+        middle[name] = np.array(np.mean(_last(partial(shaken.grows, leading=leading), tried, 1e-9)))
+    return {**middle, "simulated": np.array(_last(shaken.lost, shaken.closely(amplitudes, False), _CLOSE))}
+
+
+def _last(lost: Callable[[float], bool], amplitudes: Sequence[float], close: float) -> tuple[float, float]:
+    """The largest amplitude at which sliding is lost and the smallest above it at which it is kept."""
+    kept = math.inf
+    for amplitude in reversed(amplitudes):
+        if lost(amplitude):
+            break
+        kept = amplitude
+    else:
+        return 0.0, 0.0
+    while math.isfinite(kept) and kept - amplitude > close * kept:
+        middle = 0.5 * (amplitude + kept)
+        amplitude, kept = (middle, kept) if lost(middle) else (amplitude, middle)
+    return amplitude, kept
+
+
+class _Shaken:
+    """A rig with dither of one frequency."""
+
+    def __init__(self, scene: Scene, longest: float | None) -> None:
+        self.scene, self.longest = scene, longest
+        parameters = with_values(scene.parameters, {"dither.enable": True})
+        self.system: System = plant_module(scene.plant).assemble(parameters, {}).system()
+        self.sine, self.cosine = (self.system.names.index(name) for name in GENERATOR)
+        self.omega = float(self.system.signals[self.sine - self.system.one, self.cosine])
+
+    def closely(self, amplitudes: Sequence[float], leading: bool) -> list[float]:
+        """`amplitudes`, and more of them just above those at which dither reverses the slip speed of a contact."""
+        still = self.system.start.copy()
+        still[[self.sine, self.cosine]] = 0.0
+        fast = np.abs(self.system.slip_rows @ fast_motion(self.system, self.sine, self.cosine, 1.0, leading))
+        more = [
+            float(abs(patch.surface @ still) / shake * (1.0 + share))
+            for patch, shake in zip(self.system.patches, fast)
+            for share in (_ABOVE if shake else ())
+        ]
+        return sorted({*amplitudes, *(a for a in more if amplitudes[0] < a < amplitudes[-1])})
+
+    def grows(self, amplitude: float, leading: bool) -> bool:
+        """Whether averaged sliding is unstable."""
+        at = averaged(self.system, self.sine, self.cosine, amplitude, leading)
+        return at.exists and bool(at.eigenvalues()[0].real > 0.0)
+
+    def lost(self, amplitude: float) -> bool:
+        """Whether a run leaves sliding. One that has to stop has left it."""
+        at = averaged(self.system, self.sine, self.cosine, amplitude)
+        rates, shapes = at.eigenvectors()
+        nq = len(self.system.coordinates)
+        shape = shapes[:, 0]
+        size = OFFSET * float(np.linalg.norm(at.x[:nq])) / float(np.linalg.norm(shape[:nq]))
+        start = at.x + fast_motion(self.system, self.sine, self.cosine, amplitude).real + size * shape.real
+        step_ns = round(2.0 * math.pi / self.omega / _SAMPLES * 1e9)
+        slowest = 2.0 * math.pi / float(np.abs(rates[np.abs(rates) > 1e-6 * np.abs(rates).max()]).min())
+        third = round((self.longest or SLOW * slowest) / 3.0 / (step_ns * 1e-9) / _SAMPLES) * _SAMPLES
+        motion = self._motion(start, step_ns, third)
+        along = shape[:nq].conj() / float(np.linalg.norm(shape[:nq])) ** 2 / size
+        swings = []
+        try:
+            for _ in range(3):
+                motion.advance(third)
+                means = motion.states[:, :nq].reshape(-1, _SAMPLES, nq).mean(axis=1) @ along
+                swings.append(float(means.std()))
+                if swings[-1] > _LOST:
+                    return True
+        except NumericsError:
+            return True
+        return swings[-1] > swings[0]
+
+    def _motion(self, start: Array, step_ns: int, ticks: int) -> Motion:
+        clock = self.scene.clock
+        return Motion(
+            replace(self.system, start=start),
+            step_ns,
+            chosen(clock.method, self.system),
+            tolerance=clock.tolerance,
+            substeps=clock.substeps(step_ns),
+            cap=clock.events_per_frame,
+            limit=clock.limit,
+            with_energy=False,
+            longest=ticks,
+        )

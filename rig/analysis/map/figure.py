@@ -1,0 +1,143 @@
+"""A map as a picture: regions over two axes; over one axis a bifurcation diagram."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.analysis.map.chart import MEANING, REGIONS, Map
+from rig.analysis.map.dither import Boundary
+from rig.analysis.map.job import RUNS
+from rig.view.save_figure import put
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLOURS = ("#c9c9c9", "#d5e8dc", "#f6dfae", "#e7a79a", "#e4e4f0")  # of REGIONS
+_RUNS = {"up": ("#1d4f91", "^"), "down": ("#c03a76", "v"), "near": ("#2a9d77", "x"), "far": ("#d1802f", "+")}
+_LABELS = {"up": "run-up", "down": "run-down", "near": "near start", "far": "standing start"}
+_STYLE: dict[str, Any] = {
+    "font.size": 10.5,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "legend.fontsize": 9.5,
+    "lines.linewidth": 1.3,
+}
+
+
+def draw(found: Map | Boundary, path: Path) -> None:
+    """Draw what `rig.map` found into the file `path` (PNG; other endings as matplotlib knows them)."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
+        figure = Figure(figsize=(9.6, 6.4), dpi=125, facecolor="white", layout="constrained")
+        FigureCanvasAgg(figure)
+        if isinstance(found, Boundary):
+            _dither(figure.add_subplot(), found)
+        elif found.job.y is None:
+            _bifurcation(figure, found)
+        else:
+            _regions(figure.add_subplot(), found)
+        figure.suptitle(found.job.scene.title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+        put(figure, path)
+
+
+def _regions(axes: Axes, found: Map) -> None:
+    from matplotlib.colors import ListedColormap
+
+    x, y = found.axes()
+    job = found.job
+    assert job.y is not None
+    mesh = axes.pcolormesh(x, y, found.regions, cmap=ListedColormap(COLOURS), vmin=-0.5, vmax=4.5, shading="nearest")
+    mesh.set_rasterized(True)
+    scale = job.x.scale
+    onsets = np.array([(value / scale, y[row]) for row, values in enumerate(found.onsets) for value in values])
+    if len(onsets):
+        _line(axes, onsets, "-", "black", "", "sliding loses stability (eigenvalue)")
+    for number, (run, label) in enumerate((("up", "run-up"), ("down", "run-down"))):
+        ends = found.ends[number].mean(axis=1) / scale
+        if not np.isnan(ends).all():
+            colour, marker = _RUNS[run]
+            _line(axes, np.column_stack([ends, y]), "-", colour, marker, f"{label} loses vibration")
+    axes.set(xlabel=job.x.label, ylabel=job.y.label)
+    axes.margins(0.0)
+    _legend(axes, _there(found))
+
+
+def _line(axes: Axes, points: Any, style: str, colour: str, marker: str, label: str) -> None:
+    """Boundary points joined from row to row, where there is one in each."""
+    joined = len(np.unique(points[:, 1])) == len(points)
+    few = marker if len(points) <= 40 else ""
+    axes.plot(points[:, 0], points[:, 1], style if joined else ".", color=colour, marker=few, ms=4, label=label)
+
+
+def _there(found: Map) -> dict[int, str]:
+    there = np.unique(found.regions).tolist()
+    return {r: f"{REGIONS[r]}  {MEANING[r]}" for r in (1, 2, 3, 4, 0) if r in there}
+
+
+def _legend(axes: Axes, labels: dict[int, str]) -> None:
+    from matplotlib.patches import Patch
+
+    patches = [Patch(color=COLOURS[r], label=label) for r, label in labels.items()]
+    lines = axes.get_legend_handles_labels()[0]
+    axes.legend(handles=[*patches, *lines], loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=3)
+
+
+def _bifurcation(figure: Figure, found: Map) -> None:
+    x = found.job.x.told
+    panels = figure.subplots(3, 1, sharex=True, height_ratios=(2.4, 1.2, 1.0))
+    settings, unit = found.job.settings, found.unit
+    top, middle, bottom = panels
+    edges = np.concatenate([[x[0]], 0.5 * (x[1:] + x[:-1]), [x[-1]]])
+    for axes in panels:
+        for i, region in enumerate(found.regions[0].tolist()):
+            axes.axvspan(edges[i], edges[i + 1], color=COLOURS[region], lw=0, zorder=0)
+        for onset in found.onsets[0]:
+            label = "sliding loses stability (eigenvalue)" if axes is bottom else None
+            axes.axvline(onset / found.job.x.scale, color="black", lw=1.0, ls="--", label=label)
+    for run in settings.runs:
+        number, (colour, marker) = RUNS.index(run), _RUNS[run]
+        carried = run in ("up", "down")
+        style: dict[str, Any] = {"color": colour, "marker": marker, "ms": 5.5 if carried else 3.5, "mfc": "none"}
+        style["lw"] = 0.9 if carried else 0.0
+        for name in ("low", "high"):
+            top.plot(x, found.tables[name][number, 0], label=_LABELS[run] if name == "high" else None, **style)
+        section = found.tables["section"][number, 0]
+        top.plot(np.repeat(x, section.shape[1]), section.ravel(), ".", color=colour, ms=1.5)
+        middle.plot(x, found.tables["rms"][number, 0], **style)
+        bottom.plot(x, found.tables["share"][number, 0], **style)
+    top.set_ylabel(f"{settings.output} [{unit}]\nextremes, local maxima")
+    middle.set_ylabel(f"rms about\nthe mean [{unit}]")
+    bottom.set_ylabel("share of\ntime stuck")
+    bottom.set_xlabel(found.job.x.label)
+    top.legend(loc="upper left", ncols=4)
+    _legend(bottom, _there(found))
+    bottom.get_legend().set_bbox_to_anchor((0.0, -0.42))  # type: ignore[union-attr]
+    top.set_xlim(edges[0], edges[-1])
+    figure.align_ylabels(panels)
+
+
+def _dither(axes: Axes, found: Boundary) -> None:
+    x, y = found.job.x, found.job.y
+    assert y is not None
+    edge = np.clip(found.averaged / y.scale, y.told[0], y.told[-1])
+    axes.fill_between(x.told, y.told[0], edge, color=COLOURS[3], lw=0)
+    axes.fill_between(x.told, edge, y.told[-1], color=COLOURS[1], lw=0)
+    seen = np.isfinite(found.simulated).all(axis=1)
+    middle, half = found.simulated[seen].mean(axis=1), 0.5 * np.diff(found.simulated[seen], axis=1).ravel()
+    axes.plot(x.told, np.where(np.isinf(found.averaged), np.nan, found.averaged) / y.scale, "k", label="averaged")
+    axes.plot(x.told, np.where(np.isinf(found.leading), np.nan, found.leading) / y.scale, "k:", label="leading order")
+    axes.errorbar(
+        x.told[seen], middle / y.scale, half / y.scale, fmt="o", ms=4, color=_RUNS["up"][0], label="simulated"
+    )
+    axes.set(xlabel=x.label, ylabel=y.label)
+    axes.margins(0.0)
+    _legend(axes, {1: "dither keeps the rig sliding", 3: "sliding is lost"})

@@ -1,0 +1,192 @@
+"""What a map is made of: a scene, axes, settings; cut into units of work, batched, each a pure function of the job."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig import kernel
+from rig.analysis.axis import Axis
+from rig.errors import NumericsError, SceneError, Singular, UsageError
+from rig.scenes.faults import near
+from rig.scenes.scene import Scene
+
+Arrays = dict[str, NDArray[Any]]
+RUNS = ("up", "down", "near", "far")
+PERIODS = 480.0
+"""Longest time for one point where none is stated, in periods of the slowest motion about sliding."""
+DITHER = ("dither.frequency", "dither.amplitude")
+_PART = 25  # points of a row whose runs are not carried
+_ROOT = Path(__file__).resolve().parents[2]
+_SOURCES = (
+    "plants/*",
+    "effects/*",
+    "solve/*",
+    "study/map/*",
+    "study/axis",
+    "study/averaged",
+    "study/critical",
+    "study/crossing",
+    "study/cycle",
+    "study/regions",
+    "study/rounds",
+)
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How the points of a map are judged.
+
+    output    plant output whose amplitude is told           kick     swing of the slip speed at a near start, over the
+    runs      some of `RUNS`                                          speed of the surface
+    refine    halvings of the gap in which a vibration ends  longest  simulated time for one point [s]; None: `PERIODS`
+                                                                      or more where the motion is slow to settle
+    section   local maxima of the output to keep
+    eigenvalues   no runs, nothing to judge: a row is what eigenvalues say of it
+    """
+
+    output: str
+    runs: tuple[str, ...] = RUNS
+    kick: float = 0.01
+    refine: int = 5
+    longest: float | None = None
+    section: int = 0
+    eigenvalues: bool = False
+
+
+class Unit(NamedTuple):
+    """Points `first` to `last` (excluded) of row `row`."""
+
+    row: int
+    first: int
+    last: int
+
+
+@dataclass(frozen=True)
+class Job:
+    """A map to be made."""
+
+    scene: Scene
+    x: Axis
+    y: Axis | None
+    settings: Settings
+
+    @property
+    def dithered(self) -> bool:
+        """Whether the map is that of the boundary of dither."""
+        on = (self.x.key, self.y.key) if self.y is not None else ()
+        return on == DITHER and not self.settings.eigenvalues
+
+    @cached_property
+    def units(self) -> tuple[Unit, ...]:
+        """The pieces that can be worked on one by one."""
+        count = len(self.x.values)
+        if self.dithered:
+            return tuple(Unit(0, i, i + 1) for i in range(count))
+        carried = {"up", "down"} & {*self.settings.runs}
+        part = count if carried or self.settings.eigenvalues else _PART
+        rows = range(len(self.y.values) if self.y else 1)
+        return tuple(Unit(row, i, min(i + part, count)) for row in rows for i in range(0, count, part))
+
+    def at(self, row: int) -> Scene:
+        """The scene of a row. Raises SceneError where there is no such scene."""
+        return self.y.at(self.scene, self.y.values[row]) if self.y and not self.dithered else self.scene
+
+    def told(self, unit: Unit) -> str:
+        """Which part of the map a unit is, for a reader."""
+        x, y = self.x, self.y
+        ends = f"{x.key} from {x.tell(x.values[unit.first])} to {x.tell(x.values[unit.last - 1])}"
+        return ends + (f", {y.key} = {y.tell(y.values[unit.row])}" if y else "")
+
+    @cached_property
+    def digest(self) -> str:
+        """Hash (12 hex digits) of everything that the numbers depend on, sources included."""
+        found = hashlib.sha256(f"{kernel.source_key()} {np.__version__} {self.scene.digest}".encode())
+        found.update(json.dumps([asdict(self.x), self.y and asdict(self.y), asdict(self.settings)]).encode())
+        for path in sorted(path for source in _SOURCES for path in _ROOT.glob(f"{source}.py")):
+            found.update(path.name.encode() + path.read_bytes())
+        return found.hexdigest()[:12]
+
+    def to_json(self) -> str:
+        """The job as JSON text; `from_json` gives an equal one back."""
+        axes = [asdict(self.x), self.y and asdict(self.y)]
+        return json.dumps({"scene": json.loads(self.scene.to_json()), "axes": axes, "settings": asdict(self.settings)})
+
+    @classmethod
+    def from_json(cls, text: str) -> Job:
+        """The job of `to_json`."""
+        raw = json.loads(text)
+        x, y = (a and Axis(**{**a, "values": tuple(a["values"])}) for a in raw["axes"])
+        settings = Settings(**{**raw["settings"], "runs": tuple(raw["settings"]["runs"])})
+        return cls(Scene.from_json(json.dumps(raw["scene"])), x, y, settings)
+
+
+def compute(job: Job, units: Sequence[int], said: Callable[[int], object] | None = None) -> dict[int, Arrays]:
+    """The units of one batch, by number: a pure function of the job. `said` is told each unit that is done."""
+    from rig.analysis.map.row import Row
+    from rig.analysis.map.track import Track
+
+    found: dict[int, Arrays] = {}
+    for number in units:
+        unit = job.units[number]
+        if job.settings.eigenvalues:
+            from rig.analysis.regions import along
+
+            found[number] = along(job.at(unit.row), job.x)
+        elif job.dithered:
+            from rig.analysis.map.dither import boundary
+
+            found[number] = boundary(job, unit.first)
+        else:
+            try:
+                found[number] = Row(Track(job.at(unit.row), job.x, job.settings), unit.first, unit.last).run()
+            except (NumericsError, Singular) as error:
+                raise SceneError(job.told(unit), [str(error)]) from None
+        if said is not None:
+            said(number)
+    return found
+
+
+def checked(job: Job) -> Job:
+    """`job` with its axes running upwards. Raises SceneError, UsageError with what keeps it from being made."""
+    x, y = (axis and replace(axis, values=tuple(sorted(axis.values))) for axis in (job.x, job.y))
+    assert x is not None
+    job = replace(job, x=x, y=y)
+    settings = job.settings
+    outputs = job.scene.assemble().outputs
+    faults = []
+    if settings.output not in outputs:
+        faults.append(f"output {settings.output}: {job.scene.plant} has none; {near(settings.output, outputs)}")
+    unknown = [run for run in settings.runs if run not in RUNS]
+    faults += [f"runs: {run} is unknown; known: {', '.join(RUNS)}" for run in unknown]
+    if not settings.runs:
+        faults.append(f"runs: name at least one of {', '.join(RUNS)}")
+    if not 0.0 < settings.kick <= 0.1:
+        faults.append(f"kick = {settings.kick:g}: must be greater than 0 and at most 0.1")
+    if settings.longest is not None and not settings.longest > 0.0:
+        faults.append(f"longest = {settings.longest:g} s: must be greater than 0 s")
+    dither = getattr(job.scene.parameters, "dither", None)
+    if dither is not None and dither.enable and dither.amplitude > 0.0 and not job.dithered:
+        faults.append(
+            f"{job.scene.name} dithers, so nothing in it slides steadily: map its boundary with "
+            f"x {DITHER[0]} and y {DITHER[1]}, or switch it off: -p dither=none"
+        )
+    if faults:
+        raise UsageError("\n".join(faults))
+    for row in {0, len(y.values) - 1} if y and not job.dithered else ():
+        for value in (x.values[0], x.values[-1]):
+            try:
+                x.at(job.at(row), value)
+            except SceneError as error:
+                assert y is not None
+                corner = f"{x.key} = {x.tell(value)}, {y.key} = {y.tell(y.values[row])}"
+                raise SceneError(corner, error.faults) from None
+    return job

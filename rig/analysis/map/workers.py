@@ -1,0 +1,94 @@
+"""The workers of a map: processes of their own, which fetch batches from the plan until none is left.
+
+A batch depends on the job alone, so the numbers do not depend on who works on it, nor on how many there are.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from rig.analysis.map.job import Arrays, Job, compute
+from rig.analysis.map.store import Store
+from rig.child_process import Child, end
+from rig.errors import WorkerError
+from rig.qualify import warmup
+
+_ROUNDS = 8  # batches for each worker: the last one to end keeps the others waiting for a short while only
+_MOST = 16  # units in a batch: what an interruption may lose
+_LOOK = 0.05  # s
+_DONE = "done"
+
+Progress = Callable[[int, int], object]
+"""(units done, all of them)."""
+
+
+def make(job: Job, store: Store, workers: int, progress: Progress) -> dict[int, Arrays]:
+    """Work through what is not in `store` yet; all units. Raises WorkerError when a worker is lost: `store` stays."""
+    total = len(job.units)
+    done = len(ready := store.load())
+    todo = [unit for unit in range(total) if unit not in ready]
+    progress(done, total)
+    if not todo:
+        return ready
+    size = max(1, min(_MOST, len(todo) // (workers * _ROUNDS)))
+    batches = [todo[i : i + size] for i in range(0, len(todo), size)]
+    if workers == 1 or len(batches) == 1:
+        for batch in batches:
+            store.save(compute(job, batch))
+            done += len(batch)
+            progress(done, total)
+    else:
+        if not job.settings.eigenvalues:
+            _compile(job)
+        store.plan(batches)
+        _together(store, min(workers, len(batches)), lambda new: progress(done + new, total))
+    return store.load()
+
+
+def _compile(job: Job) -> None:
+    """Have the kernels ready before several workers ask for them."""
+    from rig.analysis.map.track import Track
+
+    track = Track(job.at(0), job.x, job.settings)
+    shape = warmup.shape_of(track.system(track.value), job.scene.clock.method)
+    if shape not in warmup.ready():
+        track.compile()
+        warmup.note(shape)
+
+
+def _together(store: Store, workers: int, progress: Callable[[int], object]) -> None:
+    """Let `workers` processes work off the plan; `progress` gets the number of units done since the beginning."""
+    crew = [Child(f"map worker {k + 1}", ["rig.analysis.map.workers", str(store.folder)]) for k in range(workers)]
+    done = 0
+    try:
+        while any(child.code is None for child in crew):
+            time.sleep(_LOOK)
+            done += sum(line == _DONE for child in crew for line in child.said())
+            progress(done)
+            lost = [child for child in crew if child.code]
+            if lost:
+                raise WorkerError(f"{'; '.join(child.told for child in lost)}. What is done is kept in {store.folder}")
+    finally:
+        end(crew, 0.0)
+
+
+def main() -> None:
+    """A worker: `python -m rig.analysis.map.workers FOLDER`."""
+    store, parent = Store(Path(sys.argv[1])), os.getppid()
+    job = store.job()
+    try:
+        for batch in store.planned():
+            if os.getppid() != parent:
+                return
+            if store.claim(batch):
+                store.save(compute(job, batch, lambda _: sys.stdout.write(f"{_DONE}\n") and sys.stdout.flush()))
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,362 @@
+"""The eigenvalues of a rig at its sliding equilibrium: does sliding grow into vibration, how fast, at what frequency.
+
+    exp(lambda t),  growth rate Re lambda [1/s], frequency Im lambda / 2 pi [Hz], damping ratio -Re lambda / |lambda|
+
+The equilibrium is that of the scene's own values, commands held, lags settled, controllers left out. Dither is taken
+as switched off there; what it does at its stated amplitude is told beside it, averaged (rig.analysis.averaged).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.averaged import averaged
+from rig.analysis.text_table import columns
+from rig.bench.build_findings import findings
+from rig.errors import SceneError, Singular
+from rig.model.assembly import Assembly
+from rig.model.build_checks import Finding
+from rig.model.energy_forms import store
+from rig.model.film import over
+from rig.model.output_rows import signal_rows
+from rig.model.system import System
+from rig.record.film_points import grouped
+from rig.scenes.scene import Scene, plant_module
+from rig.stability.linearisation import Steady, sliding_key, steady
+
+_REST = 1e-11  # of the sum of its terms, of the largest rate: what rounding leaves of a zero
+_LEAST = 0.01  # of the energy: what is told of a shape that is long, and how many at most
+_LONG, _MOST = 4, 6
+Array = NDArray[np.float64]
+GENERATOR = ("dither.sin", "dither.cos")
+
+
+@dataclass(frozen=True)
+class Mode:
+    """One motion about the equilibrium.
+
+    `energy`: share of each coordinate in the kinetic energy, and of each network state in its own, by which metres,
+    radians and volts can be compared. `shape`: amplitude of each state, that of the largest share being 1.
+    """
+
+    growth: float
+    frequency: float
+    damping: float
+    shape: dict[str, complex]
+    energy: dict[str, float]
+
+    @property
+    def kind(self) -> str:
+        """What such a motion is called."""
+        if self.growth == 0.0 == self.frequency:
+            return "stays"
+        if abs(self.growth) <= 1e-9 * 2.0 * math.pi * self.frequency:
+            return "neutral"
+        if self.growth > 0.0:
+            return "flutter" if self.frequency else "divergence"
+        return "decays"
+
+
+@dataclass(frozen=True)
+class Sliding:
+    """An equilibrium in sliding and the motions about it, the least stable first.
+
+    `exists` is false where nothing slides steadily, `why` then says what keeps it; the numbers mean nothing, except
+    that at constant coefficients the motions are the same wherever the equilibrium lies: they `count` also where the
+    contact would have to pull. `equilibrium`: plant outputs; `coefficient`: friction over normal force of each contact.
+    `pulls`: how many points of a film would have to pull; the motions are those with all of them closed.
+    """
+
+    exists: bool
+    why: str
+    counts: bool
+    equilibrium: dict[str, float]
+    coefficient: dict[str, float]
+    modes: tuple[Mode, ...]
+    pulls: int = 0
+
+    @property
+    def growth(self) -> float:
+        """The largest growth rate [1/s]."""
+        return max((mode.growth for mode in self.modes), default=math.nan)
+
+    @property
+    def stable(self) -> bool:
+        """Whether every motion decays."""
+        return self.exists and self.growth < 0.0
+
+
+@dataclass(frozen=True)
+class Modes:
+    """What `modes` finds. `dithered` is None for a scene without dither; `amplitude` [unit] and `hertz` go with it.
+
+    `free`: natural frequencies [Hz] of a part of the rig by itself. `limits`: coefficients of friction at which
+    something of the rig is used up, in closed form (infinite: never).
+    """
+
+    scene: str
+    mode: str
+    sliding: Sliding
+    units: dict[str, str]
+    findings: tuple[Finding, ...]
+    dithered: Sliding | None = None
+    amplitude: float = 0.0
+    unit: str = ""
+    hertz: float = 0.0
+    free: Mapping[str, float] = field(default_factory=dict)
+    limits: Mapping[str, float] = field(default_factory=dict)
+
+    COLUMNS: ClassVar = ("motion", "growth 1/s", "frequency Hz", "damping ratio", "shape (share of the energy)")
+
+    def table(self) -> list[tuple[str, float, float, float, str]]:
+        """A row for each motion, in the order of COLUMNS."""
+        found = [(mode.kind, mode) for mode in self.sliding.modes]
+        found += [(f"{mode.kind}, dithered", mode) for mode in (self.dithered.modes if self.dithered else ())]
+        return [(kind, one.growth, one.frequency, one.damping, told(one.shape, one.energy)) for kind, one in found]
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {
+            "scene": self.scene,
+            "mode": self.mode,
+            "units": self.units,
+            **_plain(self.sliding),
+            "dither": None
+            if self.dithered is None
+            else {"amplitude": self.amplitude, "unit": self.unit, "hertz": self.hertz, **_plain(self.dithered)},
+            "free": dict(self.free),
+            "limits": dict(self.limits),
+            "findings": [finding.to_json() for finding in self.findings],
+        }
+
+    def text(self) -> str:
+        """For a reader."""
+        what = "steady sliding" if self.sliding.coefficient else "at rest"
+        lines = [f"{self.scene}: {'' if self.sliding.exists else 'no '}{what} ({self.mode})"]
+        if not self.sliding.exists:
+            lines += [f"  nothing slides steadily with these values: {self.sliding.why}"]
+        else:
+            lines += self._outputs()
+        if self.sliding.pulls:
+            lines += [f"  {self.sliding.pulls} points would have to pull: below, all points are closed all the same"]
+            lines += [f"  friction coefficient at {name} = {v:.6g}" for name, v in self.sliding.coefficient.items()]
+        if self.sliding.exists or self.sliding.counts:
+            rows = [(k, f"{g:.6g}", f"{f:.6g}", f"{d:.4g}", s) for k, g, f, d, s in self.table()]
+            lines += ["", *columns([self.COLUMNS, *rows], "<>>><")]
+        if self.free:
+            free = [(name, f"{hertz:.6g}") for name, hertz in self.free.items()]
+            lines += ["", "  natural frequencies of parts by themselves [Hz]:", *columns(free, "<>")]
+        if self.limits:
+            known = ", ".join(
+                f"{name} {mu:.6g}" if math.isfinite(mu) else f"{name} never" for name, mu in self.limits.items()
+            )
+            lines += ["", f"  coefficients of friction at the limits: {known}"]
+        if self.dithered is not None:
+            effect = ", ".join(f"{v:.4g} at {name}" for name, v in self.dithered.coefficient.items())
+            lines += [
+                "",
+                f"  dithered: {self.amplitude:g} {self.unit} at {self.hertz:g} Hz, friction {effect} (averaged)",
+            ]
+        lines += ["", *(f"  {f.level}: {f.what}\n    {f.remedy}" for f in self.findings)] if self.findings else []
+        return "\n".join(lines)
+
+    def _outputs(self) -> Iterator[str]:
+        """The equilibrium; of a row of places (`pressure_3_2`) the range."""
+        for common, names in grouped(self.sliding.equilibrium).items():
+            unit, values = self.units[names[0]], [self.sliding.equilibrium[name] for name in names]
+            if len(names) == 1:
+                yield f"  {names[0]} = {values[0]:.6g} {unit}"
+            else:
+                yield f"  {common} of {len(names)} points: {min(values):.6g} to {max(values):.6g} {unit}"
+
+
+def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assembly, Steady]:
+    """The rig of `scene` and its sliding equilibrium, dither off, controllers left out.
+
+    `moved`: actuators that are states, as for a plant; by default those that the scene moves.
+    """
+    given = scene.moved if moved is None else moved
+    assembly: Assembly = plant_module(scene.plant).assemble(scene.parameters, given)
+    system = assembly.sliding()
+    if GENERATOR[0] in system.names:
+        quiet = system.start.copy()
+        quiet[[system.names.index(name) for name in GENERATOR]] = 0.0
+        system = replace(system, start=quiet)
+    return assembly, steady(system, sliding_key(system))
+
+
+def modes(scene: Scene) -> Modes:
+    """The eigenvalues of `scene` at its sliding equilibrium. Raises SceneError where its equations are singular."""
+    try:
+        assembly, at = at_rest(scene)
+    except Singular as error:
+        raise SceneError(scene.name, [error.why]) from None
+    system = at.system
+    found = Modes(
+        scene=scene.name,
+        mode=system.describe(at.modes.key),
+        sliding=_sliding(assembly, at),
+        units={name: output.unit for name, output in assembly.outputs.items()},
+        findings=tuple(findings(scene, system if assembly.film is None else None)),
+        free=assembly.free,
+        limits=assembly.limits,
+    )
+    if GENERATOR[0] not in system.names:
+        return found
+    sine, cosine = (system.names.index(name) for name in GENERATOR)
+    generator = assembly.inputs["dither.amplitude"]
+    return replace(
+        found,
+        dithered=_sliding(assembly, averaged(system, sine, cosine, generator.value)),
+        amplitude=generator.value,
+        unit=generator.unit,
+        hertz=assembly.inputs["dither.frequency"].value,
+    )
+
+
+def _sliding(assembly: Assembly, at: Steady) -> Sliding:
+    system = at.system
+    forces = at.modes.normal @ at.x + at.modes.normal_t @ at.T
+    film = assembly.film and assembly.film.sliding(forces)
+    if film:  # it drags the structure the way it slides
+        film[over("friction")] = math.copysign(film[over("friction")], float(at.speed[0]))
+    pressed = {n: o.row for n, o in assembly.outputs.items() if film and film.keys() >= o.row.keys() and o.row}
+    outputs = {name: output for name, output in assembly.outputs.items() if name not in pressed}
+    over_x, over_t = signal_rows(system, at.modes, [output.row for output in outputs.values()])
+    values = over_x @ at.x + over_t @ at.T
+    rounding = _REST * (np.abs(over_x) @ np.abs(at.x) + np.abs(over_t) @ np.abs(at.T))
+    units = np.array([output.unit for output in outputs.values()])
+    largest = np.array([np.abs(values[units == unit]).max() for unit in units])
+    values[np.abs(values) <= np.maximum(rounding, _REST * largest)] = 0.0
+    rates, shapes = at.eigenvectors()
+    zero = _REST * float(np.abs(rates).max(initial=0.0))
+    form = energy_form(at)
+    return Sliding(
+        exists=at.exists,
+        why="" if at.exists else missing(at),
+        counts=at.counts,
+        equilibrium=dict(zip(outputs, values.tolist()))
+        | {name: sum(share * film[of] for of, share in row.items()) for name, row in pressed.items() if film},
+        coefficient={
+            p.name: abs(float(T)) / float(N) if N > 0.0 else math.nan
+            for p, T, N in zip(system.patches, at.friction, at.load)
+        },
+        modes=tuple(
+            _mode(system, 0.0 if abs(rate) <= zero else rate, shape, form)
+            for rate, shape in zip(rates, shapes.T)
+            if rate.imag >= 0.0
+        ),
+        pulls=int(np.sum(forces < 0.0)) if film else 0,
+    )
+
+
+def missing(at: Steady) -> str:
+    """What keeps a rig from sliding steadily."""
+    contacts = list(zip(at.system.patches, at.speed.tolist(), at.load.tolist()))
+    for patch, speed, load in contacts:
+        if speed == 0.0:
+            return f"the surface at {patch.name} stands still"
+        if load < 0.0 and at.balanced:
+            return f"where all forces balance, {patch.name} would have to pull (normal force {load:.4g} N)"
+    if at.inertia <= 0.0:
+        return "friction takes up all of the inertia"
+    for patch, _, load in contacts:
+        if load == 0.0:
+            return f"nothing presses {patch.name}"
+    return "no such equilibrium is found"
+
+
+def _mode(system: System, rate: complex, vector: Any, form: Array) -> Mode:
+    amplitudes, energy = motion(system.names, vector, form, rate, len(system.coordinates))
+    return Mode(
+        growth=float(rate.real),
+        frequency=float(rate.imag / (2.0 * math.pi)),
+        damping=float(-rate.real / abs(rate)) if rate else 0.0,
+        shape=amplitudes,
+        energy=energy,
+    )
+
+
+def energy_form(at: Steady) -> Array:
+    """Twice the kinetic energy of the structure and, state by state, that of the network, as a form of x [n, n]."""
+    system = at.system
+    nq, form = len(system.coordinates), np.zeros((system.n, system.n))
+    form[nq : 2 * nq, nq : 2 * nq] = system.mass
+    network = range(2 * nq, system.one)
+    form[network, network] = np.abs(store(system, at.modes.key)[network, network])
+    return form
+
+
+def motion(
+    names: Sequence[str], vector: Any, form: Array, rate: complex, coordinates: int
+) -> tuple[dict[str, complex], dict[str, float]]:
+    """Amplitudes of an eigenvector by name, and the share of each coordinate and network state in its energy.
+
+    `form`: of the first of the states (`energy_form`), the first of these being the `coordinates`. Joule weighs metres,
+    radians and volts alike. At a rate of zero nothing moves: there the masses weigh the displacements, as they do in
+    the limit of a rate that goes to zero. The amplitude with most of the energy is 1; where there is no energy, the
+    largest, and no share is told.
+    """
+    amplitudes = np.array(vector, dtype=np.complex128)
+    weighed, velocities = amplitudes.copy(), slice(coordinates, 2 * coordinates)
+    if not rate:
+        weighed[velocities], amplitudes[velocities] = amplitudes[:coordinates], 0.0
+    energy = _shares(names, weighed[: len(form)], form)
+    first = names.index(max(energy, key=lambda name: energy[name])) if energy else int(np.abs(amplitudes).argmax())
+    return {name: complex(v) for name, v in zip(names, amplitudes / amplitudes[first]) if v}, energy
+
+
+def _shares(names: Sequence[str], amplitudes: Any, form: Array) -> dict[str, float]:
+    parts = np.abs(amplitudes.conj() * (form @ amplitudes))
+    weighed = np.flatnonzero(form.any(axis=0)).tolist()
+    total = float(parts.sum())
+    return {names[i].removesuffix("'"): float(parts[i]) / total for i in weighed} if total > 0.0 else {}
+
+
+def told(shape: Mapping[str, complex], energy: Mapping[str, float]) -> str:
+    """A shape for a reader: share of the energy and angle of each coordinate and network state, of many the large ones.
+
+    Where there is no energy in it: size and angle of each state.
+    """
+    if not energy:
+        return ", ".join(f"{name} {abs(v):.3g} at {_degrees(v)} deg" for name, v in shape.items())
+    least = max(_LEAST, sorted(energy.values())[-min(_MOST, len(energy))] if len(energy) > _LONG else 0.0)
+    large = {name: share for name, share in energy.items() if share >= least}
+    parts = [f"{name} {100.0 * share:.3g} % at {_degrees(shape[name])} deg" for name, share in large.items()]
+    left = sum(share > 0.0 for share in energy.values()) - len(large)
+    return ", ".join(parts) + (f"; {left} with less than {100.0 * least:.2g} %" if left else "")
+
+
+def _degrees(v: complex) -> int:
+    """The angle of an amplitude; half a turn is told as such, whatever the side that rounding leaves it on."""
+    angle = round(math.degrees(math.atan2(v.imag, v.real)))
+    return 180 if angle == -180 else angle
+
+
+def _plain(sliding: Sliding) -> dict[str, Any]:
+    return {
+        "exists": sliding.exists,
+        "stable": sliding.stable,
+        "why": sliding.why,
+        "counts": sliding.counts,
+        "equilibrium": sliding.equilibrium,
+        "coefficient": sliding.coefficient,
+        "pulls": sliding.pulls,
+        "modes": [
+            {
+                "kind": mode.kind,
+                "growth": mode.growth,
+                "frequency": mode.frequency,
+                "damping": mode.damping,
+                "shape": {name: [v.real, v.imag] for name, v in mode.shape.items()},
+                "energy": mode.energy,
+            }
+            for mode in sliding.modes
+        ],
+    }

@@ -1,0 +1,193 @@
+"""The plant of a scene on its own, carried along with outputs and states written down: what a cycle is read from."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.output_polynomials import Dense
+from rig.lent_records import Loan
+from rig.model import energy_forms
+from rig.model.assembly import Assembly
+from rig.motion.motion import Event, Frames, Motion
+from rig.scenes.scene import Scene
+from rig.sensors.chain.bank import Bank
+from rig.solve import energy_balance
+from rig.solve.control_loop import controls
+from rig.solve.frames import Around
+from rig.solve.random_input import none
+from rig.solve.state_codes import CLOSED, STICK
+
+Array = NDArray[np.float64]
+BLOCK = 16  # ticks in one call
+
+
+@dataclass(frozen=True)
+class Round:
+    """One period: outputs between samples, events with times [s], energy by term [J], states at ticks [tick, n]."""
+
+    dense: Dense
+    events: list[tuple[float, Event]]
+    energy: dict[str, float]
+    states: Array
+
+
+class Orbit:
+    """The plant of `scene` from state `start` on, without sensors and controllers, every actuator held.
+
+    `read`: the outputs that are wanted between samples; by default all, and all states. `longest`: ticks in one call.
+    `framed`: integrator steps end where the frames of the scene end, as in a run, so that states and events have the
+    bits of a run.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        assembly: Assembly,
+        start: Array,
+        method: str,
+        tolerance: float,
+        read: Sequence[str] = (),
+        framed: bool = False,
+    ) -> None:
+        self.scene, self.method, self.tolerance = scene, method, tolerance
+        self.outputs = list(dict.fromkeys([*read, *assembly.outputs]))
+        self.units = {name: output.unit for name, output in assembly.outputs.items()}
+        self.system = assembly.system()
+        self._rows = [assembly.outputs[name].row for name in self.outputs]
+        self._rows += [{name: 1.0} for name in self.system.names]
+        self._read = len(read) or len(self._rows)
+        self._frame = scene.frame_ns // scene.step_ns if framed else 0
+        self.longest = BLOCK + -BLOCK % self._frame if framed else BLOCK
+        self.motion = self.moving(start, scene.step_ns, self.longest)
+        self._aside: dict[int, Motion] = {}  # by step [ns]
+
+    def moving(self, start: Array, step_ns: int, longest: int, read: bool = True) -> Motion:
+        """The plant from another state on, with another step; `read`: outputs between samples are wanted."""
+        clock = self.scene.clock
+        return Motion(
+            replace(self.system, start=start),
+            step_ns,
+            self.method,
+            outputs=self._rows,
+            read=self._read if read else 0,
+            tolerance=self.tolerance,
+            substeps=clock.substeps(step_ns),
+            cap=clock.events_per_frame,
+            limit=clock.limit,
+            longest=longest,
+            bounds={self.outputs.index(name): limit for name, limit in self.scene.limits.items()},
+            frames=in_frames(self.scene, min(self._frame, longest)) if self._frame else None,
+        )
+
+    def carried(self, x: Array, period: float) -> tuple[Array, list[str]]:
+        """State `x` after `period` [s], to the nanosecond, and the events met. The orbit itself stays where it is."""
+        own = self.scene.step_ns
+        whole, rest = divmod(round(period * 1e9), own)
+        met: list[str] = []
+        for step_ns, ticks in ((own, whole), (rest, 1)):
+            if step_ns and ticks:
+                motion = self._from(x, step_ns)
+                for done in range(0, ticks, BLOCK):
+                    motion.advance(min(BLOCK, ticks - done))
+                    met += [event.what for event in motion.events()]
+                x = motion.x.copy()
+        return x, met
+
+    def key_at(self, x: Array) -> int:
+        """The mode set that state `x` is in."""
+        return self._from(x, self.scene.step_ns).key
+
+    def _from(self, x: Array, step_ns: int) -> Motion:
+        """A motion aside from `x` on. Kept: one with the step of the scene, one with the last other step."""
+        own = self.scene.step_ns
+        if step_ns not in self._aside:
+            self._aside = {step: motion for step, motion in self._aside.items() if step == own}
+            self._aside[step_ns] = self.moving(x, step_ns, BLOCK if step_ns == own else 1, read=False)
+        self._aside[step_ns].restart(x)
+        return self._aside[step_ns]
+
+    def turn_to(self, x: Array) -> None:
+        """Go on from state `x`, at the time of now."""
+        tick = self.motion.tick
+        self.motion.restart(x)
+        self.motion.tick = tick
+
+    def block(self, ticks: int = BLOCK) -> list[Event]:
+        """Carry the plant on by `ticks` at most; the events met. In frames it ends after one with events."""
+        self.motion.advance(min(ticks, self.longest))
+        return self.motion.events()
+
+    def beyond(self) -> str:
+        """What has left the limit that the scene sets for it, in words; "" if nothing has."""
+        if self.motion.beyond < 0:
+            return ""
+        name = self.outputs[self.motion.beyond]
+        return f"{name} leaves its limit of {self.scene.limits[name]:g} {self.units[name]}"
+
+    def round(self, period: float) -> Round:
+        """Carry the plant on by `period` [s] and write everything down."""
+        step_ns = self.scene.step_ns
+        dense, add_energy = Dense(), _Ledger(self.motion)
+        whole, rest = divmod(round(period * 1e9), step_ns)
+        events: list[tuple[float, Event]] = []
+        states = [self.motion.x[None].copy()]
+        done = 0
+        while done < whole:
+            begun = self.motion.tick - done
+            met = self.block(min(whole - done, self._frame or whole))  # what is written down is that of one frame
+            dense.add(done * step_ns * 1e-9, self.motion)
+            events += [((e.tick - begun + e.place) * step_ns * 1e-9, e) for e in met]
+            states.append(self.motion.states.copy())
+            done = self.motion.tick - begun
+        add_energy.add(self.motion)
+        if rest:
+            end = self.moving(self.motion.x.copy(), rest, 1)
+            add_energy.start(end)
+            end.advance(1)
+            dense.add(whole * step_ns * 1e-9, end)
+            events += [((whole * step_ns + e.place * rest) * 1e-9, e) for e in end.events()]
+            add_energy.add(end)
+        return Round(dense, events, add_energy.terms(), np.concatenate(states))
+
+    def stuck(self, key: int, p: int) -> bool:
+        """Whether contact p sticks in mode set `key`."""
+        patches, normals, *_ = self.system.modes(key)
+        closed = any(k.patch == p and mode == CLOSED for k, mode in zip(self.system.normals, normals))
+        return patches[p] == STICK and closed
+
+
+def in_frames(scene: Scene, steps: int) -> Frames:
+    """Frames of `steps` ticks in which nothing is sampled."""
+    bank = Bank({}, (), scene.frame_ns, scene.seed)
+    bank.start(np.zeros(0))
+    return Frames(steps, Loan(Around(bank.rack.content, controls(), none())))
+
+
+class _Ledger:
+    """The energy terms of one cycle."""
+
+    def __init__(self, motion: Motion) -> None:
+        self._system = motion.system
+        self._sum = np.zeros(energy_balance.TERMS)
+        self._stored = 0.0
+        self.start(motion)
+
+    def start(self, motion: Motion) -> None:
+        """Count from here."""
+        self._before = motion.terms()
+        self._held = energy_forms.stored(motion.system, motion.x, motion.key)
+
+    def add(self, motion: Motion) -> None:
+        """Count what has come and gone since `start`."""
+        self._sum += motion.terms() - self._before
+        self._stored += energy_forms.stored(motion.system, motion.x, motion.key) - self._held
+
+    def terms(self) -> dict[str, float]:
+        """By name, and `error`: what does not close, relative to the largest term or to what is stored."""
+        largest = max(float(np.abs(self._sum).max()), abs(self._held), 1e-30)
+        error = (float(self._sum @ energy_balance.SIGNS) - self._stored) / largest
+        return {**energy_forms.by_name(self._system, self._sum), "stored": self._stored, "error": error}

@@ -1,0 +1,152 @@
+"""Analyses of a recording as pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.analysis.recorded.hysteresis import Hysteresis
+from rig.analysis.recorded.orders import Orders
+from rig.analysis.recorded.pressure import Pressure
+from rig.analysis.recorded.series import squared
+from rig.analysis.recorded.spectrum import Density, Line, Map, Spectrum
+from rig.view.curves import thinned
+from rig.view.pressure_maps import draw_map, draw_scale
+from rig.view.run_figure import STYLE
+from rig.view.save_figure import put
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_UP, _DOWN, _LINE = "#1d4f91", "#d1802f", "#5a5a5a"
+_RANGE = 70.0
+"""dB below the strongest that a map shows."""
+_NAMED, _APART = 3, 0.35
+"""Lines that are named in a picture, and how far from each other [decades]."""
+_ALL = 1e-4
+"""Share of the mean square that may lie above what a map shows."""
+
+
+@contextmanager
+def sheet(path: Path, title: str, size: tuple[float, float]) -> Iterator[Figure]:
+    """An empty figure of `size` [inches] to draw on, written to `path` in the end; directories are made."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
+        figure = Figure(figsize=size, dpi=125, facecolor="white", layout="constrained")
+        FigureCanvasAgg(figure)
+        yield figure
+        figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+        put(figure, path)
+
+
+def draw_hysteresis(found: Hysteresis, path: Path) -> None:
+    """Draw the RMS over the speed, and both over time, into the file `path` (PNG; other endings as matplotlib does)."""
+    with sheet(path, f"{found.scene}: {found.name} over {found.over}", (12.0, 8.0)) as figure:
+        loop, rms, speed = figure.subplots(3, 1, height_ratios=(2.4, 1.0, 0.7))
+        rms.sharex(speed)
+        told = set()
+        for curve in found.curves:
+            way, colour = ("rising", _UP) if curve.branch.rises else ("falling", _DOWN)
+            label = f"{found.over} {way}"
+            loop.plot(*thinned(curve.speed, curve.rms), color=colour, label=None if label in told else label)
+            told.add(label)
+            for axes, values in ((rms, curve.rms), (speed, curve.speed)):
+                axes.plot(*thinned(curve.t, values), color=colour)
+            if math.isfinite(curve.stick):
+                what = "last stick" if curve.branch.rises else "first stick"
+                loop.axvline(
+                    curve.stick, color=colour, lw=0.9, ls="--", label=f"{what}: {curve.stick:.4g} {found.over_unit}"
+                )
+        window = f"centred window of {found.window:.4g} s"
+        loop.set_title(f"RMS about the mean, {window}")
+        loop.set(xlabel=f"{found.over} [{found.over_unit}]", ylabel=f"RMS of {found.name} [{found.unit}]")
+        loop.set_ylim(0.0, None)
+        loop.legend(loc="best")
+        rms.set(ylabel=f"RMS [{found.unit}]")
+        rms.set_ylim(0.0, None)
+        rms.tick_params(labelbottom=False)
+        speed.set(ylabel=f"{found.over}\n[{found.over_unit}]", xlabel="time [s]")
+        figure.align_ylabels([rms, speed])
+
+
+def draw_spectrum(found: Spectrum, order: Orders | None, path: Path) -> None:
+    """Draw density and spectrogram, and those over orders, into the file `path`."""
+    size = (12.0, 7.6) if order is None else (15.0, 8.0)
+    with sheet(path, f"{found.scene}: spectrum of {found.name}", size) as figure:
+        (density, *beside), (spectrogram, *below) = figure.subplots(2, 1 if order is None else 2, squeeze=False)
+        _density(density, found.density, found.lines, f"{squared(found.unit)}/Hz", "Hz")
+        density.set(
+            title=f"mean of {found.density.windows} Hann windows of {found.window:.4g} s", xlabel="frequency [Hz]"
+        )
+        _map(spectrogram, found.map, found.density, f"dB re 1 {squared(found.unit)}/Hz")
+        spectrogram.set(title=f"windows of {found.map_window:.4g} s", xlabel="time [s]", ylabel="frequency [Hz]")
+        if order is not None:
+            per = order.per
+            _density(beside[0], order.density, order.lines, f"{squared(found.unit)}*{per}", f"1/{per}")
+            beside[0].set(
+                title=f"mean of {order.density.windows} Hann windows of {order.window:.4g} {per}, over {order.over}",
+                xlabel=f"order [1/{per}]",
+            )
+            _map(below[0], order.map, order.density, f"dB re 1 {squared(found.unit)}*{per}")
+            below[0].set(title=f"windows of {order.map_window:.4g} {per}", xlabel="time [s]", ylabel=f"order [1/{per}]")
+
+
+def _density(axes: Axes, density: Density, lines: tuple[Line, ...], unit: str, axis: str) -> None:
+    axes.loglog(density.f[1:], density.s[1:], color=_UP)
+    low, high = axes.get_ylim()
+    top = float(density.s[1:].max(initial=0.0))
+    axes.set_ylim(max(low, 1e-12 * top) if top else low, 8.0 * high)
+    axes.set_ylabel(f"power spectral density\n[{unit}]")
+    named: list[float] = []
+    for line in lines:
+        if len(named) == _NAMED or any(abs(math.log10(line.at / other)) < _APART for other in named):
+            continue
+        named.append(line.at)
+        axes.annotate(f"{line.at:.4g} {axis}", (line.at, line.density), (0, 5), textcoords="offset points",
+                      ha="center", fontsize=9, color=_LINE)  # fmt: skip
+
+
+def _map(axes: Axes, found: Map, density: Density, unit: str) -> None:
+    above = np.cumsum(density.s[::-1])[::-1] / max(float(density.s.sum()), 1e-300)
+    top = density.f[min(int(np.count_nonzero(above > _ALL)), density.f.size - 1)]
+    shown = found.f <= max(1.3 * top, found.f[min(20, found.f.size - 1)])
+    s = 10.0 * np.log10(np.maximum(found.s[shown], 1e-30))
+    best = float(np.nanmax(s, initial=-300.0))
+    mesh = axes.pcolormesh(found.t, found.f[shown], s, vmin=best - _RANGE, vmax=best, cmap="magma", shading="nearest")
+    mesh.set_rasterized(True)
+    axes.grid(visible=False)
+    bar = axes.figure.colorbar(mesh, ax=axes, label=unit, pad=0.01)
+    bar.outline.set_visible(False)  # type: ignore[operator]
+
+
+def draw_pressure(found: Pressure, path: Path) -> None:
+    """Draw the maps, all on one scale, into the file `path`."""
+    across = 3 if len(found.maps) in (3, 5, 6, 9) else min(len(found.maps), 4)
+    down = -(-len(found.maps) // across)
+    with sheet(path, f"{found.scene}: pressure of the film", (1.2 + 3.0 * across, 1.9 + 2.4 * down)) as figure:
+        drawn = figure.subplots(down, across, squeeze=False)
+        largest = max(one.largest for one in found.maps)
+        scale = found.points.scale
+        for number, axes in enumerate(drawn.flat):
+            if number >= len(found.maps):
+                axes.set_axis_off()
+                continue
+            one = found.maps[number]
+            draw_map(axes, found.points, one.pressures, scale, one.centre)
+            head = f"({chr(ord('a') + number)}) {one.time:.5g} s, {100 * one.fraction:.0f} % in contact"
+            axes.set_title("\n".join(filter(None, (head, one.why))), fontsize=9.5)
+            if number + across >= len(found.maps):
+                axes.set_xlabel("x on the slider [mm]")
+            if number % across == 0:
+                axes.set_ylabel("y [mm]")
+        draw_scale(drawn[0, 0], scale, largest > scale, ax=drawn, location="bottom", aspect=45, shrink=0.7)

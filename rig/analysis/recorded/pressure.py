@@ -1,0 +1,125 @@
+"""Maps of the pressure of a film at chosen instants of a recording.
+
+Pressures are those at the samples nearest to the times asked for: a simulated run has one at every step of its samples,
+a live recording 200 in a second. The vibration is faster, so that a map shows one instant, not a mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rig.analysis.recorded.series import scene_name
+from rig.analysis.text_table import columns
+from rig.errors import UsageError
+from rig.record.film_points import Points, points_of
+from rig.record.pressure_instants import Instant, telling
+from rig.record.run import Reals, Run
+
+MOST = 20
+"""Maps in a figure."""
+
+
+class Map(NamedTuple):
+    """The film at `time` [s]: `pressures` [along, across] in Pa, `centre` (x, y) [m] on the slider, `force` [N].
+
+    `fraction`: share of the points in contact. `why` this instant, "" where it was asked for.
+    """
+
+    time: float
+    why: str
+    fraction: float
+    centre: tuple[float, float]
+    force: float
+    pressures: Reals
+
+    @property
+    def largest(self) -> float:
+        """The largest pressure [Pa]."""
+        return float(np.nanmax(self.pressures))
+
+
+@dataclass(frozen=True)
+class Pressure:
+    """What `pressure` finds: the points of the film, and a map for each instant."""
+
+    scene: str
+    points: Points
+    maps: tuple[Map, ...]
+    spacing: float
+    """From sample to sample of the recording [s]."""
+
+    def text(self) -> str:
+        """For a reader."""
+        p = self.points
+        lines = [
+            f"{self.scene}: pressure of the film, {p.along} x {p.across} points on {1e3 * p.length:g} x "
+            f"{1e3 * p.width:g} mm, recorded every {1e3 * self.spacing:.3g} ms",
+            "  x along the travel and y across it count from the slider's middle; a map is one instant, not a mean",
+            "",
+        ]
+        head = ("time s", "in contact", "centre x mm", "y mm", "force N", "largest MPa", "at x mm", "y mm", "")
+        rows: list[tuple[str, ...]] = [head]
+        for one in self.maps:
+            i, j = np.unravel_index(int(np.nanargmax(one.pressures)), one.pressures.shape)
+            pressed = one.largest > 0.0
+            places = [1e3 * one.centre[0], 1e3 * one.centre[1]], [1e3 * float(p.x[i]), 1e3 * float(p.y[j])]
+            centre, at = ([f"{round(v, 1) + 0.0:.1f}" if pressed else "-" for v in place] for place in places)
+            rows.append((f"{one.time:.5f}", f"{100 * one.fraction:.0f} %", *centre, f"{one.force:.1f}",
+                         f"{1e-6 * one.largest:.3f}", *at, one.why))  # fmt: skip
+        return "\n".join([*lines, *columns(rows, ">>>>>>>><")])
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values in SI; pressures by lines across, from the rear."""
+        maps = [{**one._asdict(), "pressures": one.pressures.tolist(), "largest": one.largest} for one in self.maps]
+        p = self.points
+        size = {"length": p.length, "width": p.width, "x": p.x.tolist(), "y": p.y.tolist()}
+        return {"scene": self.scene, **size, "spacing": self.spacing, "maps": maps}
+
+    def csv(self) -> Iterator[tuple[float, float, float, float]]:
+        """Rows: time [s], x, y [m], pressure [Pa]."""
+        for one in self.maps:
+            for i, x in enumerate(self.points.x.tolist()):
+                for j, y in enumerate(self.points.y.tolist()):
+                    yield one.time, x, y, float(one.pressures[i, j])
+
+
+def pressure(run: Run, at: Sequence[float] = ()) -> Pressure:
+    """Maps of the film's pressure in `run` at the times `at` [s], at the telling instants where none is given.
+
+    These are: before the first opening, at it, with the pressure most at the rear and at the front edge, with the
+    fewest points in contact, at the end. Raises UsageError for a recording without pressures, for times outside it or
+    where it lost its samples, and for more than 20 of them.
+    """
+    points = points_of(run.scene)
+    if points is None or not set(points.names) <= set(run.signals):
+        raise UsageError(f"{scene_name(run)}: this recording has no film whose points open; rig pressure reads runs of "
+                         f"the plant plate with a slider and film.opens = true, as of the scene plate")  # fmt: skip
+    found = _asked(run, at) if at else telling(run)
+    rows = [instant.sample for instant in found]
+    names = (*points.names, "contact_fraction", "pressure_centre_x", "pressure_centre_y", "normal_force")
+    picked = {name: run.signals[name][rows] for name in names}
+    pressures = points.maps(picked)
+    lost = [float(run.time[row]) for row, one in zip(rows, pressures) if np.isnan(one).any()]
+    if lost:
+        raise UsageError(f"the recording has lost the pressures at {', '.join(f'{t:g} s' for t in lost)}; name others")
+    fraction, x, y, force = (picked[name].tolist() for name in names[-4:])
+    maps = tuple(
+        Map(float(run.time[instant.sample]), instant.why, fraction[k], (x[k], y[k]), force[k], pressures[k])
+        for k, instant in enumerate(found)
+    )
+    gaps = np.diff(run.time)
+    return Pressure(scene_name(run), points, maps, float(np.median(gaps)) if gaps.size else 0.0)
+
+
+def _asked(run: Run, at: Sequence[float]) -> list[Instant]:
+    if len(at) > MOST:
+        raise UsageError(f"--at names {len(at)} times: at most {MOST} maps")
+    begin, end = float(run.time[0]), float(run.time[-1])
+    outside = [t for t in at if not begin <= t <= end]
+    if outside:
+        raise UsageError(f"--at {', '.join(f'{t:g} s' for t in outside)}: the recording has {begin:g} to {end:g} s")
+    return [Instant(int(np.abs(run.time - t).argmin()), "") for t in at]

@@ -1,0 +1,185 @@
+"""One signal of a recording on an even grid of times. What was lost or dropped out is NaN, counted and told."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+import numpy as np
+
+from rig.errors import UsageError
+from rig.record.film_points import highest_mode, listed, read
+from rig.record.run import Integers, Reals, Run, Samples
+
+MEASURED, TRUE = "meas/", "truth/"
+"""What stands before a name where a sensor and a plant output share it."""
+_VIBRATION = ("m/s^2", "m/s", "Pa", "m")
+"""Units of a vibration, the one that tells most of it first."""
+_WHOLE = 0.99
+"""Of the steps of the plant: with fewer of them recorded, an output is thinned out."""
+_DRIVES = ("disc_speed", "surface_speed")
+
+
+@dataclass(frozen=True)
+class Series:
+    """Samples `v` [n] of `name` in `unit`, at `rate` [Hz], the first at `start` [s]; NaN where one is missing.
+
+    `note`: what else a reader must know of them, in words.
+    """
+
+    name: str
+    unit: str
+    rate: float
+    start: float
+    v: Reals
+    note: str = ""
+
+    @property
+    def t(self) -> Reals:
+        """Times of the samples [s]."""
+        return np.asarray(self.start + np.arange(self.v.size) / self.rate)
+
+    @property
+    def seconds(self) -> float:
+        """From the first sample to the end of the last [s]."""
+        return self.v.size / self.rate
+
+    @property
+    def missing(self) -> int:
+        """How many samples are missing."""
+        return int(self.v.size - np.count_nonzero(np.isfinite(self.v)))
+
+    @property
+    def gaps(self) -> list[tuple[int, int]]:
+        """Stretches of missing samples: numbers of their first and of the sample after their last."""
+        edges = np.flatnonzero(np.diff(np.concatenate(([False], ~np.isfinite(self.v), [False]))))
+        return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
+
+    def told(self) -> str:
+        """What is missing, and the note, in words; "" if there is neither."""
+        if not self.missing:
+            return self.note
+        longest = max(b - a for a, b in self.gaps)
+        gaps = (
+            f"{self.missing} of {self.v.size} samples of {self.name} are missing, in {len(self.gaps)} gaps; "
+            f"the longest takes {longest / self.rate:.3g} s"
+        )
+        return "; ".join(filter(None, (gaps, self.note)))
+
+
+def places(t_ns: Integers) -> Integers:
+    """Numbers of samples by their times [ns], the first 0: some may be missing, and times are rounded."""
+    gaps = np.diff(t_ns)
+    if not gaps.size:
+        return np.zeros(t_ns.size, np.int64)
+    period = gaps[gaps < 1.5 * gaps.min()].mean()
+    return np.concatenate([[0], np.cumsum(np.rint(gaps / period))]).astype(np.int64)
+
+
+def known(run: Run) -> dict[str, str]:
+    """Sensors and plant outputs of a recording by the name that finds them, with their units."""
+    found = {name: run.units.get(MEASURED + name, "") for name in run.measurements}
+    return found | {TRUE * (name in found) + name: run.units.get(name, "") for name in run.signals}
+
+
+def vibration(run: Run) -> str:
+    """The signal that is looked at where none is named: a sensor if there is one. Raises UsageError without any."""
+    drives = {name for name, reads in _reads(run).items() if reads in _DRIVES}
+    for prefix, names in ((MEASURED, run.measurements), (TRUE, run.signals)):
+        units = {name: run.units.get(name if prefix == TRUE else prefix + name, "") for name in names}
+        for unit in _VIBRATION:
+            fitting = [name for name in units if units[name] == unit and name not in drives and name not in _DRIVES]
+            if fitting:
+                return prefix + fitting[0]
+    raise UsageError(f"no signal of this recording is a vibration ({', '.join(_VIBRATION)}); name one: {_listed(run)}")
+
+
+def drive(run: Run) -> str:
+    """The speed of the drive, as the plant tells it. Raises UsageError for a recording without one."""
+    found = next((TRUE + name for name in _DRIVES if name in run.signals), "")
+    if not found:
+        raise UsageError(f"this recording has no {' or '.join(_DRIVES)}; name the signal: {_listed(run)}")
+    return found
+
+
+def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) -> Series:
+    """Signal `name` of `run` from `first` to `last` [s]: a sensor, or an output of the plant.
+
+    Where both have that name it is the sensor; `truth/NAME` is the output. Raises UsageError for a name that is not
+    there, and for less than two samples.
+    """
+    plain, samples = _samples(run, name)
+    t = samples.t_ns * 1e-9
+    here = (t >= first) & (t <= last)
+    t_ns, v = samples.t_ns[here], np.where(np.isfinite(samples.v[here]), samples.v[here], np.nan)
+    if t_ns.size < 2 or not np.isfinite(v).any():
+        raise UsageError(f"{plain}: {np.isfinite(v).sum()} samples from {first:g} s to {last:g} s; "
+                         f"the recording ends at {run.time[-1] if run.time.size else 0.0:g} s")  # fmt: skip
+    at = places(t_ns)
+    grid = np.full(int(at[-1]) + 1, np.nan)
+    grid[at] = v
+    rate = 1e9 * int(at[-1]) / int(t_ns[-1] - t_ns[0])
+    output = name.startswith(TRUE) or plain not in run.measurements
+    note = ""
+    if output and rate * run.step_ns * 1e-9 < _WHOLE:
+        note = (f"{plain} is an output of the plant, recorded at {rate:.4g} Hz and not filtered: vibration above "
+                f"{0.5 * rate:.4g} Hz is folded down; a sensor has all of its samples")  # fmt: skip
+    else:
+        note = _folded(run, plain, output, rate)
+    return Series(
+        plain, run.units.get(plain if output else MEASURED + plain, ""), rate, float(t_ns[0] * 1e-9), grid, note
+    )
+
+
+def _samples(run: Run, name: str) -> tuple[str, Samples]:
+    plain = name.removeprefix(MEASURED).removeprefix(TRUE)
+    if plain in run.measurements and not name.startswith(TRUE):
+        return plain, run.measurements[plain]
+    if plain in run.signals and not name.startswith(MEASURED):
+        return plain, Samples(np.rint(run.time * 1e9).astype(np.int64), run.signals[plain])
+    from difflib import get_close_matches
+
+    near = get_close_matches(name, known(run), 3, 0.5)
+    hint = f"did you mean {', '.join(near)}? " if near else ""
+    raise UsageError(f"no {name!r} in this recording: {hint}known: {_listed(run)}")
+
+
+def _folded(run: Run, name: str, output: bool, rate: float) -> str:
+    """A note where a plate rings above half of the rate, and nothing filters that; "" elsewhere."""
+    scene = read(run.scene)
+    if scene is None or not (output or getattr(scene.sensors.get(name), "ideal", False)):
+        return ""
+    highest = highest_mode(scene)
+    if highest <= 0.505 * rate:  # what is folded by 1 % of the rate is where it belongs, almost
+        return ""
+    return (
+        f"{name} is sampled at {rate:.6g} Hz and not filtered, and the plate's modes reach {highest:.6g} Hz: "
+        f"vibration above {0.5 * rate:.6g} Hz is folded down; raise the rate of a sensor of the scene"
+    )
+
+
+def _listed(run: Run) -> str:
+    return ", ".join(listed(known(run))) or "none"
+
+
+def squared(unit: str) -> str:
+    """The unit of the square of a quantity."""
+    return f"({unit})^2" if set(unit) & set("/*^") else f"{unit}^2"
+
+
+def scene_name(run: Run) -> str:
+    """Name or title of the scene; "recording" where damage took the scene away."""
+    try:
+        found = json.loads(run.scene)
+    except ValueError:
+        return "recording"
+    return str(found.get("name") or found.get("title") or found.get("plant", ""))
+
+
+def _reads(run: Run) -> dict[str, str]:
+    """What each sensor of the scene reads; empty where the recording has lost its scene."""
+    try:
+        sections = json.loads(run.scene).get("sensors", {})
+    except ValueError:
+        return {}
+    return {name: str(section.get("reads", "")) for name, section in sections.items()}

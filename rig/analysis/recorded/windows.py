@@ -1,0 +1,72 @@
+"""Moving windows over the samples of a recording, centred, with gaps; and how long the periods in them are."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rig.analysis.recorded.series import Series
+from rig.record.run import Reals
+
+PARTS, _MOST_PARTS = 16, 40
+"""A window follows the one before it by one of about so many parts of its length, which are whole samples."""
+FEWEST = 4
+"""Samples in a window."""
+_KNOWN = 0.5  # of the samples of a window that must be there
+_DRIFT = 3  # lines of a spectrum
+_STRONG = 0.1  # of the mean square
+
+
+def moving_rms(signal: Series, length: float) -> tuple[Reals, Reals, float]:
+    """Middles [s] of windows of about `length` [s], the RMS about the mean in each, and their true length [s].
+
+    NaN where less than half of the samples of a window are there.
+    """
+    parts, hop = _divided(max(round(length * signal.rate), FEWEST))
+    ok = np.isfinite(signal.v)
+    if not ok.any() or ok.size < parts * hop:
+        return np.empty(0), np.empty(0), parts * hop / signal.rate
+    v = np.where(ok, signal.v - np.nanmean(signal.v), 0.0)  # a large mean would cost digits
+    cuts = np.arange(0, v.size - hop + 1, hop)
+    whole = cuts.size * hop
+    n, first, second = (
+        np.convolve(values[:whole].reshape(-1, hop).sum(axis=1), np.ones(parts), "valid")
+        for values in (ok * 1.0, v, v * v)
+    )
+    with np.errstate(invalid="ignore", divide="ignore"):
+        square = np.maximum(second / n - (first / n) ** 2, 0.0)
+    rms = np.asarray(np.where(n >= _KNOWN * parts * hop, np.sqrt(square), np.nan), np.float64)
+    middles = signal.start + (np.arange(n.size) * hop + 0.5 * (parts * hop - 1)) / signal.rate
+    return np.asarray(middles, np.float64), rms, parts * hop / signal.rate
+
+
+def moving_mean(t: Reals, v: Reals, at: Reals, length: float) -> Reals:
+    """The mean of v over windows of `length` [s] about `at`, from its integral by the trapezium rule."""
+    whole = np.concatenate(([0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))))
+    begin, end = np.clip(at - 0.5 * length, t[0], t[-1]), np.clip(at + 0.5 * length, t[0], t[-1])
+    taken = np.maximum(end - begin, 1e-300)
+    return np.asarray((np.interp(end, t, whole) - np.interp(begin, t, whole)) / taken)
+
+
+def slowest(signal: Series) -> float:
+    """The lowest frequency [Hz] of what vibrates strongly, 0 for nothing: a tenth of the mean square lies below it.
+
+    The drift of the whole recording does not count. Gaps are bridged by the mean.
+    """
+    from scipy.signal import periodogram
+
+    ok = np.isfinite(signal.v)
+    v = np.where(ok, signal.v - np.nanmean(signal.v), 0.0)
+    frequencies, power = periodogram(v, signal.rate, window="hann", detrend="linear")
+    power[:_DRIFT] = 0.0
+    if not power.any():
+        return 0.0
+    below = np.cumsum(power)
+    return float(frequencies[np.searchsorted(below, _STRONG * below[-1])])
+
+
+def _divided(count: int) -> tuple[int, int]:
+    """How many parts a window of about `count` samples has, and how many samples each part has."""
+    if count <= _MOST_PARTS:
+        return count, 1
+    near = (count + sign * shift for shift in range(count) for sign in (1, -1))
+    return next((parts, n // parts) for n in near for parts in range(PARTS, _MOST_PARTS + 1) if n % parts == 0)

@@ -1,0 +1,251 @@
+"""Regions of instability: the least stable motion about steady sliding over two parameters, by eigenvalues alone.
+
+Under dither that is switched on, friction is averaged (rig.analysis.averaged, to leading order: what inertia leaves of
+the fast motion). Along x the edges are found by root finding (rig.analysis.growth_crossings); a band narrower than the
+distance of two values may be missed.
+Source: Liu and Ouyang, Meccanica 55 (2020), figures 8 and 12.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.averaged import averaged
+from rig.analysis.axis import Axis
+from rig.analysis.eigenvalue_curves import NOTHING
+from rig.analysis.growth_crossings import EDGE, Growth, brackets, looked, none, root, stretches
+from rig.analysis.modes import GENERATOR, missing
+from rig.analysis.text_table import columns
+from rig.bench.rig_variant import with_values
+from rig.errors import Singular
+from rig.scenes.scene import Scene
+from rig.stability.linearisation import Steady, sliding_key, steady
+from rig.view.save_figure import put
+
+Array = NDArray[np.float64]
+_GREY = "#b9b9b9"
+
+
+@dataclass(frozen=True)
+class Regions:
+    """What `regions` finds. `growth` [1/s] and `frequency` [Hz] of the least stable motion, [y, x]; growth that is
+    rounding is 0.
+
+    `exists`: whether the contact presses there; where it would have to pull, the numbers are those of a contact that
+    can, and nan where friction depends on speed. `edges`: for each y, the values of x at which unstable sliding begins
+    (True) or ends (False): it becomes stable there, or there is none any more.
+    """
+
+    scene: Scene
+    x: Axis
+    y: Axis
+    growth: Array
+    frequency: Array
+    exists: NDArray[np.bool_]
+    edges: tuple[tuple[tuple[float, bool], ...], ...]
+
+    def text(self) -> str:
+        """For a reader: a line for each y."""
+        lines = [f"{self.scene.name}: where sliding grows into vibration, over {self.x.label}", ""]
+        rows = [(self.y.label, "largest growth 1/s", "unstable")]
+        for i, value in enumerate(self.y.values):
+            there = self.growth[i][np.isfinite(self.growth[i])]
+            told = ", ".join(f"{start} to {end}" for start, end in self._bands(i)) or "nowhere"
+            rows.append(
+                (self.y.tell(value), f"{there.max():.6g}" if there.size else "", told if there.size else NOTHING)
+            )
+        lines += columns(rows, "<><")
+        absent = ~self.exists & np.isfinite(self.growth)
+        if absent.any():
+            share = 100.0 * absent.mean()
+            lines += ["", f"  at {share:.2g} % of the points nothing slides steadily unless the contact pulls"]
+        for row, column in np.argwhere(np.isnan(self.growth))[:1]:
+            at = (
+                f"{self.x.key} = {self.x.tell(self.x.values[column])}, {self.y.key} = {self.y.tell(self.y.values[row])}"
+            )
+            try:
+                why = missing(sliding(self.scene, {self.y.key: self.y.values[row], self.x.key: self.x.values[column]}))
+            except Singular as error:
+                why = error.why
+            count = int(np.isnan(self.growth).sum())
+            lines += ["", f"  no steady sliding at {count} of {self.growth.size} points; first at {at}: {why}"]
+        apart = self.x.tell(float(np.abs(np.diff(self.x.values)).max()), 3)
+        lines += ["", f"  looked at every {apart} of {self.x.key}; bands closer together may be missed"]
+        return "\n".join(lines)
+
+    def _bands(self, row: int) -> Iterator[tuple[str, str]]:
+        edges = sorted(self.edges[row])
+        low, high = sorted((self.x.values[0], self.x.values[-1]))
+        first = self.growth[row, int(np.argmin(self.x.values))]  # nan where there is no sliding: not unstable
+        start = self.x.tell(low) if first > 0.0 else None
+        for value, unstable in edges:
+            if unstable:
+                start = self.x.tell(value, 8)
+            elif start is not None:
+                yield start, self.x.tell(value, 8)
+                start = None
+        if start is not None:
+            yield start, self.x.tell(high)
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values, SI."""
+        return {
+            "scene": self.scene.name,
+            **{
+                name: {"key": axis.key, "unit": axis.unit, "values": list(axis.values)}
+                for name, axis in (("x", self.x), ("y", self.y))
+            },
+            "growth": self.growth.tolist(),
+            "frequency": self.frequency.tolist(),
+            "exists": self.exists.tolist(),
+            "edges": [[{"x": x, "becomes": "unstable" if u else "stable"} for x, u in row] for row in self.edges],
+        }
+
+    def write_csv(self, path: Path) -> None:
+        """A line for each point, SI."""
+        with path.open("w", newline="") as file:
+            writer = csv.writer(file)
+            writer.writerow([self.x.key, self.y.key, "growth", "frequency", "exists"])
+            for j, i in np.ndindex(self.growth.shape):
+                at = self.growth[j, i], self.frequency[j, i], int(self.exists[j, i])
+                writer.writerow([self.x.values[i], self.y.values[j], *at])
+
+
+def regions(scene: Scene, x: Axis, y: Axis, progress: Callable[[int, int], object] | None = None) -> Regions:
+    """The least stable motion of `scene` over two axes; `progress(rows done, rows)`."""
+    rows = {}
+    for j, value in enumerate(y.values):
+        rows[j] = along(y.at(scene, value), x)
+        if progress is not None:
+            progress(j + 1, len(y.values))
+    return put_together(scene, x, y, rows)
+
+
+def put_together(scene: Scene, x: Axis, y: Axis, rows: Mapping[int, Mapping[str, NDArray[Any]]]) -> Regions:
+    """The rows of `along`, by number."""
+    growth, frequency, exists = (
+        np.array([rows[j][name] for j in sorted(rows)]) for name in ("growth", "frequency", "exists")
+    )
+    edges = tuple(tuple((float(at), bool(up)) for at, up in rows[j]["edges"]) for j in sorted(rows))
+    return Regions(scene, x, y, growth, frequency, exists, edges)
+
+
+def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
+    """One row: growth, frequency, exists [x], and edges [edge, (value, unstable sliding begins)]."""
+
+    @cache
+    def at(value: float) -> tuple[Growth | None, float, bool]:
+        try:
+            found = sliding(scene, {x.key: value})
+        except Singular:
+            return None, math.nan, False
+        if not _counts(found):
+            return None, math.nan, found.exists
+        rates = found.eigenvalues()
+        return Growth(rates[:1].real, none(rates)[:1]), abs(rates[0].imag) / (2.0 * math.pi), found.exists
+
+    def growths(value: float) -> Growth | None:
+        return at(value)[0]
+
+    def grows(value: float) -> bool:
+        found = growths(value)
+        return found is not None and found.sign(0) > 0
+
+    def look(grid: list[float]) -> list[tuple[float, bool]]:
+        edges: list[tuple[float, bool]] = []
+        order = sorted(grid)
+        for stretch in stretches(grid, growths):
+            low, high = sorted((stretch[0], stretch[-1]))
+            edges += [(order[order.index(low) - 1], True)] if low > order[0] and grows(low) else []
+            edges += [(order[order.index(high) + 1], False)] if high < order[-1] and grows(high) else []
+            for bracket in brackets(stretch, growths):
+                if bracket.how != "ends":
+                    edges.append((root(bracket, growths), grows(max(bracket.a, bracket.b))))
+        return sorted(edges)
+
+    edges = list(_wide(looked(x.values, growths, look), EDGE * abs(x.values[-1] - x.values[0])))
+    found = [at(value) for value in x.values]
+    return {
+        "growth": np.array([math.nan if growth is None else growth.clear[0] for growth, _, _ in found]),
+        "frequency": np.array([frequency for _, frequency, _ in found]),
+        "exists": np.array([exists for _, _, exists in found]),
+        "edges": np.array(edges, dtype=np.float64).reshape(-1, 2),
+    }
+
+
+def _wide(edges: list[tuple[float, bool]], least: float) -> Iterator[tuple[float, bool]]:
+    """The edges without those of bands narrower than what an edge is known to."""
+    left = iter(edges)
+    for edge in left:
+        following = next(left, None) if edge[1] else None
+        if following is not None and following[0] - edge[0] <= least:
+            continue
+        yield edge
+        if following is not None:
+            yield following
+
+
+def _counts(at: Steady) -> bool:
+    """Whether the eigenvalues say something: under dither also where the contact would open."""
+    return at.counts or (GENERATOR[0] in at.system.names and at.slides and at.inertia > 0.0)
+
+
+def sliding(scene: Scene, values: dict[str, float]) -> Steady:
+    """Steady sliding of `scene` with these values (SI), under averaged friction where dither is on."""
+    parameters = scene.parameters
+    for key, value in values.items():
+        parameters = with_values(parameters, {key: value})
+    assembly = scene.assemble(parameters)
+    system = assembly.system()
+    if GENERATOR[0] not in system.names:
+        return steady(system, sliding_key(system))
+    sine, cosine = (system.names.index(name) for name in GENERATOR)
+    on = assembly.inputs["dither.amplitude"].value * assembly.inputs["dither.enable"].value
+    return averaged(system, sine, cosine, on, leading=True)
+
+
+def draw(found: Regions, path: Path) -> None:
+    """Draw regions into the file `path` (PNG; other endings as matplotlib knows them)."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.colors import ListedColormap, SymLogNorm
+    from matplotlib.figure import Figure
+
+    from rig.view.run_figure import STYLE
+
+    x, y = found.x.told, found.y.told
+    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
+        figure = Figure(figsize=(9.6, 5.4), dpi=125, facecolor="white", layout="constrained")
+        FigureCanvasAgg(figure)
+        axes = figure.add_subplot()
+        axes.grid(visible=False)
+        most = float(np.nanmax(np.abs(found.growth), initial=0.0)) or 1.0
+        norm = SymLogNorm(linthresh=most / 20.0, vmin=-most, vmax=most)
+        mesh = axes.pcolormesh(x, y, found.growth, cmap="RdBu_r", norm=norm, shading="nearest")
+        mesh.set_rasterized(True)
+        if not found.exists.all():
+            absent = np.where(found.exists, np.nan, 1.0)
+            axes.pcolormesh(x, y, absent, cmap=ListedColormap([_GREY]), shading="nearest")
+            pulls = " unless the contact pulls" if np.isfinite(found.growth).all() else ""
+            axes.plot([], [], "s", color=_GREY, label=f"no steady sliding{pulls}")
+        scale = found.x.scale
+        points = np.array([(value / scale, y[j]) for j, row in enumerate(found.edges) for value, _ in row])
+        if len(points):
+            axes.plot(points[:, 0], points[:, 1], ".", color="black", ms=3.0, label="sliding loses or gains stability")
+        axes.set(xlabel=found.x.label, ylabel=found.y.label)
+        axes.margins(0.0)
+        if axes.get_legend_handles_labels()[0]:
+            axes.legend(loc="upper left", bbox_to_anchor=(0.0, -0.11), ncols=2)
+        bar = figure.colorbar(mesh, ax=axes, label="growth of the least stable motion [1/s]")
+        bar.outline.set_visible(False)  # type: ignore[operator]
+        figure.suptitle(found.scene.title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+        put(figure, path)

@@ -1,0 +1,90 @@
+"""The numbers of one run of many.
+
+first opening                         of a contact of many points; the others are from there on, where there is one
+mean, least contact_fraction          range pressure_centre_x
+rms OUTPUT, rms meas/SENSOR           about the mean
+band meas/SENSOR                      RMS in octaves
+amplitude, frequency                  of outputs that repeat (rig.analysis.amplitude), of rigs without such points
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rig.analysis.amplitude import index
+from rig.analysis.recorded.series import series, vibration
+from rig.analysis.recorded.spectrum import bridge, welch
+from rig.errors import UsageError
+from rig.record.run import Run
+from rig.record.statistics import OPENINGS, first_opening, statistics, whole_signals
+
+ONSET = "first opening"
+_WINDOW = 1024  # samples of a window of the spectrum
+_WINDOWS = 4  # at least
+_STILL = 1e-9  # of the size of an output: it does not move
+
+
+class Number(NamedTuple):
+    """A measure and its unit."""
+
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One run: `numbers` by name; density `s` of signal `name` at `f` [Hz], empty where the run is too short."""
+
+    seed: int
+    seconds: float
+    numbers: dict[str, Number]
+    name: str = ""
+    unit: str = ""
+    f: tuple[float, ...] = ()
+    s: tuple[float, ...] = ()
+    fault: str = ""
+    """Why the numerics or a limit stopped it."""
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return asdict(self) | {"numbers": {name: list(one) for name, one in self.numbers.items()}}
+
+    @classmethod
+    def from_json(cls, raw: dict[str, Any]) -> Seen:
+        """Of `to_json`."""
+        numbers = {name: Number(*one) for name, one in raw["numbers"].items()}
+        return cls(**{**raw, "numbers": numbers, "f": tuple(raw["f"]), "s": tuple(raw["s"])})
+
+
+def measure(run: Run, seed: int) -> Seen:
+    """The numbers of a run."""
+    numbers: dict[str, Number] = {}
+    opened, begin = first_opening(run), 0.0
+    if opened is not None:
+        numbers[ONSET], begin = Number(opened, "s"), opened
+    for one in statistics(run, begin):
+        numbers[one.name] = Number(one.value, one.unit)
+    if OPENINGS not in run.signals:
+        for name in whole_signals(run):
+            v = run.signals[name]
+            if np.ptp(v) > _STILL * float(np.abs(v).max(initial=0.0)) and (found := index(run.time, v)).cycles:
+                numbers[f"amplitude {name}"] = Number(found.half, run.units.get(name, ""))
+                numbers[f"frequency {name}"] = Number(found.frequency, "Hz")
+    name, unit, f, s = _density(run, begin)
+    stopped = "" if run.summary.get("ended") in ("done", None) else str(run.summary["ended"])
+    return Seen(seed, float(run.time[-1]), numbers, name, unit, f, s, run.fault.partition("\n")[0] or stopped)
+
+
+def _density(run: Run, begin: float) -> tuple[str, str, tuple[float, ...], tuple[float, ...]]:
+    """Name, unit, frequencies [Hz] and power spectral density of the signal that tells most of the vibration."""
+    try:
+        found = series(run, vibration(run), begin)
+    except UsageError:  # nothing vibrates, or less than two samples are left
+        return "", "", (), ()
+    if found.v.size < _WINDOWS * _WINDOW:
+        return "", "", (), ()
+    density = welch(bridge(found)[0], found.rate, _WINDOW)
+    return found.name, found.unit, tuple(density.f.tolist()), tuple(density.s.tolist())

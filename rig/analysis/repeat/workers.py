@@ -1,0 +1,95 @@
+"""The processes that simulate one scene with many seeds: each takes the next seed until none is left."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import rig
+from rig.analysis.repeat.measure import Seen, measure
+from rig.child_process import Child, end
+from rig.errors import WorkerError
+from rig.scenes.scene import Scene
+
+_LOOK = 0.05  # s
+
+
+@dataclass(frozen=True)
+class Job:
+    """`scene` with each of `seeds`, for `duration` [s] or as long as its protocol takes."""
+
+    scene: Scene
+    seeds: tuple[int, ...]
+    duration: float | None
+
+    def to_json(self) -> str:
+        """As JSON text."""
+        return json.dumps({"scene": self.scene.to_json(), "seeds": self.seeds, "duration": self.duration})
+
+    @classmethod
+    def from_json(cls, text: str) -> Job:
+        """Of `to_json`."""
+        raw = json.loads(text)
+        return cls(Scene.from_json(raw["scene"]), tuple(raw["seeds"]), raw["duration"])
+
+    def run(self, seed: int, stop: Callable[[], str] | None = None) -> Seen:
+        """Simulate with one seed and measure."""
+        return measure(rig.simulate(replace(self.scene, seed=seed), self.duration, stop), seed)
+
+
+def work(
+    job: Job, folder: Path, workers: int | None, progress: Callable[[int, int], object], stop: Callable[[], str]
+) -> tuple[list[Seen], str]:
+    """What each run has come to, and why not all of them have; results go through `folder`.
+
+    The first run is made here: it compiles what all need, and builds what is kept. Raises WorkerError when a process is
+    lost.
+    """
+    total = len(job.seeds)
+    progress(0, total)
+    first = job.run(job.seeds[0], stop)
+    if why := stop():
+        return [], why
+    progress(1, total)
+    (folder / "job.json").write_text(job.to_json())
+    count = min(workers or os.cpu_count() or 1, total - 1)
+    children = [Child(f"repeat worker {k + 1}", [__name__, str(folder)]) for k in range(count)]
+    why = ""
+    try:
+        while any(child.code is None for child in children) and not (why := stop()):
+            time.sleep(_LOOK)
+            progress(1 + len(list(folder.glob("*.seen"))), total)
+            if lost := [child.told for child in children if child.code]:
+                raise WorkerError("; ".join(lost))
+    finally:
+        end(children, 0.0)
+    rest = [Seen.from_json(json.loads(path.read_text())) for path in folder.glob("*.seen")]
+    return sorted([first, *rest], key=lambda one: one.seed), why
+
+
+def main() -> None:
+    """A worker: `python -m rig.analysis.repeat.workers FOLDER`."""
+    folder, parent = Path(sys.argv[1]), os.getppid()
+    job = Job.from_json((folder / "job.json").read_text())
+    try:
+        for seed in job.seeds[1:]:
+            if os.getppid() != parent:
+                return
+            try:
+                os.close(os.open(folder / f"{seed}.claim", os.O_CREAT | os.O_EXCL))
+            except FileExistsError:  # another one has it
+                continue
+            draft = folder / f"{seed}.draft"
+            draft.write_text(json.dumps(job.run(seed).to_json()))
+            draft.replace(folder / f"{seed}.seen")
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""Whether the mode changes of a motion repeat from round to round, and how long its contacts stick in one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from rig.analysis.orbit import Orbit
+from rig.motion.motion import Event
+from rig.stability.linearisation import Steady
+
+REPEAT = 1e-9
+MOST = 24
+"""Mode changes in one cycle."""
+_BETTER = 1e-2
+_TURN = 0.999  # of a turn of the surface: the shortest period where it is not alike everywhere
+
+
+def repeating(events: list[Event], step: float, repeat: float = REPEAT) -> tuple[int, float]:
+    """Number of mode changes after which the last ones repeat, and by how much of the period their times differ.
+
+    The least number that repeats to `repeat`, else the one that does best; a larger number only where it does far
+    better: of a cycle that closes only after several rounds each round looks alike, and so do two rounds of one that
+    is still settling. (0, inf) where none does. Three cycles are compared: two could agree by chance.
+    """
+    best = (0, math.inf)
+    for count in range(2, min(MOST, len(events) // 3) + 1):
+        last = events[-3 * count :]
+        names = [event.what for event in last]
+        if names[:count] != names[count : 2 * count] or names[count : 2 * count] != names[2 * count :]:
+            continue
+        t = np.array([time_of(event, last[0].tick, step) for event in last])
+        period = t[-1] - t[-1 - count]
+        gaps = t[count:] - t[:-count] - period
+        drift = float(np.abs(gaps).max() / period) if period > 0.0 else math.inf
+        if drift < _BETTER * best[1]:
+            best = (count, drift)
+        if best[1] <= repeat:
+            break
+    return best
+
+
+def turn_of(sliding: Steady) -> float:
+    """Time [s] in which the surface comes round, where it is not alike everywhere; else infinite."""
+    rates = [sector.row @ sliding.modes.A @ sliding.x / sector.period for sector in sliding.system.sectors]
+    return 1.0 / max((abs(float(rate)) for rate in rates), default=0.0) if any(rates) else math.inf
+
+
+def all_round(period: float, turn: float) -> bool:
+    """Whether a period is one of the whole surface: else the motion repeats only up to the next sector."""
+    return math.isinf(turn) or period >= _TURN * turn
+
+
+def time_of(event: Event, origin: int, step: float) -> float:
+    """Time [s] of an event from tick `origin` on, of `step` [s]."""
+    return ((event.tick - origin) + event.place) * step
+
+
+def stick_times(orbit: Orbit, events: Sequence[Event], times: list[float]) -> dict[str, float]:
+    """Time [s] that each contact sticks between `times`; `events` end the stretches between them."""
+    spans = [(b - a, event.before) for a, b, event in zip(times, times[1:], events)]
+    return {
+        patch.name: sum(span for span, before in spans if orbit.stuck(before, p))
+        for p, patch in enumerate(orbit.system.patches)
+    }

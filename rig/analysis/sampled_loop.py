@@ -1,0 +1,224 @@
+"""One controller, its instrument, its delay and its sample and hold around the linearised rig, exactly discretised.
+
+Over a period L, the longer of the controller's and its sensor's, all is linear between instants known beforehand:
+
+    sample    y = gain (direct c x + filter), taken `delay` of the sensor before it is published
+    update    xi, u = controller(xi, y), the controller's own arithmetic without its limits
+    command   in force `delay` of the loop later, held until the next
+
+so one period maps z = [rig, filter, command in force, commands and samples under way, xi] by a matrix:
+
+    z(k+1) = F z(k) + G y'(k),   y(k) = H z(k)         open where the controller reads: closed with y' = y
+
+Eigenvalues of F + G H are exp(lambda L): the simulation's own, for motions within all limits, noise left out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.analysis.plant import Plant
+from rig.controllers.blocks.feedback import VelocityFeedback
+from rig.controllers.blocks.velocity import VelocityPath
+from rig.controllers.narrow_band import NarrowBandFeedback
+from rig.sensors.chain.front_end import FrontEnd
+
+Array = NDArray[np.float64]
+Feedback = VelocityFeedback | NarrowBandFeedback
+"""Controllers whose arithmetic is linear within their limits."""
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """The loop opened at its measurement; `period` L [s], `states`: names of z, the first `own` the rig's."""
+
+    F: Array
+    G: Array
+    H: Array
+    period: float
+    states: tuple[str, ...]
+    own: int
+
+    def closed(self, gain: float = 1.0) -> Array:
+        """The matrix of one period with `gain` times the controller's own."""
+        return self.F + gain * np.outer(self.G, self.H)
+
+
+def sampled(plant: Plant, feedback: Feedback, reads: str, end: FrontEnd, delay_ns: int) -> Sampled:
+    """The loop of `feedback` through its drive and through the front end of its sensor on output `reads`.
+
+    Raises ValueError where sensor and controller take turns, neither period being a multiple of the other, and for a
+    sensor that hears echoes.
+    """
+    if end.echoes:
+        raise ValueError(
+            "sensor: hears echoes, which the model of a loop does not have; paths = [] in its table leaves them out"
+        )
+    own, between = feedback.period_ns, end.period_ns
+    if own < between:
+        period = round(between)
+        fits = end.instants.even and period % own == 0
+    else:
+        period, fits = own, end.instants.fit(own)
+    if not fits:
+        near = " or ".join(f"{1e9 / p:g} Hz" for p in _near(own, between))
+        raise ValueError(
+            f"period: {own / 1e6:g} ms and the {between / 1e6:g} ms between samples are no multiples of each other; "
+            f"such a loop has no single period. It has one where the sensor samples at {near}"
+        )
+    return _Walk(plant, feedback, plant.outputs.index(reads), end, delay_ns, period).sampled()
+
+
+def _near(own: int, between: float) -> list[float]:
+    """The sample periods [ns] next to `between` that a controller of period `own` [ns] has a single period with."""
+    many = between > own
+    ratio = between / own if many else own / between
+    return [own * n if many else own / n for n in (math.ceil(ratio), math.floor(ratio))]
+
+
+class _Walk:
+    """One period, instant by instant. Every quantity is a row over [z at the beginning, y']."""
+
+    def __init__(self, plant: Plant, feedback: Feedback, reads: int, end: FrontEnd, delay_ns: int, period: int) -> None:
+        self.end, self.period, self.own = end, period, len(plant.states)
+        drive = plant.inputs.index(feedback.drives[0])
+        self.A, self.B, self.reading = _with_front_end(plant, drive, reads, end)
+        self.controller = _arithmetic(feedback)
+        updates = range(0, period, feedback.period_ns)
+        late = [divmod(at + delay_ns, period) for at in updates]  # (periods later, instant) of each command in force
+        self.wait_sample, self.at_sample = -(-end.delay_ns // period), -end.delay_ns % period
+        n, queued = len(self.A), sum(wait for wait, _ in late)
+        states = [*plant.states, *(f"sensor {i}" for i in range(n - len(plant.states))), "command"]
+        states += [f"command under way {i}" for i in range(queued)]
+        states += [f"sample under way {i}" for i in range(self.wait_sample)]
+        states += [f"controller {i}" for i in range(len(self.controller[0]))]
+        self.states = tuple(states)
+        self.rows = np.eye(len(states), len(states) + 1)
+        self.x, self.u = slice(0, n), n
+        places = np.cumsum([n + 1, *(wait for wait, _ in late)]).tolist()
+        self.queues = [slice(a, b) for a, b in pairwise(places)]
+        self.samples = slice(places[-1], places[-1] + self.wait_sample)
+        self.xi = slice(self.samples.stop, len(states))
+        self.outside = np.eye(len(states) + 1)[-1]
+        self.taken = self.published = np.zeros(len(states) + 1)
+        self.answers = [np.zeros(0)] * len(late)
+        happens: list[tuple[int, int, Callable[[], None]]] = [(self.at_sample, 0, self._sample), (0, 1, self._publish)]
+        happens += [(at, 2, partial(self._update, k)) for k, at in enumerate(updates)]
+        happens += [(at, 3, partial(self._command, k, wait)) for k, (wait, at) in enumerate(late)]
+        if end.averages:
+            happens += [((self.at_sample - round(end.period_ns)) % period, 4, self._reset)]
+        self.happens = sorted(happens, key=lambda one: one[:2])
+
+    def sampled(self) -> Sampled:
+        """Walk through the period."""
+        now = 0
+        for at, _, act in self.happens:
+            self._flow(at - now)
+            act()
+            now = at
+        self._flow(self.period - now)
+        for line, newest in [*zip(self.queues, self.answers), (self.samples, self.taken)]:
+            if line.stop > line.start:  # what is under way moves up by a place
+                self.rows[line] = np.vstack([self.rows[line][1:], newest])
+        return Sampled(
+            self.rows[:, :-1], self.rows[:, -1], self.published[:-1], self.period * 1e-9, self.states, self.own
+        )
+
+    def _flow(self, ns: int) -> None:
+        from scipy.linalg import expm
+
+        if ns:
+            n = len(self.A)
+            both = np.zeros((n + 1, n + 1))
+            both[:n, :n], both[:n, n] = self.A, self.B
+            self.rows[: n + 1] = expm(both * (ns * 1e-9)) @ self.rows[: n + 1]
+
+    def _sample(self) -> None:
+        self.taken = self.reading @ self.rows[: len(self.A) + 1]
+
+    def _publish(self) -> None:
+        self.published = self.rows[self.samples][0].copy() if self.wait_sample else self.taken
+
+    def _update(self, k: int) -> None:
+        A, b, c, d = self.controller
+        xi = self.rows[self.xi]
+        self.answers[k] = c @ xi + d * self.outside
+        self.rows[self.xi] = A @ xi + np.outer(b, self.outside)
+
+    def _command(self, k: int, wait: int) -> None:
+        self.rows[self.u] = self.rows[self.queues[k]][0] if wait else self.answers[k]
+
+    def _reset(self) -> None:
+        self.rows[len(self.A) - 1] = 0.0
+
+
+def _with_front_end(plant: Plant, drive: int, reads: int, end: FrontEnd) -> tuple[Array, Array, Array]:
+    """The rig with the filter of its sensor, one input; and the reading as a row over its states and that input."""
+    n, c, d = len(plant.A), plant.C[reads], plant.D[reads, drive]
+    blocks, out = [], []
+    for pole, residue in zip(end.poles, end.residues):
+        pair = 2.0 if pole.imag else 1.0
+        real = np.array([[pole.real, -pole.imag], [pole.imag, pole.real]]) if pole.imag else np.array([[pole.real]])
+        blocks.append(real)
+        out += [pair * residue.real, -pair * residue.imag][: len(real)]
+    if end.averages:
+        blocks.append(np.zeros((1, 1)))
+        out.append(1e9 / end.period_ns)
+    size = n + len(out)
+    A, B = np.zeros((size, size)), np.zeros(size)
+    A[:n, :n], B[:n] = plant.A, plant.B[:, drive]
+    at = n
+    for block in blocks:
+        A[at : at + len(block), at : at + len(block)] = block
+        A[at, :n], B[at] = c, d
+        at += len(block)
+    direct = 0.0 if end.averages else end.direct
+    return A, B, end.gain * np.concatenate([direct * c, out, [direct * d]])
+
+
+def _arithmetic(feedback: Feedback) -> tuple[Array, Array, Array, float]:
+    """A, b, c, d of xi+ = A xi + b y, u = c xi + d y: read off the controller's own update, which is linear."""
+    count, step = _of_modes(feedback) if isinstance(feedback, NarrowBandFeedback) else _of_velocity(feedback)
+    b, d = step(np.zeros(count), 1.0)
+    columns = [step(unit, 0.0) for unit in np.eye(count)]
+    A, c = np.array([xi for xi, _ in columns]).T, np.array([u for _, u in columns])
+    seen = c != 0.0
+    for _ in range(count):  # what no command ever shows, such as the copy for a prediction by no time, is no state
+        seen |= np.any(A[seen] != 0.0, axis=0)
+    return A[np.ix_(seen, seen)], b[seen], c[seen], d
+
+
+Step = Callable[[Array, float], tuple[Array, float]]
+
+
+def _of_velocity(feedback: VelocityFeedback) -> tuple[int, Step]:
+    """Number of states and the update of a velocity feedback."""
+    path: VelocityPath = feedback.path
+    zero = path.observer.start(0.0) if path.observer is not None else ()
+
+    def step(xi: Array, y: float) -> tuple[Array, float]:
+        state: Any = (tuple(xi[:-2].tolist()), 0, float(xi[-2]), float(xi[-1]))
+        (z, _, smooth, lag), v = path.update(state, 0, y)
+        return np.array([*z, smooth, lag]), feedback.slope * v
+
+    return len(zero) + 2, step
+
+
+def _of_modes(feedback: NarrowBandFeedback) -> tuple[int, Step]:
+    """The same of an observer of modes, connected and within its limit: real and imaginary parts in turn."""
+    within = feedback.section.model_copy(update={"limit": math.inf, "enable_at": 0.0})
+    linear = NarrowBandFeedback(within, feedback.numbers)
+
+    def step(xi: Array, y: float) -> tuple[Array, float]:
+        state, (u,) = linear.update(tuple(map(complex, xi[0::2], xi[1::2])), 0, (y,))
+        return np.array([part for z in state for part in (z.real, z.imag)]), u
+
+    return 2 * len(feedback.poles), step

@@ -1,0 +1,109 @@
+"""The three-stage protocol, accelerate, hold, decelerate: up to which speed a rig sticks, and from which again.
+
+Without noise a rig that slides sits on its equilibrium and leaves it late: `down` is below the speed at which sliding
+loses its stability, the more so the faster the ramp. That speed is an eigenvalue's: `rig modes`. Sticks shorter than a
+sample step count: they are among the events of the run.
+Source: Liu and Ouyang, Mechanical Systems and Signal Processing (2022), the tests with three stages.
+"""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.model.system import System
+from rig.record.run import Run
+from rig.scenes.scene import Scene
+from rig.solve.state_codes import CLOSED, STICK
+
+SPEEDS = ("disc_speed", "surface_speed")
+_HALF = 0.5
+
+
+class Stages(NamedTuple):
+    """Speed of the drive [unit] at the last stick on the way up and at the first one on the way down; nan without."""
+
+    up: float
+    down: float
+    unit: str
+
+    def text(self) -> str:
+        """For a reader."""
+        up, down = (f"{v:.5g} {self.unit}" if v == v else "none" for v in (self.up, self.down))
+        return f"last stick while it accelerates: {up}; first one while it decelerates: {down}"
+
+
+def stages(run: Run) -> Stages | None:
+    """The stages of a run over the speed of its drive; None if it does not accelerate and decelerate again.
+
+    It must have been recorded with its contact modes.
+    """
+    speed = next((name for name in SPEEDS if name in run.signals), "")
+    sticks = stuck(run) if speed else None
+    if sticks is None:
+        return None
+    # A cut recording may hold less of one output than of another, or of the contact modes.
+    known = np.isfinite(run.signals[speed]) & (run.mode >= 0)
+    v, sticks, time = run.signals[speed][known], sticks[known], run.time[known]
+    if not v.size:
+        return None
+    top = np.flatnonzero(v >= v.max() * (1.0 - 1e-9))
+    if max(v[0], v[-1]) > _HALF * v.max():
+        return None
+    moving = v > 0.0
+    begins, ends = short(run)
+    up, down = time[: top[0]][(sticks & moving)[: top[0]]], time[top[-1] :][(sticks & moving)[top[-1] :]]
+    up = np.concatenate([up, ends[ends < time[top[0]]]])
+    down = np.concatenate([down, begins[begins > time[top[-1]]]])
+    return Stages(
+        float(np.interp(up.max(), time, v)) if len(up) else math.nan,
+        float(np.interp(down.min(), time, v)) if len(down) else math.nan,
+        run.units[speed],
+    )
+
+
+def short(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """When sticks began, and when they ended [s], of those that lie between two events of the contacts."""
+    system = Scene.from_json(run.scene_text()).assemble().system()
+    met = [event for event in run.events if event.get("kind") == "contact" and "before" in event.get("data", {})]
+    known: dict[str, bool] = {}
+    began, ended = [], []
+    for last, event in pairwise(met):
+        before = str(event["data"]["before"])
+        if before not in known:
+            known[before] = _sticks_as_told(system, before)
+        if known[before]:
+            began.append(last["t_ns"] * 1e-9)
+            ended.append(event["t_ns"] * 1e-9)
+    return np.array(began), np.array(ended)
+
+
+def stuck(run: Run) -> NDArray[np.bool_] | None:
+    """Whether a loaded contact sticks, at each of `run.time`; None for a run recorded without contact modes.
+
+    False where a damaged recording has lost the mode.
+    """
+    if len(run.mode) != len(run.time):
+        return None
+    keys, where = np.unique(run.mode, return_inverse=True)
+    system = Scene.from_json(run.scene_text()).assemble().system()
+    told = np.array([key >= 0 and _sticks(system, int(key)) for key in keys], np.bool_)
+    return np.asarray(told[where.ravel()])
+
+
+def _sticks(system: System, key: int) -> bool:
+    patches, normals, *_ = system.modes(key)
+    loaded = {k.patch for k, mode in zip(system.normals, normals) if mode == CLOSED}
+    return any(mode == STICK and p in loaded for p, mode in enumerate(patches))
+
+
+def _sticks_as_told(system: System, words: str) -> bool:
+    """The same of a mode set in words, as events tell it (System.describe); False where these leave contacts out."""
+    told = words.split(", ")
+    loaded = {k.patch for k in system.normals if f"{k.name} open" not in told}
+    whole = not any(word.endswith(" contacts open") for word in told)
+    return whole and any(f"{patch.name} stick" in told and p in loaded for p, patch in enumerate(system.patches))

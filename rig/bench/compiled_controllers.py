@@ -1,0 +1,185 @@
+"""Controllers within the compiled loop (rig.solve.control_loop): what it needs of them before, and what it has done
+after.
+
+Between two stretches of frames everything is as if each controller had been asked from here: its line, its queue and
+its counts go on. What is not as usual is left to the exchange at that tick: an actuator that is no state of the rig, a
+line on safe values, an answer that fails.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Collection, Generator, Sequence
+from math import inf, nan
+from typing import Any, NamedTuple
+
+from rig.bench.command_queue import AS_SENT, SAFE, Line
+from rig.bench.controller_in_process import Working
+from rig.bench.experiment import Operation
+from rig.bench.playback import Playback, Played
+from rig.controllers.runtime.native import Native
+from rig.solve.control_loop import ANSWERED, AS, COUNT, DUE, NOW, ROWS, UNUSUAL
+
+_Answer = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
+"""It takes the first argument only, which is all that it needs."""
+_NEVER = 1 << 62  # frames
+
+
+class Lent(NamedTuple):
+    """A line that is lent, its parts of the arrays, and who commands: somebody at work, or a recording."""
+
+    line: Line
+    reads: slice
+    drives: slice
+    one: Working | None
+    native: Native | None
+    played: Played | None
+
+
+class Inside:
+    """Lends controllers of `operation` to the compiled loop while the plant runner is carried through many frames."""
+
+    def __init__(self, operation: Operation) -> None:
+        self._exchange, self._runner = operation.exchange, operation.runner
+        self._controls = self._runner.controls
+        self._command: Any = self._controls.command.data
+        self._clock: Any = self._controls.clock.data
+        self._lent: list[Lent] = []
+        answers = self._answers()
+        next(answers)
+        self._asked = _Answer(answers.send)
+        self._address = ctypes.cast(self._asked, ctypes.c_void_p).value
+
+    def lend(self, working: Sequence[Working]) -> Collection[str]:
+        """Lend what can be lent of these, which have answered what was due at this tick, or of a recording; the names.
+
+        What a recording has for this tick is in force.
+        """
+        c = self._controls
+        c.clock[NOW], c.clock[COUNT], c.clock[UNUSUAL] = self._runner.tick, 0, 0
+        for one in working:
+            if one.line.values and not one.line.wanted and one.line.status != SAFE:
+                self._lend(one.line, one, None)
+        if isinstance(self._exchange, Playback):
+            for name, played in self._exchange.played.items():
+                if name in self._exchange.lines:
+                    self._lend(self._exchange.lines[name], None, played)
+        return [found.line.name for found in self._lent]
+
+    def _lend(self, line: Line, one: Working | None, played: Played | None) -> None:
+        c, i = self._controls, len(self._lent)
+        read, driven = (self._lent[-1].reads.stop, self._lent[-1].drives.stop) if i else (0, 0)
+        places = [self._runner.plain(drive) for drive in line.drives]
+        fits = i < len(c.lines) and driven + len(places) <= len(c.command) and len(line.queue) < ROWS
+        if not fits or None in places:
+            return
+        native = None
+        columns: Sequence[int] = () if one is None else one.columns
+        if one is not None and read + len(columns) <= len(c.columns):
+            native = one.native()
+        reads = slice(read, read + (0 if native is None else len(columns)))
+        drives = slice(driven, driven + len(places))
+        c.columns[reads] = columns[: reads.stop - read]
+        c.place[drives], c.slope[drives] = zip(*places)
+        c.force[drives] = [self._exchange.in_force.get(drive, nan) for drive in line.drives]
+        found = Lent(line, reads, drives, one, native, played)
+        record = c.lines[i]
+        record["hears"], record["deaf"] = reads.start, reads.stop
+        record["drives"], record["driven"] = drives.start, drives.stop
+        record["given"], record["updates"], record["kept"], record["clamped"] = -1, 0, 0, 0
+        record["oldest"] = 0
+        if one is not None:
+            self._lay_working(record, i, found, one)
+        else:
+            self._lay_played(record, i, found)
+        self._lent.append(found)
+        c.clock[COUNT] = i + 1
+
+    def _lay_working(self, record: Any, i: int, found: Lent, one: Working) -> None:
+        line, reads, drives, _, native, _ = found
+        c, inputs = self._controls, self._runner.inputs
+        c.low[drives] = [inputs[drive].low for drive in line.drives]
+        c.high[drives] = [inputs[drive].high for drive in line.drives]
+        for k, (due, answered, values) in enumerate(line.queue):
+            c.queue[i, k] = due, answered, AS_SENT
+            c.queued[k, drives] = values
+        record["answer"] = self._address if native is None else native.address
+        record["heard_at"] = c.heard.ctypes.data + c.heard.itemsize * reads.start
+        record["command_at"] = c.command.ctypes.data + c.command.itemsize * drives.start
+        record["memory_at"] = 0 if native is None else native.memory.ctypes.data
+        record["period"], record["delay"], record["waiting"] = line.period, line.delay, len(line.queue)
+        record["due"], record["last"] = one.due, line.last
+
+    def _lay_played(self, record: Any, i: int, found: Lent) -> None:
+        c, played = self._controls, found.played
+        assert played is not None
+        tick, answered, status, values = (column[played.done : played.done + ROWS] for column in played.commands)
+        count = len(tick)
+        c.queue[i, :count, DUE], c.queue[i, :count, ANSWERED], c.queue[i, :count, AS] = tick, answered, status
+        c.queued[:count, found.drives] = values
+        c.low[found.drives], c.high[found.drives] = -inf, inf  # they are as they were in force
+        record["answer"], record["due"], record["waiting"] = 0, -1, count
+        record["period"], record["last"] = _NEVER, 0
+
+    def take_back(self) -> None:
+        """Take over what the lent controllers have done."""
+        c = self._controls
+        for i, found in enumerate(self._lent):
+            line, record, drives = found.line, c.lines[i], found.drives
+            if found.one is not None:
+                self._take_back_working(record, i, found, found.one)
+            if kept := int(record["kept"]):
+                line.went_on(c.rows[i, :kept], c.values[:kept, drives])
+                if found.played is not None:
+                    found.played.done += kept
+                for name, value in zip(line.drives, line.values):
+                    self._exchange.in_force[name] = self._runner.values[name] = value
+        self._lent.clear()
+        c.clock[COUNT] = 0
+
+    def _take_back_working(self, record: Any, i: int, found: Lent, one: Working) -> None:
+        c, line, drives = self._controls, found.line, found.drives
+        updates, kept = int(record["updates"]), int(record["kept"])
+        if found.native is not None:
+            one.due = int(record["due"])
+            if updates:
+                t_ns = (one.due - line.period) * self._runner.frame_ns
+                heard, command = tuple(c.heard[found.reads].tolist()), tuple(c.command[drives].tolist())
+                one.loop.went_on(updates, t_ns, heard, found.native.state(), command)
+        if c.clock[UNUSUAL] and record["given"] == c.clock[NOW]:
+            one.given = tuple(c.command[drives].tolist())
+        line.queue.clear()
+        for k in range(int(record["waiting"])):
+            at = (int(record["oldest"]) + k) % ROWS
+            due, answered, _ = c.queue[i, at].tolist()
+            line.queue.append((due, answered, tuple(c.queued[at, drives].tolist())))
+        if kept:
+            line.counts.taken += kept
+            line.counts.clamped += int(record["clamped"])
+            line.counts.oldest = max(line.counts.oldest, line.delay)
+
+    def _answers(self) -> Generator[int, int, None]:
+        """What the compiled loop calls with the place of who is due: 1 if the command is there, 0 if one has to look.
+
+        A generator, since a Ctrl-C strikes where Python begins again after compiled code, or a loop begins again: here
+        both are inside of `try`. A function would lose it, as no compiled code lets an exception through.
+        """
+        result, i = 0, 0
+        while True:
+            try:
+                while True:
+                    i = 0
+                    i = yield result
+                    result = 0
+                    line, _, drives, one, _, _ = self._lent[i]
+                    values, first = one.ask(self._clock[NOW]), drives.start  # type: ignore[union-attr]
+                    if len(values) == len(line.drives):
+                        for value in values:
+                            self._command[first] = value
+                            first += 1
+                        one.given = None  # type: ignore[union-attr]
+                        result = 1
+            except GeneratorExit:
+                return
+            except BaseException as fault:
+                self._lent[i].one.fault, result = fault, 0  # type: ignore[union-attr]

@@ -1,0 +1,116 @@
+"""A controller that works in this process: it is asked at its ticks, and its command is received at once."""
+
+from __future__ import annotations
+
+from collections import Counter
+from contextlib import suppress
+from itertools import repeat
+from typing import Any
+
+from rig.bench.experiment import Operation
+from rig.controllers.blocks.base import Controller, Values
+from rig.controllers.runtime.body import Untranslatable
+from rig.controllers.runtime.loop import Loop
+from rig.controllers.runtime.native import Native
+
+TRIALS = 200
+"""Answers that are held against Python's before a compiled controller is believed. # chosen"""
+WORTH = 500_000
+"""Answers of controllers of one class in this process from which on it is compiled: Python takes 1.4 s for them, the
+compiler 1 to 3 s. # chosen"""
+_EXPECTED: Counter[type] = Counter()
+_TRIED: set[int] = set()
+"""Addresses of compiled controllers that have given these answers in this process."""
+
+
+def asked_often(controller: Controller) -> None:
+    """Controllers of this class are worth compiling in this process, however short the next run is."""
+    _EXPECTED[type(controller)] += WORTH
+
+
+class Working:
+    """A controller that works in this process. `due`: tick of its next answer.
+
+    `given`: what it has answered at this tick, if it has been asked already; `fault`: what came of that.
+    """
+
+    def __init__(self, name: str, loop: Loop, operation: Operation) -> None:
+        self.line = operation.exchange.lines[name]
+        self.due = 0
+        self.given: Values | None = None
+        self._worth = False
+        self._native: Native | None = None
+        self._trial = 0
+        self.fault: BaseException | None = None
+        self.name, self.loop = name, loop
+        self._runner, self._receive = operation.runner, operation.exchange.receive
+        self._bank = operation.runner.bank
+        self.columns = [self._bank.names.index(sensor) for sensor in loop.controller.reads]
+        self._latest = self._bank.latest.item
+
+    def expect(self, answers: int) -> None:
+        """So many answers will be asked of it in this run: it is compiled where that is worth it."""
+        _EXPECTED[type(self.loop.controller)] += answers
+        self._worth = _EXPECTED[type(self.loop.controller)] >= WORTH
+
+    def answer(self) -> None:
+        """Send a command if one is due at this tick."""
+        tick = self._runner.tick
+        if self.fault is not None:
+            raise self.fault
+        if self.given is None:
+            if tick != self.due:
+                return
+            self.ask(tick)
+        values, self.given = self.given, None
+        assert values is not None
+        self._receive(self.name, tick, values)
+
+    def ask(self, tick: int) -> Values:
+        """Have it answer the measurements of this tick."""
+        self.due = tick + self.line.period
+        if self.loop.hears:
+            heard: Any = tuple([self._bank.samples(i).tolist() for i in self.columns])
+        else:
+            heard = tuple([self._latest(i) for i in self.columns])
+        t_ns = tick * self._runner.frame_ns
+        self.given = self.loop.answer(t_ns, heard)
+        if self._trial:
+            self._try(t_ns, heard)
+        return self.given
+
+    def native(self) -> Native | None:
+        """Its compiled `update` at the state of now, once that has given the answers that it has given itself."""
+        if self._worth and self._native is None:
+            self._worth = False
+            with suppress(Untranslatable):
+                self._native = Native(self.loop.controller, self.loop.state)
+                self._trial = 0 if self._native.address in _TRIED else TRIALS
+                self._native.take(self.loop.controller, self.loop.state)
+        if self._native is None or self._trial or not self._native.take(self.loop.controller, self.loop.state):
+            return None
+        return self._native
+
+    def _try(self, t_ns: int, heard: Values) -> None:
+        """Hold the compiled `update` against the answer that was just given; where they differ, do without it."""
+        native, loop = self._native, self.loop
+        assert native is not None
+        self._trial -= 1
+        if loop.heard == (t_ns, heard) and not native.agrees(t_ns, heard, loop.command, loop.state):
+            self._native, self._trial = None, 0
+        elif not native.take(loop.controller, loop.state):
+            self._native, self._trial = None, 0
+        elif not self._trial:
+            _TRIED.add(native.address)
+
+    def catch_up(self, tick: int) -> None:
+        """Give the answers due before `tick`, which nobody has waited for."""
+        if self.due >= tick:
+            return
+        frame = self._runner.frame_ns
+        times = range(self.due * frame, tick * frame, self.line.period * frame)
+        recall = self._bank.published if self.loop.hears else self._bank.shown
+        heard = [recall(i, times) for i in self.columns]
+        for t_ns, values in zip(times, zip(*heard) if heard else repeat(())):
+            self.loop.answer(t_ns, values)
+        self.due += len(times) * self.line.period

@@ -1,0 +1,117 @@
+"""The controllers of a scene that work in the plant's process: asked at their ticks, as in a run in one process.
+
+The answer to the measurement of tick k is received at tick k, with no bus in between. Everything else is as of a
+controller with a process of its own: its name is taken, its parameters are asked for and set on its own topic, its
+events and last words are its own. One that raises leaves; its last command is held, then safe values step in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from rig import controllers
+from rig.bench.compiled_controllers import Inside
+from rig.bench.controller_in_process import Working
+from rig.bench.experiment import Operation
+from rig.bench.simulate import carry_on
+from rig.bus.port import Session
+from rig.controllers.runtime.loop import Loop
+from rig.controllers.runtime.service import Service
+from rig.errors import UsageError
+
+_NEVER = 1 << 62
+
+
+class _Resident(Working):
+    """One such controller, which speaks on a `session` of its own. What it raises ends it, not the plant."""
+
+    def __init__(self, name: str, loop: Loop, operation: Operation, session: Session) -> None:
+        super().__init__(name, loop, operation)
+        self.service = Service(session, loop)
+        self.left = False
+        self._told = False
+
+    def answer(self) -> None:
+        """See `Working.answer`."""
+        try:
+            super().answer()
+        except Exception as error:  # of whatever it computes
+            self._fail(error)
+
+    def catch_up(self, tick: int) -> None:
+        """See `Working.catch_up`."""
+        try:
+            super().catch_up(tick)
+        except Exception as error:
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        self.due, self.given, self.fault = _NEVER, None, None
+        self.service.tick, self.service.t_ns = self._runner.tick, self._runner.t_ns
+        self.service.failed(error)
+        self.leave()
+        self.service.session.close()
+
+    def look(self) -> None:
+        """Bring what it says up to this tick: which one it has heard last, and whether a value was missing."""
+        if not self.left:
+            self.service.tick = self.due - self.line.period
+            self.service.t_ns = max(self.service.tick, 0) * self._runner.frame_ns
+            if self.loop.held and not self._told:
+                self._told = True
+                self.service.held()
+
+    def leave(self) -> None:
+        """The last words, once."""
+        if not self.left:
+            self.left = True
+            self.service.leave()
+
+
+class InPlant:
+    """All of them. `numbers`: of the design step of each; `notice` is called when one has failed and left."""
+
+    def __init__(
+        self, session: Session, operation: Operation, numbers: Mapping[str, Any], notice: Callable[[], object]
+    ) -> None:
+        self._operation, self._notice = operation, notice
+        self._all: dict[str, _Resident] = {}
+        for name in sorted(operation.scene.in_plant):
+            told = controllers.described(operation.scene.controllers[name], numbers.get(name, {}))
+            loop = Loop(controllers.restored(told))
+            self._all[name] = one = _Resident(name, loop, operation, session.stand_in("controller", name))
+            one.expect(0)
+            one.native()  # compiled if the rehearsal has done so
+        self._at_work = list(self._all.values())
+        self._inside = Inside(operation)
+        for one in self._at_work:
+            one.service.session.announce()
+
+    def carry_on(self, until: int) -> None:
+        """Carry the plant runner on to tick `until`, or as far as no limit is passed; only controllers act on the
+        way.
+        """
+        carry_on(self._operation, self._at_work, until, self._inside)
+        for one in self._at_work:
+            one.look()
+        if any(one.left for one in self._at_work):
+            self._at_work = [one for one in self._at_work if not one.left]
+            self._notice()
+
+    def poll(self) -> None:
+        """Answer who asks for parameters, or sets them."""
+        for one in self._at_work:
+            one.service.server.poll()
+
+    def retune(self, name: str, changes: Mapping[str, Any]) -> None:
+        """Change parameters of one at this tick. Raises UsageError if it cannot be, or if it has left."""
+        one = self._all[name]
+        if one.left:
+            raise UsageError(f"controller {name} has left")
+        one.service.asked({"set": dict(changes)})
+
+    def leave(self) -> None:
+        """The run has ended: the last words of those who are still at work."""
+        for one in self._at_work:
+            one.leave()

@@ -1,0 +1,323 @@
+"""One experiment on a plant runner: what happens at a tick between measurement and integration, in every mode alike.
+
+    operation.open()                       once, before anything is measured: the protocol at tick 0
+    operation.begin()                      protocol, limits: what is due at this tick
+    exchange.receive(...)                  answers of the controllers to the measurements of this tick, or older ones
+    operation.take_over()                  commands in force
+    stand.frame()                          integrate to the next tick
+
+What comes from outside (an operator's change of a parameter, a knock, a controller of somebody's own) is put in
+between `begin` and `take_over`, and written down with its tick, so that the run can be simulated again.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from rig.bench.background_builds import Builds
+from rig.bench.command_queue import Line
+from rig.bench.exchange import Exchange
+from rig.bench.journal import OPERATOR, Journal
+from rig.bench.playback import Playback
+from rig.bench.postponed_steps import Postponed
+from rig.bench.protocol import Action, Apply, Change, Finish, Move, Note, Progress, Protocol, Strike, Switch
+from rig.bench.rig_variant import Wanted
+from rig.bench.runner import PlantRunner
+from rig.bench.tuning import Tuning
+from rig.errors import RigError, UsageError
+from rig.quantities import finite
+from rig.scenes.protocol import Connect, flat
+from rig.scenes.scene import Scene, controller_drives
+
+RUN_DOWN_NS = 500_000_000
+"""Time that the drive gets to stop when a limit has ended the experiment. # chosen"""
+BEGIN, PLANT = "begin", "plant"
+
+Retune = Callable[[str, dict[str, Any]], None]
+
+
+class Operation:
+    """The experiment of `scene` on `stand`. It ends after `duration_ns`, or when its protocol is done.
+
+    `retune(controller, changes)` changes parameters of a controller, wherever it works. `events` are those of a
+    recorded run: what came from outside then comes again, at the same ticks. Only what the plant says was in force.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        runner: PlantRunner,
+        duration_ns: int | None,
+        retune: Retune,
+        exchange: type[Exchange] = Exchange,
+        events: Iterable[Mapping[str, Any]] = (),
+    ) -> None:
+        self.scene, self.runner = scene, runner
+        self.journal = Journal(runner.frame_ns, lambda: runner.tick)
+        self.exchange = exchange(runner, runner.frame_ns, scene.clock.hold_frames, self.journal)
+        for name, section in scene.controllers.items():
+            self.exchange.admit(name, controller_drives(section), section.period, section.delay)
+        for step in flat(scene.protocol):
+            if type(step) is Connect:
+                self.exchange.connect(step.controller, False)
+        units = dict(zip(runner.bank.names, runner.bank.units))
+        self.tuning = Tuning(scene, runner, self.exchange, self.journal)
+        self.protocol = Protocol(scene.protocol, runner.frame_ns, units, runner.inputs)
+        self.over = ""
+        """Why the experiment has ended; empty while it goes on."""
+        self.aborted = ""
+        """The limit that was passed; empty otherwise."""
+        self._retune = retune if exchange is not Playback else _nobody
+        self._end = None if duration_ns is None else -(-duration_ns // runner.frame_ns)
+        length = scene.duration_ns if duration_ns is None else duration_ns
+        self._unseen: set[str] = set()
+        """Keys of what is told to be delayed too much."""
+        if length is not None:
+            self._warn(length)
+        told = [event for event in events if event.get("source", PLANT) == PLANT]  # others may say anything
+        self.builds = Builds(runner)
+        self.postponed = Postponed(runner, self.journal, self._wants, self.builds, told)
+        first = next((i for i, event in enumerate(told) if event["kind"] == BEGIN), 0)
+        self._before, self._outside = (
+            deque(event for event in part if event["data"].get("by") == OPERATOR)
+            for part in (told[:first], told[first:])
+        )
+
+    def open(self) -> None:
+        """Carry out what is due at the first tick and needs no measurement: it is in force in the first samples."""
+        while self._before:
+            self._repeat(self._before.popleft())
+        for action in self.protocol.due(0, np.full(len(self.runner.bank.names), np.nan)):
+            self._carry_out(action)
+        self.runner.start()
+
+    def begin(self) -> bool:
+        """Carry out what is due at this tick; whether the experiment goes on."""
+        runner = self.runner
+        tick = runner.tick
+        if not self.aborted:
+            self._watch()
+        if not self.aborted:
+            for action in self.postponed.due():
+                self._carry_out(action)
+            for action in self.protocol.due(tick, runner.bank.latest):
+                if not self.postponed.has_to_wait(action):
+                    self._carry_out(action)
+        while self._outside and self._outside[0]["tick"] <= tick:
+            self._repeat(self._outside.popleft())
+        if self._end is not None:
+            if tick >= self._end and not self.over:
+                self.over = self.aborted or "done"
+        elif self.protocol.done and self.scene.protocol and not self.over:
+            self.over = "done"
+        return not self.over
+
+    def end(self) -> None:
+        """Tell what only the end shows: what never took effect, and what came too late for a run of this length."""
+        self.postponed.end()
+        if self.runner.tick:
+            self._warn(self.runner.t_ns)
+
+    def _warn(self, length_ns: int) -> None:
+        """Tell what is delayed so much that a run of this length does not see it."""
+        for key, text in late(self.scene, length_ns):
+            if key not in self._unseen:
+                self._unseen.add(key)
+                self.journal.note("warning", f"{key}: {text}")
+
+    def until(self) -> int:
+        """The first tick after this one at which `begin` may have something to do, unless a limit is passed before."""
+        tick = self.runner.tick
+        due = [self._end, None if self.aborted else self.protocol.until(tick)]
+        due += [self.postponed.until(), self._outside[0]["tick"] if self._outside else None]
+        return max(min((one for one in due if one is not None), default=tick + 1), tick + 1)
+
+    def take_over(self) -> list[Line]:
+        """Put the commands of this tick into force; the lines that changed."""
+        return self.exchange.take_over()
+
+    def _watch(self) -> None:
+        name = self.runner.beyond()
+        if name:
+            value, limit, unit = self.runner.output(name), self.scene.limits[name], self.runner.units[name]
+            self.abort(f"{name} = {value:.4g} {unit} is beyond its limit of {limit:g} {unit}")
+
+    def abort(self, why: str) -> None:
+        """Go to the safe state: actuators to safe values, no more commands, then the end."""
+        self.aborted = why
+        self.journal.note("limit", f"{why}: to the safe state")
+        ticks = max(RUN_DOWN_NS // self.runner.frame_ns, 1)
+        self.postponed.end()
+        self.exchange.give_up(ticks)
+        self._end = self.runner.tick + ticks
+
+    def stop(self, why: str = "stopped") -> None:
+        """End the experiment at this tick."""
+        if not self.over:
+            self.over = why
+            self.journal.note("stop", why)
+
+    def knock(self, impulse: float, by: str = OPERATOR) -> None:
+        """Strike the body at this tick [N s]."""
+        try:
+            finite(impulse, "N*s")
+        except ValueError as fault:
+            raise UsageError(f"an impulse of {impulse:g} N s cannot be struck: it {fault}") from None
+        self.runner.knock(impulse)
+        self.journal.note("knock", f"knock with {impulse:g} N s", by=by, impulse=impulse)
+
+    def switch(self, controller: str, on: bool, by: str = OPERATOR) -> None:
+        """Connect or disconnect a controller at this tick."""
+        if controller not in self.exchange.lines:
+            known = ", ".join(self.exchange.lines) or "none"
+            raise UsageError(f"no controller is called {controller:.80}; there are: {known}")
+        self.exchange.connect(controller, on)
+        word = "connected" if on else "disconnected"
+        self.journal.note(word, f"{controller} is {word}", by=by, controller=controller)
+
+    def admission(
+        self, controller: str, drives: Sequence[str], period_ns: int, hears: bool = False, gone: Collection[str] = ()
+    ) -> list[Wanted]:
+        """The rigs that `admit` needs one after the other to let this controller in. Raises UsageError if it never can.
+
+        Controllers that are `gone` give up their actuators to it.
+        """
+        if hears and period_ns != self.runner.frame_ns:
+            frame = f"{self.runner.frame_ns / 1e6:g} ms"
+            raise UsageError(f"{controller:.80} wants every sample, so its period must be one frame, {frame}")
+        if controller in self.scene.controllers:
+            raise UsageError(f"{controller} is a controller of the scene already; give yours another name")
+        self.exchange.check(controller, drives, period_ns, gone)
+        lacking = self.runner.lacking(drives)
+        found = [wanted for other in gone for wanted in self.given_back(other)]
+        return [*found, *([Wanted({}, lacking)] if lacking else []), *self.given_back(controller)]
+
+    def given_back(self, controller: str) -> list[Wanted]:
+        """The rigs that it takes, one after the other, to disconnect a controller."""
+        line = self.exchange.lines.get(controller)
+        back = self.exchange.given_back(line) if line is not None else {}
+        return [Wanted({drive: value}) for drive, value in back.items() if self.runner.rebuilds(drive, value)]
+
+    def admit(
+        self,
+        controller: str,
+        drives: Sequence[str],
+        period_ns: int,
+        hears: bool = False,
+        gone: Collection[str] = (),
+    ) -> None:
+        """Let a controller that the scene does not know drive actuators that nobody drives, or nothing changes.
+
+        `gone`: controllers that give up their actuators to it.
+        """
+        for variant in self.runner.variants(self.admission(controller, drives, period_ns, hears, gone)):
+            self.runner.keep(variant)
+        for other in gone:  # nothing is refused from here on
+            self.dismiss(other)
+        self.runner.go_on(Wanted({}, self.runner.lacking(drives)))
+        if controller in self.exchange.lines:
+            self.exchange.dismiss(controller)
+        self.exchange.admit(controller, drives, period_ns)
+        text = f"{controller} is admitted and drives {', '.join(drives)}"
+        told = {"controller": controller, "drives": list(drives), "period_ns": period_ns}
+        self.journal.note("admitted", text, by=OPERATOR, **told)
+
+    def dismiss(self, controller: str) -> None:
+        """A controller that was admitted has gone: its actuators go back to what the protocol asks for."""
+        self.exchange.dismiss(controller)
+        self.journal.note("dismissed", f"{controller} is dismissed", by=OPERATOR, controller=controller)
+
+    def _repeat(self, event: Mapping[str, Any]) -> None:
+        data = event["data"]
+        if event["kind"] == "parameter":
+            self.tuning.change(data["set"])
+        elif event["kind"] == "knock":
+            self.knock(data["impulse"])
+        elif event["kind"] in ("connected", "disconnected"):
+            self.switch(data["controller"], event["kind"] == "connected")
+        elif event["kind"] == "admitted":
+            self.admit(data["controller"], data["drives"], data["period_ns"])
+        elif event["kind"] == "dismissed":
+            self.dismiss(data["controller"])
+
+    def _wants(self, action: Action) -> list[Wanted]:
+        """The rigs that an action of the protocol needs one after the other."""
+        if isinstance(action, Switch):
+            return [] if action.on else self.given_back(action.controller)
+        try:
+            if isinstance(action, Change):
+                wanted = self.tuning.needed({action.key: action.value})
+                return [wanted] if wanted else []
+            if isinstance(action, Apply) and not self.exchange.overruler(action.name):
+                one = self.runner.inputs[action.name]
+                value = min(max(action.value, one.low), one.high)
+                return [Wanted({action.name: value})] if self.runner.rebuilds(action.name, value) else []
+        except RigError:  # it is told when the action is carried out
+            pass
+        return []
+
+    def _carry_out(self, action: Action) -> None:
+        if isinstance(action, Note):
+            self.journal.note(action.kind, action.text)
+        elif isinstance(action, Apply):
+            self.exchange.ask(action.name, action.value)
+        elif isinstance(action, Move):
+            self.exchange.move(action.name, action.to, action.ticks)
+        elif isinstance(action, Strike):
+            self.knock(action.impulse, "protocol")
+        elif isinstance(action, Switch):
+            self.switch(action.controller, action.on, "protocol")
+        elif isinstance(action, Finish):
+            self.stop(action.reason)
+        elif isinstance(action, Change):
+            self._change(action)
+
+    def _change(self, action: Change) -> None:
+        first, _, rest = action.key.partition(".")
+        try:
+            if first == "controllers":
+                controller, _, key = rest.partition(".")
+                self._retune(controller, {key: action.value})
+                self.journal.note("parameter", f"{action.key} = {action.value:g}", by="protocol")
+            else:
+                self.tuning.change({action.key: action.value}, "protocol")
+        except RigError as fault:  # the experiment goes on, and its record says that this did not happen
+            self.journal.note("refused", f"{action.key} = {action.value:g}: {fault}", by="protocol")
+
+    def progress(self) -> Progress:
+        """Where the experiment stands."""
+        told = self.protocol.progress(self.runner.tick)
+        if self._end is None:
+            return told
+        left = max(self._end - self.runner.tick, 0)
+        phase = "safe state" if self.aborted else told.phase
+        fraction = min(self.runner.tick / self._end, 1.0) if self._end else 1.0
+        return told._replace(phase=phase, fraction=fraction, left_ns=left * self.runner.frame_ns)
+
+
+def late(scene: Scene, duration_ns: int) -> Iterator[tuple[str, str]]:
+    """Key of what is delayed so much that a run of `duration_ns` does not see it, and what is to be said of it."""
+    length = f"the run of {duration_ns * 1e-9:g} s"
+    for name, sensor in scene.sensors.items():
+        delay = sensor.front_end().delay_ns
+        if delay >= duration_ns:
+            yield (
+                f"sensors.{name}",
+                f"its delay of {delay * 1e-9:g} s is as long as {length}: all that it measures is the "
+                "state before the start; shorten the delay or run longer",
+            )
+    for name, section in scene.controllers.items():
+        if section.delay >= duration_ns:
+            yield (
+                f"controllers.{name}",
+                f"its delay of {section.delay * 1e-9:g} s is as long as {length}: no command takes "
+                "effect; shorten the delay or run longer",
+            )
+
+
+def _nobody(controller: str, changes: dict[str, Any]) -> None:
+    """In a run that is simulated again no controller works: its commands are known."""

@@ -1,0 +1,152 @@
+"""The end of a run: last words, what was lost on the way, the verdict, and the summary that everybody gets.
+
+The plant tells how much it sent; recorders and controllers answer with what they received, at once. What is missing
+is a loss. Then the verdict goes out, and the totals once more, so that it is accounted for too.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from typing import TYPE_CHECKING, Any
+
+from rig.bench.hub import missing
+from rig.bench.timing import Verdict
+from rig.bus import messages
+
+if TYPE_CHECKING:
+    from rig.bench.plant_process import Plant
+
+ANSWERS_S = 5.0
+"""Longest wait for the totals of the others."""
+LAST_ANSWER_S = 0.1
+"""Longest wait for the answers to the last steps."""
+
+
+def finalise(plant: Plant) -> dict[str, Any]:
+    """End the run of `plant`; its summary."""
+    hub, operation, runner = plant.hub, plant.operation, plant.runner
+    wall = time.perf_counter_ns() - plant.begun_ns if plant.begun_ns else 0
+    plant.operator.close()
+    hub.collect()  # a piece may have ended before its last tick
+    hub.put_applied()
+    hub.put_rest()
+    ended = "diverged" if plant.fault else operation.over or "failed"
+    operation.end()
+    plant.housekeeper.faults += operation.postponed.never
+    operation.journal.note("end", ended)
+    hub.put_events()
+    plant.in_plant.leave()
+    plant.housekeeper.tell_health(time.perf_counter_ns())
+    lost, unknown = _lost_elsewhere(plant)
+    lost |= _unanswered(plant)
+    hub.receive()
+    lost |= hub.lost()
+    verdict = _verdict(plant, lost, unknown)
+    statistics = runner.statistics()
+    t = runner.t_ns / 1e9
+    summary: dict[str, Any] = {
+        "run": plant.session.run,
+        "scene": plant.scene.name,
+        "verdict": verdict.word,
+        "reasons": list(verdict.reasons),
+        "exit_code": 4 if plant.fault or operation.aborted else 1 if ended == "failed" else verdict.exit_code,
+        "ended": ended,
+        "fault": plant.fault or operation.aborted,
+        "mode": ("lockstep" if plant.job.in_lockstep else "paced") if plant.job.pace else "lockstep, not paced",
+        "pace": plant.job.pace,
+        "ticks": runner.tick,
+        "seconds": t,
+        "wall_seconds": wall / 1e9,
+        "rate": t * 1e9 / wall if wall else 0.0,
+        "timing": plant.timing.told() if plant.job.pace else {},
+        "waiting": plant.waiting._asdict() if plant.waiting else {},
+        "scheduling": plant.ahead.told if plant.ahead else "",
+        "memory": plant.memory,
+        "round_trip": hub.round_trip.told(),
+        "loop": operation.exchange.counters(),
+        "lost": lost,
+        "unknown": unknown,
+        "refused": plant.session.door.told(),
+        "faults": plant.housekeeper.faults,
+        "postponed": operation.postponed.told(),
+        "energy": statistics.pop("energy"),
+        "plant": statistics,
+        "audit": runner.audit(),
+        "sensors": runner.bank.counters(),
+        "processor_seconds": sum(os.times()[:2]),
+    }
+    summary = json.loads(json.dumps(summary, default=float))
+    event = messages.event(runner.t_ns, runner.tick, "plant", "verdict", verdict.word, summary)
+    plant.session.publisher("event/plant").put(event, runner.t_ns)
+    hub.put_totals()
+    return summary
+
+
+def _verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> Verdict:
+    faults = list(plant.housekeeper.faults)
+    for name, line in plant.operation.exchange.all_lines.items():
+        if line.counts.safe:
+            faults.append(f"safe values stepped in for {name} {line.counts.safe} times")
+    if plant.fault:
+        faults.append(plant.fault.partition("\n")[0])
+    clock, pacer = plant.scene.clock, plant.housekeeper.pacer
+    broken = pacer is not None and pacer.stopped
+    return plant.timing.verdict(clock.late_share_valid, clock.late_share_degraded, lost, faults, broken, unknown)
+
+
+def _unanswered(plant: Plant) -> dict[str, int]:
+    """Steps that did not reach a controller, or their answers the plant: of those who were here from first to last."""
+    hub, found = plant.hub, {}
+    if plant.job.in_lockstep:  # asked again until they are answered
+        return {}
+    here = plant.from_start & hub.watch.present
+    deadline = time.monotonic() + LAST_ANSWER_S
+    asked = plant.scene.controllers.keys() - hub.in_plant
+    for name in sorted(name for role, name in here if role == "controller" and name in asked):
+        while hub.unanswered(name) > 0 and (left := deadline - time.monotonic()) > 0.0:
+            hub.command(left)
+        if (count := hub.unanswered(name)) > 0:
+            found[f"step to {name}"] = count
+    return found
+
+
+def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
+    """Messages of the plant that the others miss: "topic to name" -> how many; recorders of which nobody knows.
+
+    A viewer may drop what it cannot draw, and a guest may call itself anything: who counts is the recorder of the run
+    and controllers that drive something.
+    """
+    hub, session = plant.hub, plant.session
+    hub.totals.drain()
+    hub.put_totals()
+    own = messages.decode("total/plant", session.totals())
+    sent = {topic: n for topic, n in zip(own.sent_topic, own.sent) if topic != "total/plant"}
+    roles = {name: role for role, name in hub.watch.present if role == "recorder" and _records(plant, name)}
+    asked = set(roles)
+    roles |= {name: role for role, name in hub.watch.present if role == "controller" and hub.drives(name)}
+    found: dict[str, int] = {}
+    deadline = time.monotonic() + ANSWERS_S
+    while asked and (left := deadline - time.monotonic()) > 0.0:
+        message = hub.totals.get(left)
+        if message is None:
+            break
+        name = message.topic.partition("/")[2]
+        if name not in roles or not hub.speaks_for(message.user, name):
+            continue
+        asked.discard(name)
+        wanted = sent if roles[name] == "recorder" else {"step": sent["step"]}
+        whole = (roles[name], name) in plant.from_start
+        for topic, count in missing(wanted, message.said, whole).items():
+            found[f"{topic} to {name}"] = count
+    for name in sorted(asked):
+        plant.housekeeper.faults.append(f"{roles[name]} {name} did not tell what it received")
+    away = plant.from_start - hub.watch.present
+    gone = {name for role, name in away if role == "recorder" and _records(plant, name)}
+    return found, [f"recorder {name}" for name in sorted(asked | gone)]
+
+
+def _records(plant: Plant, name: str) -> bool:
+    """Whether the recorder `name` is that of the run: waited for, or under a name that no guest can take."""
+    return name in plant.session.door.reserved or ("recorder", name) in plant.job.expect

@@ -1,0 +1,63 @@
+"""How many frames a live run carries in one piece: with one look at the clock and at the bus for all of them.
+
+A frame of 50 us has no time for the bus, and needs none where its controllers work in the plant's process. What is due
+at a tick still happens at that tick: protocol, limits, these controllers. What comes from other processes is taken at
+the first tick of a piece, and what is published of its ticks goes out at its end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from math import gcd
+
+from rig.bench.experiment import Operation
+from rig.bench.timing import Timing
+from rig.scenes.scene import Scene
+
+LONGEST_NS = 1_000_000
+"""Longest piece [ns of the wall clock]. # chosen: what others notice of it is below what the bus takes at times"""
+
+
+def length(scene: Scene, pace: float | None, periods: Collection[int] | None = None) -> int:
+    """Frames in a piece of `scene` at `pace` (None: without a clock, as at pace 1).
+
+    `periods`: of the controllers in other processes [frames]; by default of those of the scene. They are asked at the
+    first tick of a piece, so that every tick at which one is due begins a piece. Where all controllers are in other
+    processes a piece is one frame: their commands take effect one frame later.
+    """
+    if periods is None:
+        outside = [one for name, one in scene.controllers.items() if name not in scene.in_plant]
+        periods = [one.period // scene.frame_ns for one in outside]
+    most = max(int(LONGEST_NS * (pace or 1.0)) // scene.frame_ns, 1)
+    if not periods:
+        return most
+    if not scene.in_plant:
+        return 1
+    common = gcd(*periods)
+    return next(frames for frames in range(min(most, common), 0, -1) if common % frames == 0)
+
+
+class Pieces:
+    """The pieces of a run."""
+
+    def __init__(self, operation: Operation, pace: float | None) -> None:
+        self._runner, self._lines = operation.runner, operation.exchange.lines
+        self._scene, self._pace = operation.scene, pace
+        self._short = length(self._scene, pace, ()) == 1
+        """Whether a frame is a piece anyway."""
+
+    @property
+    def length(self) -> int:
+        """Frames in a whole piece, as long as nobody joins or leaves."""
+        if self._short:
+            return 1
+        in_plant = self._scene.in_plant
+        return length(self._scene, self._pace, [o.period for name, o in self._lines.items() if name not in in_plant])
+
+    def next(self, timing: Timing) -> int:
+        """Frames from the present tick up to the first tick of the next piece; `timing` is told of another length."""
+        if self._short:
+            return 1
+        whole = self.length
+        timing.resize(whole)
+        return whole - self._runner.tick % whole

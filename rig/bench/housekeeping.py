@@ -1,0 +1,194 @@
+"""What a plant need not do in every frame: notice who comes and goes, tell its health, count time that was given up."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable
+from typing import Any
+
+from rig.bench import pace
+from rig.bench.hub import Hub
+from rig.bench.job import Job
+from rig.bench.operator_commands import Operator
+from rig.bench.timing import Timing
+
+ATTEND_NS = 20_000_000
+HEALTH_NS = 200_000_000
+MISSED = ("controller", "recorder")
+"""Roles whose leaving before the end the verdict tells."""
+
+
+class Housekeeper:
+    """Looks after a run, 50 times a second; its health is told 5 times a second."""
+
+    def __init__(self, hub: Hub, operator: Operator, job: Job, timing: Timing) -> None:
+        self.faults: list[str] = []
+        """What the verdict must say beside the timing."""
+        self.health: dict[str, Any] = {}
+        self.gone = False
+        """Whether the process that this plant belongs to has gone."""
+        self.pacer: pace.Pacer | None = None
+        self._hub, self._operator, self._job, self._timing = hub, operator, job, timing
+        self._operation, self._runner = hub.operation, hub.runner
+        self._due = self._health_due = 0
+        self._marked = (0, 0)
+        self._given_up = 0
+        self._passed_ns: list[int] = []
+        self._known: set[tuple[str, str]] = set(job.expect)
+        """Who was expected, or here at the first frame."""
+        self._left: dict[tuple[str, str], str] = {}
+        """Who has left and not come back, and the fault that tells it."""
+        self._asleep = pace.asleep_ns()
+        self._begun, self._stolen = 0, 0
+        self._counted = False
+        self._statistics: dict[str, Any] = {}
+
+    def begin(self, now: int, pacer: pace.Pacer | None) -> None:
+        """The first frame begins now."""
+        self._due = self._health_due = now
+        self._marked, self.pacer = (now, 0), pacer
+        self._begun, self._stolen = now, pace.stolen_ns()
+        self._known |= self._hub.watch.present
+
+    def look(self, now: int) -> bool:
+        """Do what is due now; whether health was told."""
+        if now < self._due:
+            return False
+        self._due = now + ATTEND_NS
+        self._hub.session.flush()
+        self.notice()
+        self._hub.serve_scene()
+        if now < self._health_due:
+            return False
+        if not self._counted:  # in three turns, since one frame has no time for all
+            self._count(now)
+            return False
+        if not self._statistics:
+            self._statistics = self._runner.statistics()
+            return False
+        self._health_due = now + HEALTH_NS - 2 * ATTEND_NS
+        self.gone = self.orphaned()
+        self._publish(now)
+        return True
+
+    def _tell_passed(self, late_ns: int) -> None:
+        """One fault for all times without a frame: a machine that is too busy has many of them."""
+        passed = self._passed_ns
+        before = _passed(*passed)
+        passed.append(late_ns)
+        self.faults = [fault for fault in self.faults if fault != before] + [_passed(*passed)]
+
+    def orphaned(self) -> bool:
+        """Whether the process that this plant belongs to has gone."""
+        return self._job.parent not in (0, os.getppid())
+
+    def notice(self) -> None:
+        """Write down who has joined and who has left."""
+        note = self._operation.journal.note
+        for who in self._hub.look():
+            known = {"role": who.role, "name": who.name}
+            if who.here:
+                note("joined", f"{who.role} {who.name} is here", **known)
+                self._is_back(who.role, who.name)
+                continue
+            text = f"{who.role} {who.name} left at t = {self._runner.t_ns / 1e9:.3f} s"
+            note("left", text, **known)
+            if who.role in MISSED and self._missed(who.role, who.name):
+                self.faults.append(text)
+                self._left[who.role, who.name] = text
+
+    def _missed(self, role: str, name: str) -> bool:
+        """Whether the run relied on who has left; a guest that comes later may call itself anything.
+
+        It relied on those that it waited for or began with, on controllers that drive something, and on who bears a
+        name that no guest can take: the recorder that somebody started by hand.
+        """
+        driving = role == "controller" and name in self._operation.exchange.lines
+        return (role, name) in self._known or driving or name in self._hub.session.door.reserved
+
+    def _is_back(self, role: str, name: str) -> None:
+        """Who left has come again: the fault is the time in between."""
+        if (text := self._left.pop((role, name), None)) in self.faults:
+            back = f"{self._runner.t_ns / 1e9:.3f} s"
+            self.faults[self.faults.index(text)] = f"{text.replace(' left at t = ', ' was away from t = ')} to {back}"
+
+    def miss(self, missing: Iterable[str]) -> None:
+        """Write down who ("role name") was expected and is not here at the first frame."""
+        for who in missing:
+            text = f"{who} was not here when the run began"
+            self._operation.journal.note("missing", text)
+            if who.startswith(MISSED):
+                self.faults.append(text)
+
+    def tell_health(self, now: int) -> None:
+        """Publish how things stand."""
+        self._count(now)
+        self._publish(now)
+
+    def _count(self, now: int) -> None:
+        timing, self._counted = self._timing, True
+        self._hub.fold()
+        for text in self._hub.session.door.news():
+            self._operation.journal.repeated("refused", text)
+        for text in self._hub.floods():
+            self._flooded(text)
+        if self.pacer is not None:
+            self._count_given_up(self.pacer)
+            timing.fold()
+            whole = (now - self._begun) * (os.cpu_count() or 1)
+            timing.stolen_share = (pace.stolen_ns() - self._stolen) / whole if whole else 0.0
+
+    def _flooded(self, text: str) -> None:
+        """Tell each controller that sends too much once: its flood costs the time that frames lack."""
+        name = text.partition(" sent ")[0]
+        if not any(fault.startswith(f"{name} sent ") for fault in self.faults):
+            self.faults.append(text)
+        self._operation.journal.repeated("flood", f"{name} sends too many commands")
+
+    def _publish(self, now: int) -> None:
+        timing, statistics = self._timing, self._statistics or self._runner.statistics()
+        self._counted, self._statistics = False, {}
+        wall, t_ns = now - self._marked[0], self._runner.t_ns
+        rate = (t_ns - self._marked[1]) / wall if wall else 0.0
+        self._marked = (now, t_ns)
+        progress = self._operation.progress()
+        steps = f" {progress.step}/{progress.steps or '-'}" if progress.step else ""
+        left = progress.left_ns
+        self.health = {
+            "phase": "paused" if self._operator.paused else f"{progress.phase or 'run'}{steps}",
+            "rate": rate,
+            "lateness_us": timing.lateness.quantile(0.99) / 1e3,
+            "worst_us": timing.worst_ns / 1e3,
+            "late": timing.late + timing.given_up,
+            "overruns": sum(timing.overruns.values()),
+            "drops": sum(self._hub.lost().values()),
+            "held": sum(line.counts.held for line in self._operation.exchange.all_lines.values()),
+            "energy_error": statistics["energy_error"],
+            "stick_share": statistics.get("stick_share", 0.0),
+            "refused": self._hub.session.door.total,
+            "eta_s": -1.0 if left is None else left / 1e9 / (self._job.pace or max(rate, 1e-9)),
+        }
+        self._hub.put_health(**self.health)
+
+    def _count_given_up(self, pacer: pace.Pacer) -> None:
+        """Time of the wall clock that was given up is told, and counts as late."""
+        new = pacer.given_up[self._given_up :]
+        self._given_up += len(new)
+        self._timing.given_up += sum(one.frames for one in new)
+        journal = self._operation.journal
+        for one in new:
+            if one.late_ns > pace.PAUSE:
+                journal.note("pause", _passed(one.late_ns), frame=one.frame, late_ns=one.late_ns)
+                self._tell_passed(one.late_ns)
+            else:
+                journal.repeated("overrun", "time of the wall clock was given up", frames=one.frames)
+        if (asleep := pace.asleep_ns()) > self._asleep + ATTEND_NS:
+            text = f"the machine was suspended for {(asleep - self._asleep) / 1e9:.3g} s"
+            journal.note("pause", text)
+            self.faults.append(text)
+        self._asleep = asleep
+
+
+def _passed(*late_ns: int) -> str:
+    times = f", in {len(late_ns)} pieces" if len(late_ns) > 1 else ""
+    return f"{sum(late_ns) / 1e9:.3g} s of the wall clock passed without a frame{times}"

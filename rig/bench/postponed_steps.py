@@ -1,0 +1,139 @@
+"""Steps of the protocol that ask for other matrices, in a paced run: each waits for its rig, which no frame builds.
+
+Most of these rigs are built before they are asked for (`rig.bench.prepared_rigs`). One is not where somebody has
+changed the rig a moment ago, or where a controller that commands a coefficient is disconnected. Then the step takes
+effect at the tick at which its rig is there, and the recording tells both ticks: a run that is simulated again waits as
+long. What still waits when the run ends never takes effect; an event says so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import islice
+from typing import Any, NamedTuple
+
+from rig.bench.background_builds import Builds
+from rig.bench.journal import Journal
+from rig.bench.protocol import Action, Apply, Change, Move, Switch
+from rig.bench.rig_variant import Wanted
+from rig.bench.runner import PlantRunner
+from rig.errors import RigError
+
+WAITS, GOES_ON, NEVER = "waits", "goes on", "never"
+
+
+class Waiting(NamedTuple):
+    """An action of the protocol that waits: its number among all of them, and the tick at which it was due."""
+
+    number: int
+    tick: int
+    action: Action
+
+
+class Postponed:
+    """The actions of a protocol that wait. `wants` tells which rigs an action needs one after the other.
+
+    `events` are those of a recorded run, which has waited already; otherwise `builds` has the rigs built.
+    """
+
+    def __init__(
+        self,
+        runner: PlantRunner,
+        journal: Journal,
+        wants: Callable[[Action], list[Wanted]],
+        builds: Builds,
+        events: Iterable[Mapping[str, Any]],
+    ) -> None:
+        self.never: list[str] = []
+        """What has waited and never took effect, in words."""
+        self._runner, self._journal, self._wants, self._builds = runner, journal, wants, builds
+        self._number = 0
+        self._waiting: deque[Waiting] = deque()
+        self._count = self._longest = 0
+        """Actions that have waited, and the longest wait of one of them [ticks]."""
+        self._until: dict[int, float] = {}
+        """Number of an action that has waited in the recording, and the tick at which it took effect."""
+        for event in events:
+            if event["kind"] in (WAITS, GOES_ON):
+                self._until[event["data"]["action"]] = event["tick"] if event["kind"] == GOES_ON else math.inf
+
+    def has_to_wait(self, action: Action) -> bool:
+        """Whether an action does not take effect at this tick; `due` gives it later."""
+        number, self._number = self._number, self._number + 1
+        waits = number in self._until
+        if self._builds.apart and self._rebuilds(action):  # in the order of the protocol
+            waits = bool(self._waiting) or not self._runner.has(self._wants(action))
+        if waits:
+            self._count += 1
+            self._waiting.append(Waiting(number, self._runner.tick, action))
+            if self._builds.apart:
+                self._builds.join(self)
+            self._journal.note(WAITS, f"{_told(action)} waits until its matrices are built", **_data(number))
+        return waits
+
+    def due(self) -> Iterator[Action]:
+        """What has waited and takes effect at this tick."""
+        while self._waiting:
+            first = self._waiting[0]
+            if not (self._ready() if self._builds.apart else self._until[first.number] <= self._runner.tick):
+                return
+            self._waiting.popleft()
+            self._longest = max(self._longest, self._runner.tick - first.tick)
+            text = f"{_told(first.action)} has its matrices and takes effect"
+            self._journal.note(GOES_ON, text, **_data(first.number))
+            yield first.action
+
+    def until(self) -> int | None:
+        """The tick at which the next action takes effect in a run that is simulated again; None if none waits."""
+        tick = self._until.get(self._waiting[0].number, math.inf) if self._waiting else math.inf
+        return int(tick) if tick < math.inf else None
+
+    def step_back(self) -> None:
+        """The run is paused, and nothing takes effect: others need not wait for what waits here."""
+        self._builds.leave(self)
+
+    def end(self) -> None:
+        """The protocol is over: what still waits never takes effect."""
+        self._builds.leave(self)
+        for number, tick, action in self._waiting:
+            self._longest = max(self._longest, self._runner.tick - tick)
+            text = f"{_told(action)} of t = {tick * self._runner.frame_ns * 1e-9:g} s never took effect"
+            self.never.append(text)
+            self._journal.note(NEVER, text, **_data(number))
+        self._waiting.clear()
+
+    def told(self) -> dict[str, Any]:
+        """How many actions have waited, and the longest wait of one of them [s]; empty if none has."""
+        longest = self._longest * self._runner.frame_ns * 1e-9
+        return {"waited": self._count, "longest_s": longest, "never": len(self.never)} if self._count else {}
+
+    def _rebuilds(self, action: Action) -> bool:
+        """Whether an action may ask for other matrices."""
+        if isinstance(action, Apply | Move):
+            return self._runner.coefficient(action.name)
+        return isinstance(action, Switch) or (isinstance(action, Change) and not action.key.startswith("controllers."))
+
+    def _ready(self) -> bool:
+        """Whether the first that waits has its rigs; those of the others of its tick are built with them."""
+        first = self._waiting[0]
+        others = (other.action for other in islice(self._waiting, 1, None) if other.tick == first.tick)
+        later = (wanted for action in others for wanted in self._wants(action))
+        try:
+            return self._builds.ready(self, lambda: self._wants(first.action), later)
+        except RigError:  # it comes again when the action is carried out, and is told there
+            return True
+
+
+def _data(number: int) -> dict[str, Any]:
+    return {"by": "protocol", "action": number}
+
+
+def _told(action: Action) -> str:
+    if isinstance(action, Switch):
+        return f"{'connect' if action.on else 'disconnect'} {action.controller}"
+    if isinstance(action, Change):
+        return f"{action.key} = {action.value:g}"
+    assert isinstance(action, Apply | Move)  # nothing else may ask for other matrices
+    return f"{action.name} = {action.value if isinstance(action, Apply) else action.to:g}"

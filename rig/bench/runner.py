@@ -1,0 +1,328 @@
+"""The rig on its stand: plant and sensors of a scene, carried forward frame by frame.
+
+What happens depends on the ticks at which actuators and parameters are written and on nothing else, so that a run in
+one process, over the bus in lockstep, or played back from a recording gives the same bits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel
+
+from rig.bench.audit import Witness, audit
+from rig.bench.build_findings import findings
+from rig.bench.measurements import Measurements
+from rig.bench.noise_numbers import Numbers
+from rig.bench.plant_truth import ROWS, Truth
+from rig.bench.rig_variant import Variant, Wanted, with_values
+from rig.errors import SceneError
+from rig.lent_records import Loan
+from rig.model.assembly import Input
+from rig.model.method import chosen, seen
+from rig.motion.motion import Frames, Motion
+from rig.scenes.faults import shortened
+from rig.scenes.scene import Scene, controller_drives, controller_reads
+from rig.sensors.chain.bank import Bank
+from rig.solve.control_loop import Controls, controls
+from rig.solve.frames import Around
+
+Array = NDArray[np.float64]
+
+
+class PlantRunner:
+    """A scene's plant with its sensors at tick `tick` (frames). Raises rig.errors.NumericsError when it must stop.
+
+    `truthful`: keep the plant's own quantities at every step (`truth`) and every sample (`measurements`). Else `piece`:
+    frames that are carried at once, for which there is room from the start.
+    """
+
+    def __init__(self, scene: Scene, truthful: bool = False, piece: int = 1) -> None:
+        self.scene = scene
+        self.frame_ns, self.step_ns = scene.frame_ns, scene.step_ns
+        self.steps = self.frame_ns // self.step_ns
+        self.tick = 0
+        assembly = scene.assemble()
+        self.inputs: dict[str, Input] = assembly.inputs
+        self.values = {name: one.value for name, one in assembly.inputs.items()}
+        needs = Bank.needs(scene.sensors)
+        self.outputs: tuple[str, ...] = (*needs, *(name for name in assembly.outputs if name not in needs))
+        self.units = {name: assembly.outputs[name].unit for name in self.outputs}
+        system = assembly.system()
+        clock = scene.clock
+        method = chosen(clock.method, system)
+        try:
+            seen(system, method, clock.smoothing)
+        except ValueError as error:
+            raise SceneError(scene.name, [f"clock.method = {clock.method!r}: {error}"]) from None
+        self.findings = findings(scene, system)
+        faults = [f"{one.what} ({one.number:.4g}): {one.remedy}" for one in self.findings if one.level == "error"]
+        if faults and clock.unstable == "refuse":
+            raise SceneError(scene.name, [*faults, 'clock.unstable = "run" runs it all the same, up to clock.limit'])
+        self.bank = Bank(scene.sensors, needs, self.frame_ns, scene.seed)
+        self.controls = _room(scene)
+        self.chance = Numbers(system, scene.seed)
+        self.motion = Motion(
+            system,
+            self.step_ns,
+            method,
+            outputs=[assembly.outputs[name].row for name in self.outputs],
+            read=len(needs),
+            tolerance=clock.tolerance,
+            substeps=clock.substeps(self.step_ns),
+            cap=clock.events_per_frame,
+            limit=clock.limit,
+            longest=ROWS if truthful else piece * self.steps,
+            bounds={self.outputs.index(name): limit for name, limit in scene.limits.items()},
+            frames=Frames(self.steps, Loan(Around(self.bank.rack.content, self.controls, self.chance.record))),
+            smoothing=clock.smoothing,
+        )
+        self._index = {name: i for i, name in enumerate(system.names)}
+        driven = replace(scene, driven=frozenset(self.inputs)).assemble().inputs
+        self._coefficients = frozenset(name for name, one in driven.items() if not (one.state or one.write))
+        """Actuators that have no command state even when somebody drives them: each value needs its own matrices."""
+        self._look = True
+        self._witness = Witness(scene, self.values)
+        self._needs, self._truthful = len(needs), truthful
+        self._prepared: list[Variant] = []
+        self.keep_samples: Callable[[], object] = lambda: None
+        """Called before the bank forgets samples."""
+        self.start()
+
+    def start(self) -> None:
+        """Begin to measure, at tick 0: what was written before is in force in the first samples.
+
+        An actuator that lags behind its command has reached it, and the instruments have settled on what they see.
+        """
+        motion = self.motion
+        for one in self.inputs.values():
+            if one.lagging:
+                command = float(motion.x[self._index[one.state]]) if one.state else one.value
+                motion.write(self._index[one.lagging], min(max(command, one.low), one.high))
+        motion.begin()
+        self.bank.start(motion.outputs_now()[: self._needs].copy())
+        self.truth = Truth(motion, self.steps, self.step_ns) if self._truthful else None
+        self.measurements = Measurements(self.bank) if self._truthful else None
+        if self.measurements is not None:
+            self.keep_samples = self.measurements.take
+
+    @property
+    def t_ns(self) -> int:
+        """Simulated time now [ns]."""
+        return self.tick * self.frame_ns
+
+    def frame(self) -> None:
+        """Carry the plant through one frame; the sensors publish what they sampled in it."""
+        self.frames(1)
+
+    def frames(self, most: int) -> None:
+        """Carry plant and sensors up to `most` frames on, one at least, in one piece.
+
+        It ends after a frame with an event, or when a limit is passed or the bank is short; what the bank has kept of
+        the samples is that of these frames.
+        """
+        if self._look:
+            if self.bank.short:
+                self.keep_samples()
+                self.bank.fill()
+            self.chance.fill()
+        self._look = True
+        try:
+            if self.truth is not None:
+                self._look = self.truth.advance(self.motion, most)
+            else:
+                self._look = self.motion.advance(most * self.steps)
+        finally:
+            self.tick = self.motion.tick // self.steps
+        if self.tick >= self._witness.due:
+            self._witness.look(self.motion, self.tick, self.steps)
+
+    def apply(self, name: str, value: float) -> None:
+        """Put an actuator to `value` at this tick; a ramp that was under way ends."""
+        one, rebuilds = self.inputs[name], self.rebuilds(name, value)
+        self.values[name] = value
+        self._witness.hears(name, value)
+        if one.write is not None:
+            one.write(self.motion.x, self.values, self.t_ns * 1e-9)
+        elif one.state:
+            if one.slope:
+                self.motion.write(self._index[one.slope], 0.0)
+            self.motion.write(self._index[one.state], value)
+        elif rebuilds:
+            self.set_parameter(name, value)
+
+    def ramp(self, name: str, to: float, ticks: int) -> None:
+        """Let an actuator run linearly to `to` within `ticks` frames; `apply` at the end stops it exactly there.
+
+        For actuators with a slope: those that the protocol of the scene ramps.
+        """
+        one = self.inputs[name]
+        start = float(self.motion.x[self._index[one.state]])
+        self.values[name] = to
+        self.motion.write(self._index[one.slope], (to - start) / (ticks * self.frame_ns * 1e-9))
+
+    def plain(self, name: str) -> tuple[int, int] | None:
+        """The state that a command to this actuator is written to, and that of its slope (-1: none), where that is all.
+
+        None where a command means more than that.
+        """
+        one = self.inputs[name]
+        if not one.state or one.write or name in self._witness.open or self.motion.method == "kick":
+            return None
+        at = self._index[one.state]
+        return None if at < 2 * len(self.motion.system.coordinates) else (at, self._index.get(one.slope, -1))
+
+    def lacking(self, names: Iterable[str]) -> tuple[str, ...]:
+        """Those of these actuators that get a command state when somebody drives them, and have none yet."""
+        without = [name for name in names if not (self.inputs[name].state or self.inputs[name].write)]
+        return tuple(name for name in without if name not in self._coefficients and name not in self.scene.moved)
+
+    def variant(self, wanted: Wanted, after: Variant | None = None) -> Variant:
+        """The rig as it is `wanted`, from the rig as it is now or `after` a variant that is not taken yet.
+
+        Another thread may build it while the run goes on. Raises SceneError with every faulty value by its key, or for
+        a rig that this run cannot go on with.
+        """
+        before = self.scene if after is None else after.scene
+        for known in self._prepared:
+            if known.before is before and known.wanted == wanted:
+                return known
+        scene = replace(
+            before,
+            parameters=with_values(before.parameters, wanted.parameters) if wanted.parameters else before.parameters,
+            driven=before.driven.union(wanted.driven),
+        )
+        assembly = scene.assemble()
+        rows = {name: output.row for name, output in assembly.outputs.items()}
+        try:
+            ready = self.motion.ready(assembly.system(), [rows.get(name, {}) for name in self.outputs])
+        except ValueError as error:
+            raise SceneError(", ".join([*wanted.parameters, *wanted.driven]), [str(error)]) from None
+        return Variant(before, wanted, scene, assembly, ready)
+
+    def variants(self, wanted: Iterable[Wanted]) -> list[Variant]:
+        """The rigs that come of these wishes one after the other, each from the one before it. Raises as `variant`."""
+        found: list[Variant] = []
+        for one in wanted:
+            found.append(self.variant(one, found[-1] if found else None))
+        return found
+
+    def has(self, wanted: Iterable[Wanted]) -> bool:
+        """Whether all of them are at hand."""
+        at = self.scene
+        for one in wanted:
+            known = next((k for k in self._prepared if k.before is at and k.wanted == one), None)
+            if known is None:
+                return False
+            at = known.scene
+        return True
+
+    def keep(self, variant: Variant) -> None:
+        """Have it at hand: `variant` finds it when it is asked for."""
+        self._prepared.append(variant)
+
+    def forget(self) -> None:
+        """Drop what was kept: it was made from a rig that this one will not be any more."""
+        self._prepared.clear()
+
+    def take(self, variant: Variant) -> None:
+        """Go on as this variant of the rig from this tick on; it must have been made from the rig as it is now."""
+        assert variant.before is self.scene
+        if self.truth is not None:
+            self.truth.work_out(self.motion)
+        self.motion.replace(variant.ready)
+        self.scene = variant.scene
+        self._prepared = [one for one in self._prepared if one.before is not variant.before]  # of no use any more
+        for key, value in variant.wanted.parameters.items():
+            if key in self.values:
+                self.values[key] = value
+            self._witness.hears(key, value)
+        self.inputs.update(variant.assembly.inputs)
+        self._index = {name: i for i, name in enumerate(self.motion.system.names)}
+        self.chance.find(self.motion.system)
+
+    def go_on(self, wanted: Wanted) -> None:
+        """Go on with the rig as it is `wanted` from this tick on."""
+        if wanted:
+            self.take(self.variant(wanted))
+
+    def coefficient(self, name: str) -> bool:
+        """Whether an actuator has no command state: each value needs its own matrices."""
+        one = self.inputs[name]
+        return not (one.state or one.write)
+
+    def rebuilds(self, name: str, value: float) -> bool:
+        """Whether `apply` makes a new matrix of this value: the actuator has no command state and another value."""
+        return self.coefficient(name) and value != self.values[name]
+
+    def set_parameter(self, key: str, value: Any) -> None:
+        """Change a parameter of the rig (`friction.mu_static`) at this tick. Raises SceneError when it cannot be."""
+        self.go_on(Wanted({key: value}))
+
+    def parameter(self, key: str) -> Any:
+        """The value of a parameter of the rig now. Raises SceneError for an unknown key."""
+        found: Any = self.scene.parameters
+        for part in key.split("."):
+            inside = found if isinstance(found, dict) else dict(found) if isinstance(found, BaseModel) else {}
+            if part not in inside:
+                raise SceneError(shortened(key), ["is no parameter of this rig"])
+            found = inside[part]
+        return found
+
+    def knock(self, impulse: float) -> None:
+        """Strike the body with `impulse` [N s], along the sliding direction unless its plant says where."""
+        system = self.motion.system
+        jump = np.linalg.solve(system.mass, system.strike) * impulse
+        first = len(system.coordinates)
+        for i, step in enumerate(jump):
+            self.motion.write(first + i, float(self.motion.x[first + i] + step))
+
+    @property
+    def limited(self) -> bool:
+        """Whether an output is beyond the limit that the scene sets for it, at this tick."""
+        return self._look and self.motion.beyond >= 0
+
+    def beyond(self) -> str:
+        """The first such output; "" if none is."""
+        return self.outputs[self.motion.beyond] if self.limited else ""
+
+    def output_values(self) -> Array:
+        """Plant truth [outputs] at this tick (a view, overwritten by the next call)."""
+        return self.motion.outputs_now()
+
+    def output(self, name: str) -> float:
+        """Plant truth of one output at this tick."""
+        return float(self.output_values()[self.outputs.index(name)])
+
+    @property
+    def mode(self) -> str:
+        """The contact modes now, in words."""
+        return self.motion.system.describe(self.motion.key)
+
+    def statistics(self) -> dict[str, Any]:
+        """Method, counts, stick share and energy so far."""
+        energy = self.motion.energy()
+        return {
+            "method": self.motion.method,
+            **self.motion.counts(),
+            **({"stick_share": self.motion.stick_share()} if self.motion.system.patches else {}),
+            **({"kick_residual": residual} if (residual := self.motion.residual()) is not None else {}),
+            "findings": [one.to_json() for one in self.findings if one.level != "info"],
+            "energy": energy,
+            "energy_error": energy["error"],
+        }
+
+    def audit(self) -> list[dict[str, Any]]:
+        """What its effects changed in this run, those that are missing among them (rig.bench.audit)."""
+        return audit(self.scene, self._witness, self.motion)
+
+
+def _room(scene: Scene) -> Controls:
+    """What the compiled loop needs for the controllers of a scene."""
+    sections = scene.controllers.values()
+    reads, drives = (sum(len(of(section)) for section in sections) for of in (controller_reads, controller_drives))
+    return controls(len(sections), reads, drives, scene.frame_ns)

@@ -1,0 +1,130 @@
+"""Printing: tables and lines for a reader, JSON for a program."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rig.scenes.scene import Scene
+
+
+def line(text: str = "") -> None:
+    """Print one line on standard output."""
+    sys.stdout.write(f"{text}\n")
+
+
+def note(text: str) -> None:
+    """Print one line on standard error."""
+    sys.stderr.write(f"{text}\n")
+    sys.stderr.flush()
+
+
+def warnings(scene: Scene) -> None:
+    """Print the warnings of `scene` on standard error; every command that builds its rig prints the same."""
+    from rig.bench.build_findings import findings
+
+    levels = ("error", "warning") if scene.clock.unstable == "run" else ("warning",)  # an error refuses the run itself
+    for one in findings(scene):
+        if one.level in levels:
+            note(f"warning: {one.what}\n  {one.remedy}")
+
+
+def run_warnings(scene: Scene, duration: float | None) -> None:
+    """Print the warnings of `scene` and of a run of `duration` s (None: as long as its protocol)."""
+    from rig.bench.slider_edge import meets_edge
+
+    warnings(scene)
+    if found := meets_edge(scene, duration):
+        note(f"warning: {found}")
+
+
+def report(found: Any) -> None:
+    """Print a report as JSON; NaN and infinity become null."""
+    line(json.dumps(_plain(found), indent=2, ensure_ascii=False))
+
+
+def _plain(found: Any) -> Any:
+    if isinstance(found, dict):
+        return {str(key): _plain(value) for key, value in found.items()}
+    if isinstance(found, list | tuple):
+        return [_plain(value) for value in found]
+    if isinstance(found, float):
+        return found if math.isfinite(found) else None
+    if hasattr(found, "tolist"):
+        return _plain(found.tolist())
+    return found if found is None or isinstance(found, str | int | bool) else str(found)
+
+
+def table(title: str, columns: Sequence[str], rows: Iterable[Sequence[object]]) -> None:
+    """Print a table in the width of the terminal; 160 columns without a terminal."""
+    from rich.console import Console
+    from rich.table import Table
+
+    made = Table(title=title, title_justify="left", title_style="bold", box=None, pad_edge=False, header_style="dim")
+    for column in columns:
+        made.add_column(column, overflow="fold")
+    for row in rows:
+        made.add_row(*(cell if isinstance(cell, str) else number(cell) for cell in row))
+    console = Console()
+    if not console.is_terminal:
+        console = Console(width=160)
+    console.print(made, markup=False, highlight=False)
+
+
+def number(value: object) -> str:
+    """A number with six significant digits, a truth value as yes or no."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+class Status:
+    """A progress line on a terminal; nothing is written without a terminal."""
+
+    def __init__(self) -> None:
+        self._terminal = sys.stderr.isatty()
+        self._width = 0
+
+    def show(self, text: str) -> None:
+        """Replace the line by `text`."""
+        if self._terminal:
+            sys.stderr.write(f"\r{text.ljust(self._width)}")
+            self._width = len(text)
+            sys.stderr.flush()
+
+    def done(self) -> None:
+        """Clear the line."""
+        if self._terminal and self._width:
+            sys.stderr.write(f"\r{' ' * self._width}\r")
+            sys.stderr.flush()
+
+
+@contextlib.contextmanager
+def bar(what: str) -> Iterator[Callable[[int, int], object]]:
+    """A progress bar with the estimated remaining time, on standard error."""
+    from rich.console import Console
+    from rich.progress import (
+        BarColumn,
+        MofNCompleteColumn,
+        Progress,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
+
+    estimate = TimeRemainingColumn(elapsed_when_finished=True)
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), estimate)
+    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        task = bar.add_task(what, total=None)
+
+        def show(done: int, total: int) -> None:
+            if bar.tasks[0].total is None:  # estimate from now on: parts that were kept from before took no time
+                bar.reset(task, completed=done, total=total)
+            bar.update(task, completed=done)
+
+        yield show

@@ -1,0 +1,34 @@
+"""Belt-velocity feedback: the belt follows the body, so that the slip speed changes in the helpful direction.
+
+    v_b = v0 + K x'        lowest <= v_b <= highest
+
+With K above 1 the slip speed falls as the body runs against the belt: the falling law then damps. Between 0 and 1 the
+cycle grows; above 1 a sticking body carries the belt it commands away exponentially, so the limits are part of the law.
+For a pendulum the drive is commanded in rad/s; the design step gives the number that converts.
+Source: Kroeger, Neubauer, Popp (2008), equations 4.7 to 4.9.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from rig.controllers.blocks.base import OptionalSpeed
+from rig.controllers.blocks.feedback import FeedbackSection, VelocityFeedback
+from rig.quantities import Number, Speed
+
+
+class BeltVelocity(FeedbackSection):
+    """Parameters; `nominal` is the belt speed v0 at the contact, by default that of the scene."""
+
+    kind: Literal["belt_velocity"]
+    gain: Number = 0.0
+    nominal: OptionalSpeed = None
+    lowest: Speed = 0.0
+    highest: Speed = 0.25
+    drive: str = "drive.speed"
+
+
+class BeltVelocityFeedback(VelocityFeedback):
+    """v_b = v0 + K x'."""
+
+    direction = 1.0

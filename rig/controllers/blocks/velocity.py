@@ -1,0 +1,89 @@
+"""The velocity that a feedback acts on: measured or observed, filtered, and predicted over the delay of its loop.
+
+    measured   v = scale y
+    observed   v = observer of a displacement, an angle or an acceleration, predicted by the model
+    filter     s += (1 - exp(-2 pi f T)) (v - s)                                       first-order low-pass
+    predicted  v(t + tau) = p s(t) + r l(t)       with the lagging copy  l += b (s - l),  b = 1 - exp(-w T)
+
+p and r make the prediction exact for an oscillation of frequency w: p + r H(w) = exp(i w tau), where H is the response
+of the lagging copy, a quarter of a period behind in its quadrature. One state, and no more noise than sqrt(2).
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from typing import ClassVar, Literal
+
+from rig.controllers.blocks.base import Ahead, ControllerSection, Numbers, OptionalForce, OptionalHertz
+from rig.controllers.blocks.observer import Observer, Vector
+from rig.errors import UsageError
+from rig.quantities import Second
+
+PathState = tuple[Vector, int, float, float]
+GAP = 1000  # periods without an update that an observer bridges; beyond, it starts anew
+
+
+class VelocitySection(ControllerSection):
+    """Where the velocity comes from, for a controller that feeds it back."""
+
+    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"sensor", "velocity", "unknown_force", "drive"}
+
+    sensor: str
+    velocity: Literal["measured", "observed"] = "measured"
+    unknown_force: OptionalForce = None
+    filter: OptionalHertz = None
+    compensation: Ahead = 0.0
+    frequency: OptionalHertz = None
+    enable_at: Second = 0.0
+
+
+class VelocityPath:
+    """From one sensor to the velocity `compensation` seconds ahead."""
+
+    def __init__(self, section: VelocitySection, numbers: Numbers) -> None:
+        self.period_ns = section.period
+        period = section.period * 1e-9
+        self.scale = float(numbers.get("read_scale", 1.0))
+        self.observer: Observer | None = None
+        ahead = section.compensation
+        if section.velocity == "observed":
+            if "observer" not in numbers:
+                raise UsageError("velocity = 'observed' needs an observer from the design step; there is none here")
+            self.observer = Observer(numbers["observer"], ahead)
+            ahead = 0.0
+        self.smoothing = 1.0 if section.filter is None else -math.expm1(-2.0 * math.pi * section.filter * period)
+        frequency = section.frequency if section.frequency is not None else numbers.get("frequency")
+        self.lagging, self.direct, self.lagged = 1.0, 1.0, 0.0
+        if frequency is not None:
+            self.lagging, self.direct, self.lagged = lead(2.0 * math.pi * frequency, period, ahead)
+        elif ahead > 0.0:
+            raise UsageError("compensation: needs the frequency of the oscillation to predict a measured velocity")
+
+    def start(self) -> PathState:
+        """Before the first sample."""
+        return (), -1, 0.0, 0.0
+
+    def update(self, state: PathState, t_ns: int, y: float) -> tuple[PathState, float]:
+        """New state and velocity [m/s] from the sample y of time t_ns."""
+        z, expected, smooth, lag = state
+        if self.observer is None:
+            v = self.scale * y
+        else:
+            if t_ns != expected or not z:
+                late = (t_ns - expected) // self.period_ns
+                z = self.observer.skip(z, late) if z and 0 < late <= GAP else self.observer.start(y)
+            z, v = self.observer.update(z, y)
+        if expected < 0:
+            smooth = lag = v
+        smooth += self.smoothing * (v - smooth)
+        lag += self.lagging * (smooth - lag)
+        return (z, t_ns + self.period_ns, smooth, lag), self.direct * smooth + self.lagged * lag
+
+
+def lead(w: float, period: float, ahead: float) -> tuple[float, float, float]:
+    """Constants b, p, r of the prediction of an oscillation of w [rad/s] by `ahead` [s]."""
+    b = -math.expm1(-w * period)
+    response = b / (1.0 - (1.0 - b) * cmath.exp(-1j * w * period))
+    r = math.sin(w * ahead) / response.imag if ahead else 0.0
+    return b, math.cos(w * ahead) - r * response.real, r

@@ -1,0 +1,163 @@
+"""Dither at the least amplitude that keeps the stick-slip cycle away.
+
+A fast tangential vibration of velocity amplitude a turns the falling friction law into a rising one, as long as it
+reverses the slip: a > v_b. Below the belt speed it makes things worse. The signal itself is made by the generator of
+the rig; this controller commands its amplitude, frequency and enable, and searches:
+
+    quench   the largest amplitude, until a whole window is quiet
+    lower    one step after each quiet window, never below  max(lowest, margin v_b)
+    back     the cycle returns (alarm) or does not die away from window to window: the ratio a / v_b has failed, the
+             margin is set `back_off` above it; quench again
+
+The oscillation is half the peak-to-peak of the velocity below `band`, where the dither itself does not show, in
+windows that begin `hold_off` after each change. Where the belt runs too fast for any allowed amplitude, dither is off.
+Source: Kroeger, Neubauer, Popp (2008), where dither is named; averaged dry friction, v_b < a, as in their section 1.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Literal, NamedTuple, Self
+
+from pydantic import model_validator
+
+from rig.controllers.blocks.base import (
+    ControllerSection,
+    Fraction,
+    Margin,
+    Numbers,
+    OptionalHertz,
+    OptionalSpeed,
+    Values,
+)
+from rig.errors import UsageError
+from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveSecond, Second, Speed
+
+FALLING = 0.8  # an oscillation that falls less than this from one window to the next is not dying away
+SPEED_BAND = 0.1  # share of `band` in which a measured belt speed is believed: the dither rides on it
+
+
+class Dither(ControllerSection):
+    """Parameters; amplitudes are velocities at the contact, whatever the generator shakes, as is the belt `speed`."""
+
+    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"sensor", "speed_sensor"}
+
+    kind: Literal["dither"]
+    sensor: str
+    speed_sensor: str | None = None
+    speed: OptionalSpeed = None
+    frequency: OptionalHertz = None
+    highest: PositiveMetrePerSecond = 0.2
+    lowest: Speed = 0.0
+    margin: Margin = 1.2
+    step: Fraction = 0.1
+    back_off: Fraction = 0.1
+    quiet: PositiveMetrePerSecond = 0.004
+    alarm: PositiveMetrePerSecond = 0.015
+    band: Hertz = 20.0
+    hold_off: Second = 1.0
+    window: PositiveSecond = 1.0
+    enable_at: Second = 0.0
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        for low, high in (("lowest", "highest"), ("quiet", "alarm"), ("band", "frequency")):
+            if getattr(self, high) is not None and getattr(self, low) >= getattr(self, high):
+                raise ValueError(f"{high} = {getattr(self, high):g} is not above {low} = {getattr(self, low):g}")
+        return self
+
+
+class Search(NamedTuple):
+    """What the search remembers: the amplitude, the least ratio to the belt speed, the running window, filters."""
+
+    amplitude: float = 0.0
+    margin: float = 0.0  # learned: above every ratio that has failed
+    since_ns: int = -1  # when the amplitude was changed last; -1 while off
+    top: float = -math.inf  # extremes of the slow velocity in this window
+    bottom: float = math.inf
+    last: float = math.inf  # oscillation in the window before, inf after a change
+    smooth: float = 0.0
+    slow: float = 0.0
+    speed: float = -1.0
+
+
+class DitherSearch:
+    """Commands (amplitude, frequency, enable) of the generator."""
+
+    drives = ("dither.amplitude", "dither.frequency", "dither.enable")
+
+    def __init__(self, section: Dither, numbers: Numbers) -> None:
+        self.section = section
+        self.numbers = numbers
+        self.reads = (section.sensor,) if section.speed_sensor is None else (section.sensor, section.speed_sensor)
+        self.period_ns = section.period
+        speed = section.speed if section.speed is not None else numbers.get("nominal")
+        if speed is None and section.speed_sensor is None:
+            raise UsageError("speed: is neither stated nor measured, and dither below the belt speed makes it worse")
+        self.speed = abs(float(speed or 0.0))
+        self.read_scale = float(numbers.get("read_scale", 1.0))
+        self.speed_scale = float(numbers.get("speed_scale", 1.0))
+        frequency = section.frequency if section.frequency is not None else numbers.get("frequency")
+        if frequency is None:
+            raise UsageError("frequency: is not stated, and the design step gives no number for it")
+        self.frequency = float(frequency)
+        # a generator on the belt is told a velocity; one on the mass the force that, far above resonance, makes it
+        self.drive_scale = float(numbers["force_per_hertz"]) * self.frequency if "force_per_hertz" in numbers else 1.0
+        turn = -2.0 * math.pi * section.band * section.period * 1e-9
+        self.smoothing = -math.expm1(turn)
+        self.speed_smoothing = -math.expm1(SPEED_BAND * turn)
+        self.enable_ns = round(section.enable_at * 1e9)
+        self.hold_ns = round(section.hold_off * 1e9)
+        self.full_ns = self.hold_ns + round(section.window * 1e9)
+
+    def start(self) -> Search:
+        """Before the first sample: off."""
+        return Search()
+
+    def update(self, state: Search, t_ns: int, values: Values) -> tuple[Search, Values]:
+        """The search one sample on, and what the generator is told."""
+        amplitude, margin, since, top, bottom, last, smooth, slow, speed = state
+        smooth += self.smoothing * (self.read_scale * values[0] - smooth)
+        slow += self.smoothing * (smooth - slow)
+        if len(values) > 1:
+            measured = abs(self.speed_scale * values[1])
+            speed = measured if speed < 0.0 else speed + self.speed_smoothing * (measured - speed)
+        else:
+            speed = self.speed
+        if t_ns < self.enable_ns or self.section.margin * speed > self.section.highest:
+            off = Search(margin=state.margin, smooth=smooth, slow=slow, speed=speed)
+            return off, (0.0, self.frequency, 0.0)
+        if since < 0:
+            amplitude, since = self.section.highest, t_ns
+        elif t_ns - since > self.hold_ns:
+            top = slow if slow > top else top
+            bottom = slow if slow < bottom else bottom
+            whole = t_ns - since >= self.full_ns
+            if whole or 0.5 * (top - bottom) > self.section.alarm:
+                amplitude, margin, changed = self._judge(amplitude, margin, speed, 0.5 * (top - bottom), last, whole)
+                last = math.inf if changed else 0.5 * (top - bottom)
+                since = t_ns if changed else t_ns - self.hold_ns
+                top, bottom = -math.inf, math.inf
+        amplitude = max(amplitude, self._least(margin, speed))
+        told = (self.drive_scale * amplitude, self.frequency, 1.0)
+        return Search(amplitude, margin, since, top, bottom, last, smooth, slow, speed), told
+
+    def _judge(
+        self, amplitude: float, margin: float, speed: float, oscillation: float, last: float, whole: bool
+    ) -> tuple[float, float, bool]:
+        """Amplitude, margin and whether the amplitude changes, after a window with this oscillation."""
+        section = self.section
+        stays = whole and oscillation > section.quiet and oscillation > FALLING * last
+        if (stays or oscillation > section.alarm) and amplitude < section.highest:
+            failed = (1.0 + section.back_off) * amplitude / speed if speed > 0.0 else 0.0
+            return section.highest, max(margin, failed), True
+        if oscillation < section.quiet:
+            lower = max((1.0 - section.step) * amplitude, self._least(margin, speed))
+            return lower, margin, lower < amplitude
+        return amplitude, margin, False
+
+    def _least(self, margin: float, speed: float) -> float:
+        """The least amplitude allowed at this belt speed."""
+        section = self.section
+        least: float = min(max(section.lowest, max(section.margin, margin) * speed), section.highest)
+        return least

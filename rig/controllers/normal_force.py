@@ -1,0 +1,33 @@
+"""Normal-force feedback: press less when the body runs with the belt, more when it runs against it.
+
+    F_N = F0 - K x'        lowest <= F_N <= highest
+
+Friction then draws energy from the oscillation: for small amplitudes the damping is d - F0 |dmu/dv| + mu(v0) K.
+A contact cannot pull, so lowest is at least zero.
+Source: Kroeger, Neubauer, Popp (2008), equation 4.6.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from rig.controllers.blocks.base import ForcePerSpeed, OptionalForce
+from rig.controllers.blocks.feedback import FeedbackSection, VelocityFeedback
+from rig.quantities import PositiveNewton
+
+
+class NormalForce(FeedbackSection):
+    """Parameters; `nominal` is the load F0, by default that of the scene."""
+
+    kind: Literal["normal_force"]
+    gain: ForcePerSpeed = 0.0
+    nominal: OptionalForce = None
+    lowest: PositiveNewton = 0.0
+    highest: PositiveNewton = 100.0
+    drive: str = "load.force"
+
+
+class NormalForceFeedback(VelocityFeedback):
+    """F_N = F0 - K x'."""
+
+    direction = -1.0

@@ -1,0 +1,199 @@
+"""A controller as a process of its own: it answers the plant's steps, and ends when the plant ends.
+
+    step      due for its period: update, answer; the same step again: the same answer again
+    param     {"get": [keys]} or {"set": {key: value}}: checked, applied as a whole between two steps, told as an event;
+            {"list": true}: what can be set, with its units
+    alive     declared when everything above stands; without a plant this process ends within a second
+
+A controller that the scene does not know (a user's own file) first asks the plant to be let in, naming what it reads
+and drives; the plant refuses what somebody else already drives.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import math
+import sys
+import time
+import traceback
+from collections.abc import Callable, Mapping
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+from rig import bus, controllers
+from rig.bus import encode, run_setup
+from rig.bus.port import Session
+from rig.controllers.blocks.base import Controller, Samples
+from rig.controllers.runtime.file import load_file
+from rig.controllers.runtime.loop import Loop
+from rig.controllers.runtime.service import Service
+from rig.errors import BusError, RigError, UsageError
+from rig.pinned_memory import locked
+from rig.placement import anywhere, placed
+from rig.process import as_process, stopping
+from rig.scheduling import CONTROLLER, ahead, come_first
+
+LONG_NS, LONG_ANSWERS = 300_000, 20
+"""A controller of which so many answers in a row take longer leaves the core of the bus: others wait for that core."""
+UNHEARD = (math.nan,)
+ADMITTED = 60.0
+"""Longest wait [s] to be let in: the plant may have to build, or to compile, what the controller drives."""
+PATIENCE = 0.1  # s without a step, after which this process looks whether the plant still lives
+
+
+class Worker(Service):
+    """One controller on one session."""
+
+    def __init__(self, session: Session, described: run_setup.Setup, controller: Controller) -> None:
+        super().__init__(session, Loop(controller))
+        self.answered = b""
+        self._long = 0
+        sensors = list(described.sensors)
+        missing = [name for name in controller.reads if name not in sensors]
+        if missing:
+            raise UsageError(f"{session.name} reads {', '.join(missing)}; the sensors are {', '.join(sensors)}")
+        self.columns = [sensors.index(name) for name in controller.reads]
+        self.steps = session.subscribe("step")
+        self.act = session.publisher(f"act/{session.name}")
+        self.plant = session.watch("plant/*")
+        if session.name not in described.controllers:
+            wanted = {"reads": controller.reads, "drives": controller.drives, "hears": self.loop.hears}
+            body = {"do": "admit", "controller": session.name, "period_ns": controller.period_ns, **wanted}
+            session.ask("cmd/plant", body, timeout=ADMITTED)
+
+    def follow(self, stopped: Callable[[], bool]) -> None:
+        """Answer steps until the plant leaves or `stopped`."""
+        if not self._plant_lives(3.0):
+            raise BusError(f"run {self.session.run} has no plant")
+        self.session.announce()
+        try:
+            while not stopped():
+                message = self.steps.get(timeout=PATIENCE)
+                if message is not None:
+                    self.take(message.said)
+                elif not self._plant_lives(0.0) and self.session.ended:
+                    break
+                else:
+                    self._tell_refused()
+                self.server.poll()
+        except Exception as error:
+            self.failed(error)
+            raise
+        finally:
+            self.leave()
+
+    def take(self, step: Any) -> None:
+        """Answer one step: by an update if it is new and due, by the same answer if it is the last one again."""
+        if step.tick == self.tick and self.answered:
+            self.act.put(self.answered, step.t_ns)
+        if step.tick <= self.tick:
+            return
+        self.tick, self.t_ns, self.answered = step.tick, step.t_ns, b""
+        if self.loop.due(step.t_ns):
+            values = self._heard(step) if self.loop.hears else tuple([step.values[i] for i in self.columns])
+            first, begin = self.loop.held == 0, time.perf_counter_ns()
+            self.answered = encode.act(step.tick, step.t_ns, self.loop.answer(step.t_ns, values))
+            self.act.put(self.answered, step.t_ns)
+            self._long = self._long + 1 if time.perf_counter_ns() - begin > LONG_NS else 0
+            if self._long == LONG_ANSWERS:
+                anywhere()
+            if first and self.loop.held:
+                self.held()
+
+    def _heard(self, step: Any) -> Samples:
+        """The new samples of the sensors that are read; no number for one that the step does not bring."""
+        brought, first = {}, 0
+        for place in step.heard:
+            brought[place] = tuple(step.samples[first : first + step.fresh[place]])
+            first += step.fresh[place]
+        return tuple([brought.get(place, UNHEARD) for place in self.columns])
+
+    def fell_back(self) -> None:
+        """Say that real-time scheduling has ended for this process."""
+        self.tell("scheduling", f"{self.session.name} left no pause for 0.2 s: real-time scheduling fell back", {})
+
+    def _tell_refused(self) -> None:
+        """Say what was refused since; only while nothing is to be done."""
+        if news := self.session.door.news():
+            self.tell("refused", "; ".join(news), {"refused": self.session.door.told()})
+
+    def _plant_lives(self, timeout: float) -> bool:
+        self.plant.poll(0.0)
+        if not self.plant.present:
+            self.plant.poll(timeout)
+        return bool(self.plant.present)
+
+
+def made(described: run_setup.Setup, name: str, file: Path | None = None) -> Controller:
+    """The controller of the scene called `name`, or the one in a user's own file."""
+    if file is not None:
+        return load_file(file)
+    if name not in described.controllers:
+        known = ", ".join(described.controllers) or "none"
+        raise UsageError(f"the scene has no controller called {name}; it has {known}. A file of your own ends in .py")
+    return controllers.restored(described.controllers[name])
+
+
+def run(
+    what: str,
+    run: str | None = None,
+    *,
+    changes: Mapping[str, object] | None = None,
+    wait: float = 10.0,
+    say: Callable[[str], object] = lambda _: None,
+) -> None:
+    """Run the controller `what`, a name in the scene or a Python file, in a live run (the newest by default).
+
+    Returns when the plant ends or on a signal to stop; raises RigError when it cannot begin or the controller fails.
+    """
+    come_first()
+    file = Path(what) if what.endswith(".py") else None
+    name = file.stem if file is not None else what
+    with bus.join(run, role="controller", name=name, wait=wait) as session:
+        described = run_setup.fetch(session, wait)
+        worker = Worker(session, described, made(described, name, file))
+        if changes:
+            worker.loop.retune(changes)
+        drives, reads = ", ".join(worker.loop.controller.drives), ", ".join(worker.loop.controller.reads)
+        say(f"{name} drives {drives} and reads {reads or 'nothing'} in {session.run}")
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        try:
+            with ExitStack() as stack:
+                stop = stack.enter_context(stopping())
+                stack.enter_context(placed(described.core, described.core))
+                if described.paced:
+                    stack.enter_context(locked())
+                    stack.enter_context(ahead(CONTROLLER, worker.fell_back))
+                worker.follow(stop.is_set)
+        except RigError:
+            raise
+        except Exception as error:  # of the user's own code
+            raise UsageError(f"{name} failed at tick {worker.tick}: {traceback.format_exc()}") from error
+        finally:
+            gc.enable()
+            gc.unfreeze()
+        counted = ", ".join(f"{count} {what}" for what, count in worker.loop.counters().items())
+        say(f"{name} has left {session.run}: {counted}")
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """`python -m controllers.runtime.process NAME_OR_FILE [--run RUN] [--wait S]`, started by a supervisor."""
+    parser = argparse.ArgumentParser(prog="controllers.runtime.process", description=__doc__.partition("\n")[0])
+    parser.add_argument("what", help="name of a controller in the scene, or a Python file")
+    parser.add_argument("--run", help="the run to join; the newest by default")
+    parser.add_argument("--wait", type=float, default=10.0, help="longest wait for the run [s]")
+    given = parser.parse_args(arguments)
+    try:
+        run(given.what, given.run, wait=given.wait)
+    except RigError as error:
+        sys.stderr.write(f"{error}\n")
+        return error.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    as_process(main)

@@ -1,0 +1,130 @@
+"""The `update` of a controller as plain functions of numbers, for a compiler that knows no objects.
+
+What `update` reads of its controller becomes words of one array: whole numbers and numbers, read by `words` whenever
+they may have changed. What its text depends on, such as the length of a tuple, a path that is None, which method a name
+stands for, are `facts`: the text holds for every controller with equal facts. Methods and functions that it calls come
+along. `Untranslatable` says what there is no translation for; nothing is lost then but speed.
+
+Left out on purpose is what a compiler would round another way: powers, `sum` (compensated in newer Pythons), `hypot`.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import textwrap
+from collections import Counter
+from collections.abc import Callable, Sequence
+from types import FunctionType, MethodType
+from typing import Any, NamedTuple
+
+from rig.controllers.runtime.body import Body, Path, Untranslatable
+
+
+class Translated(NamedTuple):
+    """Functions, those that are called before those that call them: name -> text; the last is `update`.
+
+    Each takes `_r` and `_i`, the words as numbers and as whole numbers, before its own arguments. `names`: what else
+    the texts speak of. `paths`: where the words come from, in their order; `facts`: what the texts depend on.
+    """
+
+    functions: dict[str, str]
+    names: dict[str, Any]
+    paths: tuple[Path, ...]
+    facts: tuple[tuple[Path, Any], ...]
+
+
+def found(root: Any, path: Path) -> Any:
+    """What a path leads to."""
+    for name in path:
+        root = root[int(name)] if name.isdigit() else getattr(root, name)
+    return root
+
+
+def fact(value: Any) -> Any:
+    """What a text may depend on of a value."""
+    if isinstance(value, MethodType):
+        return value.__func__
+    if isinstance(value, tuple):
+        return tuple, len(value)
+    return value if value is None or isinstance(value, str | FunctionType) else type(value)
+
+
+def words(root: Any, paths: Sequence[Path]) -> list[float | int]:
+    """The words that a controller has now."""
+    values: list[float | int] = []
+    for path in paths:
+        value = found(root, path)
+        values += [value.real, value.imag] if isinstance(value, complex) else [value]
+    return values
+
+
+def translate(controller: Any) -> Translated:
+    """The `update` of a controller. Raises Untranslatable."""
+    return _Translation(controller).whole()
+
+
+class _Translation:
+    def __init__(self, controller: Any) -> None:
+        self.root = controller
+        self.functions: dict[str, str] = {}
+        self.names: dict[str, Any] = {}
+        self.facts: dict[Path, Any] = {}
+        self._places: dict[Path, int] = {}
+        self._count = 0
+        self._known: dict[tuple[Any, Path], str] = {}
+
+    def whole(self) -> Translated:
+        """All of it."""
+        self.function(self.look(("update",)).__func__, ())
+        return Translated(self.functions, self.names, tuple(self._places), tuple(self.facts.items()))
+
+    def look(self, path: Path) -> Any:
+        """What a path leads to, of which the text now depends."""
+        try:
+            value = found(self.root, path)
+        except Exception as error:
+            raise Untranslatable(f"{'.'.join(path)}: {error}") from error
+        self.facts[path] = fact(value)
+        return value
+
+    def object(self, path: Path) -> Any:
+        """What a path leads to."""
+        return found(self.root, path)
+
+    def place(self, path: Path, size: int) -> int:
+        """The first word of a number."""
+        if path not in self._places:
+            self._places[path] = self._count
+            self._count += size
+        return self._places[path]
+
+    def function(self, function: Callable[..., Any], owner: Path | None) -> str:
+        """The name of a function that is translated; of a method of what is at `owner`."""
+        key = function, () if owner is None else owner
+        if key in self._known:
+            return self._known[key]
+        if not isinstance(function, FunctionType) or function.__closure__:
+            raise Untranslatable(f"{function} is no plain function")
+        try:
+            tree = ast.parse(textwrap.dedent(inspect.getsource(function))).body[0]
+        except (OSError, TypeError, SyntaxError) as error:
+            raise Untranslatable(f"{function.__qualname__}: {error}") from error
+        if not isinstance(tree, ast.FunctionDef) or tree.decorator_list:
+            raise Untranslatable(f"{function.__qualname__} is decorated")
+        name = self._known[key] = f"{function.__name__.strip('_')}_{len(self._known)}"
+        taken = tree.args
+        if taken.vararg or taken.kwarg or taken.kwonlyargs or taken.defaults or taken.posonlyargs:
+            raise Untranslatable(f"{function.__qualname__} takes more than plain arguments")
+        arguments = [argument.arg for argument in taken.args]
+        own = "" if owner is None else arguments.pop(0)
+        body = Body(self, function, own, owner or (), Counter([*arguments, *_assigned(tree)]))
+        lines = [line for statement in tree.body for line in body.statement(statement)]
+        told = ast.Module([*lines, ast.Return(ast.Constant(None))] if not lines else lines, [])
+        text = ast.unparse(ast.fix_missing_locations(told))
+        self.functions[name] = f"def {name}({', '.join(['_r', '_i', *arguments])}):\n{textwrap.indent(text, '    ')}\n"
+        return name
+
+
+def _assigned(tree: ast.AST) -> list[str]:
+    return [node.id for node in ast.walk(tree) if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)]

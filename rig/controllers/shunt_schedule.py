@@ -1,0 +1,47 @@
+"""A shunt connected and disconnected by the clock, to see and hear what it does.
+
+Source: Kroeger, Neubauer, Popp (2008), figure 29: the shunt of a squealing brake switched every ten seconds.
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar, Literal
+
+from rig.controllers.blocks.base import ControllerSection, Numbers, Values
+from rig.quantities import PositiveSecond, Second
+
+
+class ShuntSchedule(ControllerSection):
+    """From `begin` on connected for `connected_for`, then open for `open_for`, and so on."""
+
+    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"drive"}
+
+    kind: Literal["shunt_schedule"]
+    begin: Second = 0.0
+    connected_for: PositiveSecond = 10.0
+    open_for: PositiveSecond = 10.0
+    drive: str = "shunt.connected"
+
+
+class ShuntClock:
+    """No sensor, no state."""
+
+    reads = ()
+
+    def __init__(self, section: ShuntSchedule, numbers: Numbers) -> None:
+        self.section = section
+        self.numbers = numbers
+        self.drives = (section.drive,)
+        self.period_ns = section.period
+        self.begin_ns = round(section.begin * 1e9)
+        self.on_ns = round(section.connected_for * 1e9)
+        self.round_ns = self.on_ns + round(section.open_for * 1e9)
+
+    def start(self) -> tuple[()]:
+        """Nothing to remember."""
+        return ()
+
+    def update(self, state: tuple[()], t_ns: int, values: Values) -> tuple[tuple[()], Values]:
+        """1: connected, 0: open."""
+        since = t_ns - self.begin_ns
+        return state, (1.0 if since >= 0 and since % self.round_ns < self.on_ns else 0.0,)

@@ -1,0 +1,87 @@
+"""Keep the shunt in tune with the squeal: L follows the frequency that the vibrometer sees.
+
+    L = ratio (1 + delta) / (C_ps (2 pi f)^2)
+
+The frequency is the rate at which the band of the vibration turns, averaged over `average`; it is believed only while
+the amplitude is above `threshold`, and kept otherwise. L moves in steps of at least `step` of itself, so that a rig
+whose matrices depend on it is not rebuilt for nothing.
+Source: Kroeger, Neubauer, Popp (2008), equation 4.18 solved for the inductance.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from typing import ClassVar, Literal, NamedTuple
+
+from rig.controllers.blocks.base import ControllerSection, Fraction, Numbers, Samples, Values
+from rig.controllers.blocks.resonator import Resonator
+from rig.errors import UsageError
+from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveNumber, PositiveSecond, Second
+
+
+class ShuntTuner(ControllerSection):
+    """Parameters; `ratio` is L over the inductance that resonates at the tracked frequency."""
+
+    fixed: ClassVar[frozenset[str]] = ControllerSection.fixed | {"sensor", "drive"}
+
+    kind: Literal["shunt_tuner"]
+    sensor: str
+    frequency: Hertz
+    bandwidth: Hertz = 200.0
+    threshold: PositiveMetrePerSecond = 0.002
+    average: PositiveSecond = 0.02
+    step: Fraction = 0.002
+    ratio: PositiveNumber = 1.0
+    enable_at: Second = 0.0
+    drive: str = "shunt.inductance"
+
+
+class Track(NamedTuple):
+    """What the tuner remembers: the band, its averaged turn from sample to sample, the inductance in force [H]."""
+
+    z: complex = 0j
+    turned: complex = 0j
+    inductance: float = 0.0
+
+
+class FrequencyTuner:
+    """Reads every sample of its sensor, drives the inductance."""
+
+    every_sample = True
+
+    def __init__(self, section: ShuntTuner, numbers: Numbers) -> None:
+        missing = [key for key in ("sample_period", "capacitance", "delta") if key not in numbers]
+        if missing:
+            raise UsageError(f"needs numbers of the design step; missing: {', '.join(missing)}")
+        self.section = section
+        self.numbers = numbers
+        self.reads = (section.sensor,)
+        self.drives = (section.drive,)
+        self.period_ns = section.period
+        self.band = Resonator(section.frequency, section.bandwidth, float(numbers["sample_period"]))
+        self.keep = math.exp(-section.period * 1e-9 / section.average)
+        self.enable_ns = round(section.enable_at * 1e9)
+        self.scale = section.ratio * (1.0 + float(numbers["delta"])) / float(numbers["capacitance"])
+
+    def start(self) -> Track:
+        """The coil of the scene, or one for the stated frequency."""
+        return Track(inductance=float(self.numbers.get("inductance", self.tuned(self.section.frequency))))
+
+    def tuned(self, frequency: float) -> float:
+        """The inductance for a frequency [Hz]: [H]."""
+        return float(self.scale / (2.0 * math.pi * frequency) ** 2)
+
+    def update(self, state: Track, t_ns: int, values: Samples) -> tuple[Track, Values]:
+        """The inductance [H] after the samples of one frame."""
+        z, square, turned = self.band.run(state.z, values[0])
+        inductance = state.inductance
+        if t_ns >= self.enable_ns and square > self.section.threshold**2:
+            turned = self.keep * state.turned + turned
+            frequency = cmath.phase(turned) / (2.0 * math.pi * self.band.period)
+            wanted = self.tuned(frequency) if frequency > 0.0 else inductance
+            if abs(wanted - inductance) > self.section.step * inductance:
+                inductance = wanted
+        else:
+            turned = state.turned
+        return Track(z, turned, inductance), (inductance,)

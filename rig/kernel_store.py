@@ -1,0 +1,297 @@
+"""Where compiled kernels are kept: in the user's cache, under the hash of their sources, as files that are checked.
+
+Damage costs compiling one kernel again, no run. Every checkout with these sources finds the same kernels. What has not
+been used for longest goes when all take more than `LIMIT`.
+"""
+
+from __future__ import annotations
+
+import atexit
+import io
+import logging
+import os
+import pickle
+import shutil
+import sys
+import time
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from functools import cache
+from pathlib import Path
+from typing import IO, Any
+
+import platformdirs
+from llvmlite.binding import add_symbol
+from numba.core import event
+from numba.core.caching import CompileResultCacheImpl, FunctionCache, IndexDataCacheFile, UserProvidedCacheLocator
+from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]
+
+from rig import file_locks
+
+LIMIT = 1 << 30
+"""Bytes that the kernels of all sources may take; those of the present ones always stay. # chosen"""
+_SUM = 4
+_TOLD_S, _WORTH_S = 0.5, 2.0  # between two lines about progress; least time that the next start is told of
+_ASK_S = 0.02  # between two looks at what another process compiles
+_log = logging.getLogger("rig")
+
+
+class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
+    """The files of one kernel: an index and one file for each set of argument types.
+
+    Each file begins with the CRC-32 of the rest. numba would unpickle and link what a full disk or a crash left behind.
+    A file that is damaged or cannot be read counts as absent, so the kernel is compiled and the file written anew.
+    """
+
+    told = False
+    """Whether this process has said that it cannot keep what it compiles."""
+
+    def save(self, key: Any, data: Any) -> None:
+        """Keep a compiled kernel; without room for it the process goes on with what it has in memory.
+
+        One process at a time: two that read the index, add to it and write it back would lose what one of them added,
+        and give two kernels the same file.
+        """
+        try:
+            with _alone(Path(self._cache_path)):
+                super().save(key, data)  # type: ignore[no-untyped-call]
+        except OSError as fault:
+            if not CheckedFile.told:
+                CheckedFile.told = True
+                _log.warning(
+                    "compiled kernels cannot be kept in %s (%s): the next start compiles them again; "
+                    "make room, or set RIG_KERNELS to another folder",
+                    Path(self._cache_path).parent,
+                    fault.strerror,
+                )
+
+    def _load_index(self) -> dict[Any, str]:
+        try:
+            content = io.BytesIO(_whole(self._index_path))
+            if pickle.load(content) != self._version:
+                return {}
+            stamp, overloads = pickle.load(content)
+        except (OSError, ImportError, AttributeError):  # it may name a type of a module that is nowhere to be found
+            return {}
+        return overloads if stamp == self._source_stamp else {}
+
+    def _load_data(self, name: str) -> Any:
+        return pickle.loads(_whole(self._data_path(name)))  # type: ignore[no-untyped-call]
+
+    @contextmanager
+    def _open_for_write(self, filepath: str) -> Iterator[io.BytesIO]:
+        content = io.BytesIO()
+        yield content
+        whole = content.getvalue()
+        with super()._open_for_write(filepath) as file:  # a draft beside it, then renamed
+            file.write(zlib.crc32(whole).to_bytes(_SUM) + whole)
+
+
+class _Place(UserProvidedCacheLocator):  # type: ignore[misc]
+    """A folder that need not be there: numba would try to write, and take the sources' own folder instead."""
+
+    def ensure_cache_path(self) -> None:
+        """Nothing is written."""
+
+
+class _Places(CompileResultCacheImpl):  # type: ignore[misc]
+    _locator_classes: list[type[object]] = [_Place]  # noqa: RUF012 (as numba declares it)
+
+    def reduce(self, data: Any) -> tuple[Any, ...]:
+        """What is kept of a kernel: not the environments without constants of functions that are linked into it.
+
+        To load one is to import the module of its function, much of what numba compiles with.
+        """
+        *kept, environments = data._reduce()  # noqa: SLF001
+        return (*kept, tuple(one for one in environments if one.consts))
+
+
+class _Kept(FunctionCache):  # type: ignore[misc]
+    """The kernels of a folder; what is there is loaded without all that numba compiles with (0.2 s)."""
+
+    _impl_class = _Places
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """A kernel for these types, None where it is not kept."""
+        _link_runtime()
+        return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+
+
+class _Found(_Kept):
+    """The same for a folder that cannot be written."""
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Nothing is kept."""
+
+
+@cache
+def _link_runtime() -> None:
+    """Name the functions of numba's runtime that compiled code calls to whoever links it."""
+    for name, address in _nrt_python.c_helpers.items():
+        add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
+
+
+@contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """While nobody else writes into a folder of kernels."""
+    folder.mkdir(parents=True, exist_ok=True)
+    with (folder / ".lock").open("wb") as lock:
+        file_locks.take(lock, wait=True)
+        yield
+
+
+def _whole(path: str) -> bytes:
+    """What was written to a file. Raises OSError where it cannot be read or is not what was written."""
+    found = Path(path).read_bytes()
+    content = found[_SUM:]
+    if len(found) <= _SUM or zlib.crc32(content).to_bytes(_SUM) != found[:_SUM]:
+        raise OSError(f"{path} is damaged")
+    return content
+
+
+def root() -> Path:
+    """Directory that holds the kernels of all sources; `RIG_KERNELS` moves it."""
+    chosen = os.environ.get("RIG_KERNELS")
+    return Path(chosen) if chosen else platformdirs.user_cache_path("friction-rig") / "kernels"
+
+
+class Folder:
+    """The kernels of one set of sources. `keeps`: whether more can be kept there; what is there is loaded anyway."""
+
+    def __init__(self, key: str) -> None:
+        self.path = root() / key
+        self._pruned = False
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            os.utime(self.path)
+            self.keeps = os.access(self.path, os.W_OK)
+        except OSError:  # compile in memory, every start; numba would keep them beside the sources
+            self.keeps = False
+
+    def keep(self, dispatcher: Any, beside_sources: bool) -> None:
+        """Have what `dispatcher` compiles kept; with `beside_sources` for its own file in its present state only."""
+        function = dispatcher.py_func
+        cache: Any = (_Kept if self.keeps else _Found)(function)  # type: ignore[no-untyped-call]
+        dispatcher._cache = cache  # noqa: SLF001 (numba has no public way)
+        if beside_sources:
+            cache._cache_file.__class__ = CheckedFile  # noqa: SLF001
+            return
+        base = f"{function.__qualname__}.py{sys.version_info[0]}{sys.version_info[1]}"
+        cache._cache_path = str(self.path / function.__module__)  # noqa: SLF001
+        cache._impl.locator.ensure_cache_path = self._prune  # noqa: SLF001 (called before something is kept)
+        cache._cache_file = CheckedFile(cache._cache_path, base, "")  # type: ignore[no-untyped-call]  # noqa: SLF001
+
+    @contextmanager
+    def claimed(self, part: str, longest: float = 0.0) -> Iterator[bool]:
+        """Whether this process may compile `part` now: not while another does, up to `longest` s.
+
+        When that has ended, what it compiled is found here. After `longest` it counts as hung, and yes is the answer.
+        """
+        lock = None
+        with suppress(OSError):  # no place, no room: everybody compiles
+            lock = (self.path / f".{part}").open("ab", buffering=0)
+        if lock is None:
+            yield True
+            return
+        with lock:
+            until = time.monotonic() + longest
+            mine = _taken(lock)
+            while not mine and time.monotonic() < until:
+                time.sleep(_ASK_S)
+                mine = _taken(lock)
+            yield mine or longest > 0.0
+            if mine and not self.noted(part):
+                with suppress(OSError):  # a full disk: it is compiled anew where it could not be kept either
+                    lock.write(b"compiled")
+
+    def noted(self, part: str) -> bool:
+        """Whether `part` has been compiled before."""
+        try:
+            return (self.path / f".{part}").stat().st_size > 0
+        except OSError:
+            return False
+
+    def _prune(self) -> None:
+        """Once in a process that compiles: what was not used for longest makes room."""
+        if self._pruned:
+            return
+        self._pruned = True
+        with suppress(OSError):
+            others = [one for one in self.path.parent.iterdir() if one.is_dir() and one != self.path]
+            left = LIMIT - _size(self.path)
+            for one in sorted(others, key=lambda one: one.stat().st_mtime, reverse=True):
+                left -= _size(one)
+                if left < 0:
+                    shutil.rmtree(one, ignore_errors=True)
+
+
+def _taken(lock: IO[bytes]) -> bool:
+    try:
+        return file_locks.take(lock)
+    except OSError:  # a file system without locks
+        return True
+
+
+def _size(folder: Path) -> int:
+    return sum(one.stat().st_size for one in folder.rglob("*") if one.is_file())
+
+
+class Teller(event.Listener):  # type: ignore[misc]
+    """Says that kernels are being compiled, when the first one is, and on a terminal how far: no start is silent."""
+
+    def __init__(self, folder: Folder) -> None:
+        self._folder, self._notes = folder, folder.path / "seconds"
+        self._depth, self._count, self._spent, self._begun, self._shown = 0, 0, 0.0, 0.0, 0.0
+        self.other = ""
+        """What is being compiled that is kept nowhere, in words; "" for kernels."""
+        self._others: set[str] = set()
+
+    def on_start(self, _: event.Event) -> None:
+        """A kernel is compiled, maybe for another one that is."""
+        if self.other:
+            if self.other not in self._others:
+                self._others.add(self.other)
+                sys.stderr.write(f"compiling {self.other}, at every start: 1 to 3 s\n")
+                sys.stderr.flush()
+            return
+        if not self._depth:
+            self._begun = time.monotonic()
+        self._depth += 1
+        if self._shown:
+            return
+        self._shown = time.monotonic()
+        atexit.register(self._done)
+        if self._folder.keeps:
+            last = ""
+            with suppress(OSError):
+                last = f"; the last time it took {self._notes.read_text()} s"
+            text = f"compiling kernels, once for each kind of rig{last or ': half a minute to a minute'}"
+        else:
+            where = self._folder.path.parent
+            text = f"compiling kernels, at every start, for {where} cannot be written: half a minute to a minute; "
+            text += "RIG_KERNELS=/some/folder names another place"
+        sys.stderr.write(f"{text}\n")
+        sys.stderr.flush()
+
+    def on_end(self, _: event.Event) -> None:
+        """It is compiled."""
+        if self.other:
+            return
+        self._depth -= 1
+        self._count += 1
+        now = time.monotonic()
+        if not self._depth:
+            self._spent += now - self._begun
+        if sys.stderr.isatty() and now > self._shown + _TOLD_S:
+            self._shown = now
+            whole = self._spent + (now - self._begun if self._depth else 0.0)
+            sys.stderr.write(f"\r{self._count} compiled in {whole:.0f} s ")
+            sys.stderr.flush()
+
+    def _done(self) -> None:
+        if sys.stderr.isatty():
+            sys.stderr.write(f"\r{self._count} kernels compiled in {self._spent:.0f} s\n")
+        if self._spent >= _WORTH_S and not self._depth:  # else it was interrupted
+            with suppress(OSError):
+                self._notes.write_text(f"{self._spent:.0f}")

@@ -1,0 +1,111 @@
+"""Quadratic forms of the energy balance: powers and stored energy of a mode set, and their integrals over a tick."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.model.formulation import ModeSet
+from rig.model.system import System
+from rig.solve.energy_balance import NAMES, NODES, RESISTOR, TERMS, WEIGHTS
+from rig.solve.expm import ORDER, taylor
+from rig.solve.state_codes import LINEAR, LOW
+
+Array = NDArray[np.float64]
+
+
+def powers(system: System, modes: ModeSet) -> Array:
+    """Quadratic forms of the powers, [term, n, n], symmetric; that of a switch, which acts at once, is zero."""
+    nq, n = len(system.coordinates), system.n
+    velocity = np.eye(n)[nq : 2 * nq]
+    normal_modes = system.modes(modes.key)[1]
+    out = np.zeros((TERMS, n, n))
+    surface = supplied(system)
+    for p in range(len(system.patches)):
+        out[0] += np.outer(modes.friction[p], surface[p])
+        out[1] += np.outer(modes.friction[p], system.slip_rows[p])
+    out[2] = velocity.T @ damping(system, modes.key) @ velocity
+    out[3] = velocity.T @ system.force
+    for k, contact in enumerate(system.normals):
+        if normal_modes[k] == 0:
+            out[4] += np.outer(modes.normal[k], contact.direction @ velocity)
+    for loss, row in zip(system.losses, loss_rows(system, modes)):
+        out[RESISTOR] += loss.conductance * np.outer(row, row)
+    return 0.5 * (out + out.transpose(0, 2, 1))
+
+
+def loss_rows(system: System, modes: ModeSet) -> Array:
+    """What each resistor's heat is the square of, as rows over x [loss, n]."""
+    network = modes.A[2 * len(system.coordinates) : system.one]
+    return np.array([loss.row + loss.rate @ network for loss in system.losses]).reshape(-1, system.n)
+
+
+def store(system: System, key: int) -> Array:
+    """Twice the energy stored in the network as a form of x [n, n], in mode set `key`."""
+    *_, clamped, _, thrown = system.modes(key)
+    out = system.store + sum(s.positions[mode].store for s, mode in zip(system.switches, thrown))
+    for limiter, mode in zip(system.limiters, clamped):
+        if mode != LINEAR:
+            beyond = limiter.row.copy()
+            beyond[system.one] -= limiter.low if mode == LOW else limiter.high
+            out += limiter.excess * np.outer(beyond, beyond)
+    return np.asarray(out)
+
+
+def by_name(system: System, terms: Array) -> dict[str, float]:
+    """The terms [J] by name, those of the network where there is one."""
+    told = TERMS if system.losses or system.switches else RESISTOR
+    return dict(zip(NAMES[:told], terms[:told].tolist()))
+
+
+def supplied(system: System) -> Array:
+    """Rows of the surface speeds that friction forces draw their power from, [patch, n]."""
+    nq = len(system.coordinates)
+    rows = system.slip_rows.copy()
+    for p, patch in enumerate(system.patches):
+        rows[p, nq : 2 * nq] += patch.direction
+    return rows
+
+
+def damping(system: System, key: int) -> Array:
+    """Damping matrix of a mode set."""
+    return system.damping + system.change(system.modes(key)[3]).damping
+
+
+def stored(system: System, x: Array, key: int) -> float:
+    """Kinetic and elastic energy of the structure, and that of the network [J]."""
+    nq = len(system.coordinates)
+    q, v = x[:nq], x[nq : 2 * nq]
+    stiffness = system.stiffness + system.change(system.modes(key)[3]).stiffness
+    return float(0.5 * (v @ system.mass @ v + q @ stiffness @ q + x @ store(system, key) @ x))
+
+
+def at_nodes(A: Array, landing: Array, cell: float) -> Array:
+    """Propagators to the nodes of a cell so short that its Taylor series serves, [node, n, n]."""
+    return np.array([(np.eye(len(A)) + taylor(A, node * cell, ORDER)) @ landing for node in NODES])
+
+
+def work(nodes: Array, forms: Array, step: float, E: Array) -> Array:
+    """Integrals of the powers over step / 2^level, [level, term, n, n]; `nodes`: propagators in the finest cell."""
+    levels = len(E)
+    out = np.zeros((levels, *forms.shape))
+    for Phi, weight in zip(nodes, WEIGHTS):
+        out[-1] += weight * step / 2.0 ** (levels - 1) * (Phi.T @ forms @ Phi)
+    for level in range(levels - 2, -1, -1):
+        Phi = np.eye(len(Phi)) + E[level + 1]
+        out[level] = out[level + 1] + Phi.T @ out[level + 1] @ Phi
+    return out
+
+
+def gathered(forms: Array, sums: Array, count: int) -> Array:
+    """What sums of x x^T, [mode set, n, n or wider], come to under `forms` [mode set, term, n, n]: [term]; empties
+    them.
+
+    Of the first `count` mode sets; few of many have been met since the last call.
+    """
+    total, n = np.zeros(forms.shape[1]), forms.shape[2]
+    sizes = np.einsum("sii->s", sums[:count, :, :n])
+    for mode_set in np.flatnonzero(sizes).tolist():
+        total += forms[mode_set].reshape(len(total), -1) @ sums[mode_set, :, :n].ravel()
+        sums[mode_set] = 0.0
+    return total

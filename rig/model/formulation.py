@@ -1,0 +1,309 @@
+"""One formulation for every rig: the matrices of one mode set.
+
+Each friction patch is in slip+ (w > 0), slip- or stick, each normal force closed or open, each limiter linear, low or
+high, each place on a path in one sector, each switch of a network in one position. Within a mode set whose friction
+coefficients are constant the motion is linear, x' = A x. What is not, contributes x' = A x + b T with inputs T: the
+friction force of a patch whose coefficient depends on speed, and products of states (rig.solve.product_inputs):
+
+    [ Me   -T_P ] [ a   ]   [ F - K q - D v + sum_closed d_k r_k + sum_limiters                ]
+    [ C_P    0  ] [ lam ] = [ rest of dw/dt: W_q v + W_e E + W_s S                               ] x
+    d_k = n_k + sigma mu_k t_p (slip, constant law) | n_k (stick, or law over speed) | absent (open)
+    Me  = M - sum_closed d_k g_k^T            lam: the friction force a stuck patch needs
+
+Stick keeps the state's length: its constraint dw/dt = 0 is solved with the reaction, and the landing projector
+Pi = I + M^-1 T (C M^-1 T)^-1 W, mass-weighted, removes the rest of w and moves nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.model.system import System
+from rig.solve.product_inputs import NORMAL
+from rig.solve.state_codes import (
+    CLOSED,
+    G_CLOSE,
+    G_LIMIT_BACK,
+    G_LIMIT_HIGH,
+    G_LIMIT_LOW,
+    G_NEXT,
+    G_OPEN,
+    G_PREVIOUS,
+    G_RELEASE_MINUS,
+    G_RELEASE_PLUS,
+    G_SLIP,
+    LINEAR,
+    LOW,
+    OPEN,
+    SLIP_PLUS,
+    STICK,
+)
+
+Array = NDArray[np.float64]
+_SINGULAR = 1e-12
+"""Share of the largest singular value below which a value is rounding."""
+
+
+@dataclass(frozen=True)
+class ModeSet:
+    """One mode set: x' = A x + b T, every output and guard a row over x and, where a law needs it, over T.
+
+    T: inputs [friction forces, products]; rows `friction` + `friction_t` T give the force of every patch (reaction in
+    stick), `normal` + `normal_t` T the normal forces. `sigma` is +-1 in slip, 0 else. `nonlinear`: slips under a law
+    over speed. `jam` = det(Me)/det(M).
+    """
+
+    key: int
+    A: Array
+    b: Array
+    landing: Array
+    friction: Array
+    friction_t: Array
+    normal: Array
+    normal_t: Array
+    sigma: Array
+    nonlinear: NDArray[np.bool_]
+    guards: Array
+    guards_t: Array
+    kinds: NDArray[np.int64]
+    owners: NDArray[np.int64]
+    jam: float
+
+
+def _redundant(held: Array) -> bool:
+    """Whether contacts that stick hold the same motion twice: `held` [stuck, stuck], what their forces do to them."""
+    sizes = np.linalg.svd(held, compute_uv=False)
+    return bool(len(sizes) > 1 and sizes[-1] < _SINGULAR * sizes[0])
+
+
+def assemble(system: System, key: int) -> ModeSet:
+    """The matrices of mode set `key` (numpy, a fraction of a millisecond; runs once for each set visited)."""
+    patch_modes, normal_modes, limiter_modes, sector_modes, switch_modes = system.modes(key)
+    nq, n, inputs = len(system.coordinates), system.n, system.inputs
+    v = slice(nq, 2 * nq)
+    P, K = len(system.patches), len(system.normals)
+    laws = [system.law(p, sector_modes) for p in range(P)]
+    change = system.change(sector_modes)
+    rows = np.array([k.row for k in system.normals]).reshape(K, n) + change.rows
+    loaded = [any(k.patch == p and normal_modes[i] == CLOSED for i, k in enumerate(system.normals)) for p in range(P)]
+    sigma = np.array(
+        [0.0 if m == STICK or not loaded[p] else (1.0 if m == SLIP_PLUS else -1.0) for p, m in enumerate(patch_modes)]
+    )
+    over_speed = np.array([not law.constant for law in laws], dtype=bool)
+    nonlinear = over_speed & (sigma != 0.0)
+    stuck = [p for p, m in enumerate(patch_modes) if m == STICK and loaded[p]]
+
+    Me = system.mass.copy()
+    R, R_t = system.force + system.coupling, np.zeros((nq, inputs))
+    R_t[:, P:] = system.force_t
+    R[:, :nq] -= system.stiffness + change.stiffness
+    R[:, v] -= system.damping + change.damping
+    for k, normal in enumerate(system.normals):
+        if normal_modes[k] == OPEN:
+            continue
+        d = normal.direction.copy()
+        p = normal.patch
+        if sigma[p] != 0.0 and not nonlinear[p]:
+            d += sigma[p] * laws[p].numbers[0] * system.patches[p].direction
+        Me -= np.outer(d, normal.inertia)
+        R += np.outer(d, rows[k])
+        R_t[:, P:] += np.outer(d, normal.row_t)
+
+    first = system.one
+    rates = np.vstack([system.network, system.signals])
+    gains = [limiter.gain for limiter in system.limiters]
+    still: list[int] = []
+    for switch, where in zip(system.switches, switch_modes):
+        position = switch.positions[where]
+        rates[np.array(switch.owned) - 2 * nq] = position.rates
+        still += position.still
+        for x, gain in position.gains.items():
+            gains[x] = gain
+    for limiter, gain, mode in zip(system.limiters, gains, limiter_modes):
+        at = limiter.state - 2 * nq
+        if mode == LINEAR:
+            rates[at] += gain * limiter.row
+        else:
+            rates[at, first] += gain * (limiter.low if mode == LOW else limiter.high)
+    network, signals = rates[: first - 2 * nq], rates[first - 2 * nq :]
+
+    # dw/dt of the stuck patches: W_v a + (the rest, over x)
+    rest = np.zeros((len(stuck), n))
+    W = system.slip_rows[stuck]
+    rest[:, v] += W[:, :nq]
+    rest += W[:, 2 * nq : first] @ network
+    rest += W[:, first:] @ signals
+
+    C = -W[:, v]
+    directions = np.array([p.direction for p in system.patches]).reshape(P, nq)
+    s = len(stuck)
+    lhs = np.zeros((nq + s, nq + s))
+    lhs[:nq, :nq] = Me
+    lhs[:nq, nq:] = -directions[stuck].T
+    lhs[nq:, :nq] = C
+    rhs = np.zeros((nq + s, n + inputs))
+    rhs[:nq, :n], rhs[:nq, n:] = R, R_t
+    rhs[nq:, :n] = rest
+    for p in range(P):
+        if nonlinear[p]:
+            rhs[:nq, n + p] = directions[p]
+    MT = np.linalg.solve(system.mass, directions[stuck].T) if stuck else np.zeros((nq, 0))
+    redundant = _redundant(C @ MT)
+    if redundant:  # any forces that hold them do: the least
+        solved = np.linalg.lstsq(lhs, rhs, rcond=_SINGULAR)[0]
+    else:
+        solved = np.linalg.solve(lhs, rhs) if nq else rhs
+    a, lam = solved[:nq], solved[nq:]
+
+    A = np.zeros((n, n))
+    A[:nq, v] = np.eye(nq)
+    A[v] = a[:, :n]
+    A[2 * nq :] = rates
+    b = np.zeros((n, inputs))
+    b[v] = a[:, n:]
+
+    loads, loads_t = np.zeros((K, n)), np.zeros((K, inputs))
+    for k, contact in enumerate(system.normals):
+        loads[k] = rows[k] + contact.inertia @ a[:, :n]
+        loads_t[k] = contact.inertia @ a[:, n:]
+        loads_t[k, P:] += contact.row_t
+    friction, friction_t = np.zeros((P, n)), np.zeros((P, inputs))
+    for p in range(P):
+        if p in stuck:
+            friction[p], friction_t[p] = lam[stuck.index(p), :n], lam[stuck.index(p), n:]
+        elif nonlinear[p]:
+            friction_t[p, p] = 1.0
+        elif sigma[p] != 0.0:
+            for k, contact in enumerate(system.normals):
+                if contact.patch == p and normal_modes[k] == CLOSED:
+                    friction[p] += sigma[p] * laws[p].numbers[0] * loads[k]
+                    friction_t[p] += sigma[p] * laws[p].numbers[0] * loads_t[k]
+    _in_order(system, friction_t, loads_t)
+
+    landing = np.eye(n)
+    if stuck:
+        landing[v] += MT @ (np.linalg.pinv(C @ MT, rcond=_SINGULAR) @ W if redundant else np.linalg.solve(C @ MT, W))
+    landing[:, still] = 0.0
+
+    guards, guards_t, kinds, owners = _guards(system, key, sigma, stuck, friction, friction_t, loads, loads_t, gains)
+    return ModeSet(
+        key=key,
+        A=A,
+        b=b,
+        landing=landing,
+        friction=friction,
+        friction_t=friction_t,
+        normal=loads,
+        normal_t=loads_t,
+        sigma=sigma,
+        nonlinear=nonlinear,
+        guards=np.array(guards).reshape(-1, n),
+        guards_t=np.array(guards_t).reshape(len(guards), inputs),
+        kinds=np.array(kinds, dtype=np.int64),
+        owners=np.array(owners, dtype=np.int64),
+        jam=float(np.linalg.det(Me) / np.linalg.det(system.mass)) if nq else 1.0,
+    )
+
+
+def _in_order(system: System, friction_t: Array, loads_t: Array) -> None:
+    """Raise ValueError where a product would have to be known before what it is made of (see
+    rig.solve.product_inputs).
+    """
+    P = len(system.patches)
+    later = [True] * P + [product.level > 0 for product in system.products]
+    for j, product in enumerate(system.products):
+        for factor in product.factors:
+            if factor.kind == NORMAL and np.any(loads_t[factor.index, later]):
+                name = system.normals[factor.index].name
+                raise ValueError(f"product {product.name}: the normal force {name} in it depends on other forces")
+        if product.level == 2 and np.any(loads_t[:, P + j]):
+            raise ValueError(
+                f"product {product.name}: a normal force cannot depend on it, for friction depends on that"
+            )
+        if product.level == 2 and np.any(friction_t[:, P + j]):
+            raise ValueError(f"product {product.name}: what a stuck contact needs cannot depend on its own force")
+
+
+def _guards(
+    system: System,
+    key: int,
+    sigma: Array,
+    stuck: Sequence[int],
+    friction: Array,
+    friction_t: Array,
+    loads: Array,
+    loads_t: Array,
+    gains: Sequence[float],
+) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
+    """What holds while the mode set lasts, as rows over x and T that stay positive; their kinds and owners.
+
+    `gains`: of the limiters; one with none is out of the network.
+    """
+    _, normal_modes, limiter_modes, sector_modes, _ = system.modes(key)
+    n, inputs = system.n, system.inputs
+    guards: list[Array] = []
+    guards_t: list[Array] = []
+    kinds: list[int] = []
+    owners: list[int] = []
+
+    def guard(row: Array, row_t: Array, kind: int, owner: int) -> None:
+        if np.any(row) or np.any(row_t):  # a guard that vanishes identically is only noise
+            guards.append(row)
+            guards_t.append(row_t)
+            kinds.append(kind)
+            owners.append(owner)
+
+    for p in range(len(system.patches)):
+        static = system.law(p, sector_modes).static
+        if p in stuck:
+            limit, limit_t = np.zeros(n), np.zeros(inputs)
+            for k, contact in enumerate(system.normals):
+                if contact.patch == p and normal_modes[k] == CLOSED:
+                    limit += static * loads[k]
+                    limit_t += static * loads_t[k]
+            guard(limit - friction[p], limit_t - friction_t[p], G_RELEASE_PLUS, p)
+            guard(limit + friction[p], limit_t + friction_t[p], G_RELEASE_MINUS, p)
+        elif sigma[p] != 0.0 and system.law(p, sector_modes).sticks:
+            guard(sigma[p] * system.slip_rows[p], np.zeros(inputs), G_SLIP, p)
+    for k, contact in enumerate(system.normals):
+        if not contact.opens or _never_changes(loads[k], loads_t[k], system):
+            continue
+        closed = normal_modes[k] == CLOSED
+        sign = 1.0 if closed else -1.0
+        guard(sign * loads[k], sign * loads_t[k], G_OPEN if closed else G_CLOSE, k)
+    one = np.zeros(n)
+    one[system.one] = 1.0
+    for x, (limiter, mode) in enumerate(zip(system.limiters, limiter_modes)):
+        if gains[x] == 0.0:
+            continue
+        below, above = limiter.row - limiter.low * one, limiter.high * one - limiter.row
+        if mode == LINEAR:
+            guard(below, np.zeros(inputs), G_LIMIT_LOW, x)
+            guard(above, np.zeros(inputs), G_LIMIT_HIGH, x)
+        else:
+            guard(-below if mode == LOW else -above, np.zeros(inputs), G_LIMIT_BACK, x)
+    for s, (sector, where) in enumerate(zip(system.sectors, sector_modes)):
+        if sector.patch < 0 or sigma[sector.patch] != 0.0:  # a stuck contact stays where it is
+            ends = (*sector.edges, sector.period)
+            guard(ends[where + 1] * one - sector.row, np.zeros(inputs), G_NEXT, s)
+            guard(sector.row - ends[where] * one, np.zeros(inputs), G_PREVIOUS, s)
+
+    return (
+        np.array(guards).reshape(-1, n),
+        np.array(guards_t).reshape(len(guards), inputs),
+        np.array(kinds, dtype=np.int64),
+        np.array(owners, dtype=np.int64),
+    )
+
+
+def _never_changes(row: Array, row_t: Array, system: System) -> bool:
+    """Whether a normal force is a constant: it rests on signals alone that nothing drives or writes.
+
+    Only the signal "one" is known to stay; a load written by a command is a state and keeps its guard.
+    """
+    used = np.flatnonzero(row)
+    return not np.any(row_t) and bool(np.all(used == system.one))

@@ -1,0 +1,127 @@
+"""Tables of the method kick: the exact flow of the structure over half a step, and the kicks of the contacts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.model import energy_forms
+from rig.model.formulation import ModeSet
+from rig.model.product_terms import Factor, Product
+from rig.model.system import Normal, System
+from rig.solve import energy_balance, expm
+from rig.solve.column_blocks import BLOCK, blocks, zeros
+from rig.solve.kick import Flow
+from rig.solve.product_inputs import PRESS
+
+Array = NDArray[np.float64]
+
+
+def refusal(system: System) -> str:
+    """Why this system is not for kicks; "" where it is."""
+    positions = slice(len(system.coordinates))
+    if not any(k.opens and np.any(k.row[positions]) for k in system.normals):
+        return "no contact opens here: exact or dopri5"
+    over_speed = [p.name for i, p in enumerate(system.patches) if any(not law.constant for law in system.laws(i))]
+    if over_speed:
+        return f"friction over speed is no force of positions alone ({', '.join(over_speed)}): dopri5"
+    if system.products or system.limiters or system.sectors or system.switches:
+        return "knows structures and contacts only: exact or dopri5"
+    velocities = slice(len(system.coordinates), system.one)
+    for k in system.normals:
+        if np.any(k.inertia) or np.any(k.row[velocities]):
+            return f"the force of {k.name} is none of positions alone: exact or dopri5"
+    return ""
+
+
+def pressed(system: System) -> System:
+    """The system with every contact that opens as a product, what is positive of its row; they are no modes any more.
+
+    The product of a normal force k is called N:k, as outputs name it. What they press is one normal force of the patch.
+    """
+    points = [k for k in system.normals if k.opens]
+    count = len(points)
+    products = tuple(Product(f"N:{k.name}", (Factor(PRESS, 0, k.row),)) for k in points)
+    sums = [np.array([1.0 if k.patch == p else 0.0 for k in points]) for p in range(len(system.patches))]
+    none, still = np.zeros(system.n), np.zeros(len(system.coordinates))
+    kept = [replace(k, row_t=np.zeros(count)) for k in system.normals if not k.opens]
+    loads = [Normal(f"points of {patch.name}", p, none, sums[p], still, still, False)
+             for p, patch in enumerate(system.patches) if sums[p].any()]  # fmt: skip
+    force_t = np.array([k.direction for k in points]).reshape(count, -1).T
+    return replace(system, normals=(*kept, *loads), products=products, force_t=force_t)
+
+
+def _whole(columns: int) -> int:
+    return -(-columns // BLOCK) * BLOCK
+
+
+def empty(system: System | None, guards: int) -> Flow:
+    """Tables without a mode set, for a system of `pressed` with at most so many guards; of no length for None."""
+    n, nq, P, points = 0, 0, 0, 0
+    if system is not None:
+        n, nq, P, points = system.n, len(system.coordinates), len(system.patches), len(system.products)
+    rows = guards + 2 * P
+    width = _whole(nq + rows + guards + P + n)
+    return Flow(
+        step=zeros((0, _whole(n) // BLOCK, n, BLOCK)),
+        look=zeros((0, _whole(points + rows) // BLOCK, n, BLOCK)),
+        push=zeros((0, width // BLOCK, points, BLOCK)),
+        work=zeros((0, energy_balance.TERMS, n, n)),
+        whole=zeros((0, n, _whole(n))),
+        moved=zeros(_whole(n)),
+        seen=zeros(_whole(points + rows)),
+        given=zeros(width),
+        filled=zeros(_whole(n)),
+        force=zeros(points),
+        before=zeros(guards),
+        spring=zeros(1),
+    )
+
+
+def tables(system: System, modes: ModeSet, forms: Array, step: float, guards: int) -> dict[str, Array]:
+    """The tables of one mode set. `forms`: of the powers; `step` [s]; `guards`: what all mode sets have room for."""
+    P, points = len(system.patches), len(system.products)
+    E = expm.ladder(modes.A, step)
+    nodes = energy_forms.at_nodes(modes.A, modes.landing, step / 2.0 ** (len(E) - 1))
+    E = (modes.landing - np.eye(len(modes.A))) + modes.landing @ E @ modes.landing
+    press = _rows(system)
+    rows = np.zeros((guards + 2 * P, system.n))
+    at_once = np.zeros((guards, points))
+    rows[: len(modes.guards)], at_once[: len(modes.guards)] = modes.guards, modes.guards_t[:, P:]
+    rows[guards:] = np.concatenate([energy_forms.supplied(system), system.slip_rows])
+    b = modes.b[:, P:]
+    nq = len(system.coordinates)
+    springs = (compliances(system)[:, None] * press).T
+    taken = np.concatenate([springs[:nq], springs[2 * nq :]])
+    push = np.concatenate([b[nq : 2 * nq], rows @ b, at_once, modes.friction_t[:, P:], system.force_t, taken])
+    return {
+        "step": blocks(E[0]),
+        "look": blocks(np.concatenate([press, rows])),
+        "push": blocks(push),
+        "work": energy_forms.work(nodes, forms, step, E)[0],
+        "whole": np.zeros((system.n, _whole(system.n))),
+    }
+
+
+def _rows(system: System) -> Array:
+    """What presses at each point, as a row over the states."""
+    return np.array([product.factors[0].row for product in system.products], dtype=np.float64)
+
+
+def compliances(system: System) -> Array:
+    """Compression for each newton at a point [m/N]: the part of its push that gives way as the row says; [point].
+
+    0 for a force that no position changes.
+    """
+    rows = _rows(system)[:, : len(system.coordinates)]
+    stiff = np.sum(rows * rows, axis=1)
+    give = np.einsum("pi,ip->p", rows, system.force_t)
+    return np.asarray(-give / np.where(stiff > 0.0, stiff, np.inf), dtype=np.float64)
+
+
+def held(system: System, x: Array) -> float:
+    """The energy in the springs of the points at x [J]."""
+    force = np.maximum(_rows(system) @ x, 0.0)
+    return float(0.5 * np.sum(compliances(system) * force * force))

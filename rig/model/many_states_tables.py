@@ -1,0 +1,129 @@
+"""Tables for the exact propagation of rigs with many states (rig.solve.many_states)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.model.economisation import bernstein, economy
+from rig.model.energy_forms import gathered
+from rig.solve import expm
+from rig.solve.column_blocks import BLOCK, blocks, zeros
+from rig.solve.many_states import _CHECKS, _MARGIN, NODES, QUICK, SIZE, TERMS, TURN, WEIGHTS, Wide, _powers
+from rig.solve.roots import DEGREE as ORDER
+from rig.solve.segments import DEGREE
+
+Array = NDArray[np.float64]
+
+
+def depth(A: Array, step: float) -> int:
+    """Halvings of a tick down to a cell."""
+    turn = float(np.abs(np.linalg.eigvals(A)).max(initial=0.0)) * step
+    size = float(expm.norm(A, expm.balance(A))) * step
+    level = 0
+    while turn > TURN or size > SIZE:
+        turn, size, level = 0.5 * turn, 0.5 * size, level + 1
+    return level
+
+
+def empty(n: int, inputs: int, guards: int, signals: int, outputs: int) -> Wide:
+    """Tables without a mode set."""
+    count = {
+        "tick": n + guards * (QUICK + 1),
+        "signal": signals * (DEGREE + 1),
+        "output": outputs,
+        "margin": guards,
+        "state": ORDER * n,
+        "guard": guards * BLOCK,
+    }
+    needed = {name: -(-columns // BLOCK) for name, columns in count.items()}
+    filled = -(-n // BLOCK) * BLOCK
+    return Wide(
+        **{name: zeros((0, many, n, BLOCK)) for name, many in needed.items()},
+        field=zeros((0, filled // BLOCK, n + inputs, BLOCK)),
+        whole=zeros((0, n, filled)),
+        part=zeros((0, n, filled)),
+        nodes=0.5 * (NODES + 1.0),
+        weights=0.5 * WEIGHTS,
+        product=zeros(BLOCK * max(needed.values())),
+        bound=zeros(BLOCK * needed["margin"]),
+        poly=zeros(BLOCK),
+        size=zeros(n),
+        filled=zeros(filled),
+        path=zeros((filled // BLOCK, ORDER + 1, BLOCK)),
+        power=zeros(ORDER + 1),
+    )
+
+
+def series(A: Array, length: float) -> Array:
+    """A^j length^j / j!, j = 0 .. TERMS, [j, n, n]; summed in the balanced scale."""
+    n = len(A)
+    d = expm.balance(A)
+    out = np.zeros((TERMS + 1, n, -(-n // BLOCK) * BLOCK))
+    out[0, :, :n] = np.eye(n)
+    _powers(blocks((A * d[:, None] / d[None, :] * length).T), out)
+    return np.asarray(out[:, :, :n] * d[None, None, :] / d[None, :, None])
+
+
+def tables(
+    terms: Array,
+    E: Array,
+    landing: Array,
+    guards: Array,
+    bounds: Array,
+    field: Array,
+    outputs: Array,
+    read: int,
+) -> dict[str, Array]:
+    """The tables of one mode set. `terms`: `series` over a cell; E [level, n, n] as in ModeSets; bounds [guard, n]: of
+    chords.
+
+    field [n, n + inputs]: the derivative; outputs [output, n], of which the first `read` are signals for the sensors.
+    """
+    n, levels = len(landing), len(E)
+    polynomial = landing @ _combine(economy(ORDER, TERMS)[1:], terms) @ landing  # [ORDER, n, n]
+    along = np.concatenate([np.eye(n)[None], polynomial])
+    over_guards = np.zeros((len(guards), BLOCK, n))
+    over_guards[:, : ORDER + 1] = np.einsum("gi,kij->gkj", guards, along)
+    over_signals = np.einsum("si,kij->skj", outputs[:read], _combine(economy(DEGREE, TERMS), terms))
+    if levels == 1:
+        low = economy(QUICK, TERMS)
+        powers = _CHECKS[:, None] ** np.arange(TERMS + 1)
+        left = (powers - powers[:, : QUICK + 1] @ low) @ np.einsum("gi,kij->kgj", guards, terms).reshape(TERMS + 1, -1)
+        margin = _MARGIN * np.abs(left).max(axis=0).reshape(guards.shape)
+        quick = np.einsum("bk,gkj->gbj", bernstein(QUICK), np.einsum("gi,kij->gkj", guards, _combine(low, terms)))
+    else:  # the ends of the chord, and how far from it a guard can be
+        margin = bounds
+        quick = np.repeat(guards[:, None, :], QUICK + 1, axis=1)
+        quick[:, 1:] += (guards @ E[0])[:, None, :]
+    return {
+        "tick": blocks(np.concatenate([E[0], quick.reshape(-1, n)])),
+        "signal": blocks(over_signals.reshape(-1, n)),
+        "output": blocks(outputs),
+        "margin": blocks(margin),
+        "state": blocks(polynomial.reshape(-1, n)),
+        "guard": blocks(over_guards.reshape(-1, n)),
+        "field": blocks(field),
+        "whole": np.zeros((n, -(-n // BLOCK) * BLOCK)),
+        "part": np.zeros((n, -(-n // BLOCK) * BLOCK)),
+    }
+
+
+def take(t: Wide, count: int, work: Array, powers: Array) -> Array:
+    """What `whole` and `part` of the first `count` mode sets come to, [term], and empties them.
+
+    work, powers [mode set, term, n, n]: forms.
+    """
+    return gathered(work, t.whole, count) + gathered(powers, t.part, count)
+
+
+def at(places: Array, terms: Array) -> Array:
+    """exp(A u) at places u of a cell, [place, n, n]."""
+    return _combine(places[:, None] ** np.arange(TERMS + 1), terms)
+
+
+def _combine(weights: Array, terms: Array) -> Array:
+    """sum_j weights[k, j] terms[j], [k, n, n]."""
+    out = np.zeros((len(weights), terms[0].size))
+    expm.multiply(np.ascontiguousarray(weights), np.ascontiguousarray(terms.reshape(len(terms), -1)), out)
+    return out.reshape(len(weights), *terms.shape[1:])

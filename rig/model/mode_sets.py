@@ -1,0 +1,219 @@
+"""Mode sets as arrays: the tables a kernel needs for each mode set, built when a run first visits it.
+
+Only a few of the possible mode sets are ever visited, so a kernel that meets an unknown one returns and asks for it.
+A command, a slope or a speed target is a state, so no command ever rebuilds a table.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.lent_records import Loan
+from rig.model import film_tables, friction_law, kick_tables, many_states_tables
+from rig.model.energy_forms import at_nodes, damping, gathered, loss_rows, powers, store, work
+from rig.model.formulation import ModeSet, assemble
+from rig.model.output_rows import signal_rows
+from rig.model.system import System
+from rig.model.tables import UNROLLED, empty
+from rig.solve import expm
+from rig.solve.column_blocks import zeros
+from rig.solve.energy_balance import NODES, TERMS
+from rig.solve.roots import DEGREE
+from rig.solve.state_codes import STICK
+
+Array = NDArray[np.float64]
+_SAMPLES = 128
+_MARGIN = 1.25
+
+
+class ModeSets:
+    """The mode sets of one run: `tables` for the kernels, `add(key)` when one is met for the first time."""
+
+    def __init__(
+        self, system: System, step: float, signals: list[dict[str, float]], read: int = 0, kicks: int = 0
+    ) -> None:
+        """`signals`: extended rows (rig.model.assembly) of the rig's outputs, sensors read the first; `step` in s.
+
+        `kicks`: steps of the method kick in a `step`; 0 for other methods.
+        """
+        self.read, self._kicks, self._wide = read, kicks, system.n > UNROLLED
+        self.system = system
+        self.step = step
+        self.rows = signals
+        self.sets: list[ModeSet] = []
+        self.sticks: list[bool] = []
+        """Whether every patch sticks, by mode set."""
+        self.tables = empty(system, step, len(signals), read, kicks)
+        self.handle = Loan(self.tables)
+
+    @property
+    def keys(self) -> tuple[int, ...]:
+        """The mode sets that are there, by mode set."""
+        return tuple(modes.key for modes in self.sets)
+
+    def add(self, key: int) -> ModeSet:
+        """Assemble mode set `key` and append its tables; returns the mode set."""
+        system = self.system
+        modes = assemble(system, key)
+        if system.film is not None:
+            return self._ride(modes)
+        t = self.tables
+        g = t.G.shape[1]
+        guards = _padded(modes.guards, g)
+        E = expm.ladder(modes.A, self.step)
+        if not self._wide:
+            order, nodes = (
+                expm.order(modes.A, self.step),
+                at_nodes(modes.A, modes.landing, self.step / 2.0 ** (len(E) - 1)),
+            )
+        else:
+            E = E[: many_states_tables.depth(modes.A, self.step) + 1]
+            terms = many_states_tables.series(modes.A, self.step / 2.0 ** (len(E) - 1))
+            order, nodes = DEGREE, many_states_tables.at(NODES, terms) @ modes.landing
+        E = (modes.landing - np.eye(system.n)) + modes.landing @ E @ modes.landing
+        bounds, slopes = np.zeros((2, g, system.n))
+        if not self._wide or len(E) > 1:
+            bounds, slopes = _bounds(modes.A, guards, self.step)
+        forms = powers(system, modes)
+        integrals = work(nodes, forms, self.step, E)
+        patch_modes, normal_modes, _, sector_modes, _ = system.modes(key)
+        met = tuple(system.law(p, sector_modes) for p in range(len(system.patches)))
+        code, numbers = friction_law.pack(met, t.numbers.shape[2])
+        closed = 1.0 - np.array(normal_modes, dtype=np.float64).reshape(-1, 1)
+        load, load_t = np.zeros_like(modes.friction), np.zeros_like(modes.friction_t)
+        for k, contact in enumerate(system.normals):
+            if normal_modes[k] == 0:
+                load[contact.patch] += modes.normal[k]
+                load_t[contact.patch] += modes.normal_t[k]
+        rows, rows_t = signal_rows(system, modes, self.rows)
+        broad: dict[str, Array] = {}
+        if self._wide:
+            field = np.hstack([modes.A, modes.b])
+            broad = many_states_tables.tables(terms, E, modes.landing, guards, bounds, field, rows, self.read)
+        mode_set_of = t.mode_set_of.copy()
+        mode_set_of[key] = len(self.sets)
+        new: dict[str, Any] = {
+            "depth": len(E) - 1,
+            "order": order,
+            "curved": int(bool(modes.nonlinear.any()) or bool(system.products)),
+            "stuck": int(STICK in patch_modes),
+            "lands": int(not np.array_equal(modes.landing, np.eye(system.n))),
+            "static": np.array([law.static for law in met]),
+            "code": code,
+            "numbers": numbers,
+            "E": E,
+            "A": modes.A,
+            "b": modes.b,
+            "landing": modes.landing,
+            "guards": len(modes.guards),
+            "kind": _padded(modes.kinds, g),
+            "owner": _padded(modes.owners, g),
+            "G": guards,
+            "GT": _padded(modes.guards_t, g),
+            "GA": guards @ modes.A,
+            "B": bounds,
+            "BA": slopes,
+            "normal": modes.normal,
+            "normal_t": modes.normal_t,
+            "friction": modes.friction,
+            "friction_t": modes.friction_t,
+            "load": load,
+            "load_t": load_t,
+            "sigma": modes.sigma,
+            "pace": modes.sigma[:, None] * system.slip_rows,
+            "bear": modes.sigma[:, None] * load,
+            "bear_t": modes.sigma[:, None] * load_t,
+            "signals": rows,
+            "signals_t": rows_t,
+            "asks": rows_t.any(axis=1).astype(np.int64),
+            "coupled": int(load_t[:, : len(system.patches)].any()),
+            "needs": _padded(np.array(modes.guards_t.any(axis=1), dtype=np.int64), g),
+            "store": store(system, key),
+            "loss": loss_rows(system, modes),
+            "press": modes.normal * closed,
+            "press_t": modes.normal_t * closed,
+            "damping": damping(system, key),
+            "active": forms.any(axis=(1, 2)).astype(np.int64),
+            "powers": forms,
+            "work": integrals,
+        }
+        at = len(self.sets)
+        stacked: dict[str, Any] = {name: _put(getattr(t, name), at, new[name]) for name in new}
+        if self._wide:
+            stacked["wide"] = t.wide._replace(**{name: _put(getattr(t.wide, name), at, broad[name]) for name in broad})
+        if self._kicks:
+            own = kick_tables.tables(system, modes, forms, self.step / self._kicks, g)
+            stacked["flow"] = t.flow._replace(**{name: _put(getattr(t.flow, name), at, own[name]) for name in own})
+        self.tables = t._replace(mode_set_of=mode_set_of, **stacked)
+        self.handle = Loan(self.tables)
+        self.sets.append(modes)
+        self.sticks.append(all(mode == STICK for mode in patch_modes))
+        return modes
+
+    def _ride(self, modes: ModeSet) -> ModeSet:
+        """Append the tables of the only mode set of a rig whose contacts travel: what rig.solve.film_steps does not ask
+        for stays of length zero.
+        """
+        t, rows = self.tables, signal_rows(self.system, modes, self.rows)[0]
+        new: dict[str, Any] = {"signals": rows, "asks": np.zeros(len(rows))}
+        new |= dict.fromkeys(("depth", "guards", "stuck", "lands"), 0)
+        stacked: dict[str, Any] = {name: _put(getattr(t, name), 0, new[name]) for name in new}
+        stacked["slot_of"] = np.zeros_like(t.mode_set_of)
+        stacked["film"] = film_tables.tables(self.system, self.step / self._kicks, rows, self.read)
+        self.tables = t._replace(**stacked)
+        self.handle = Loan(self.tables)
+        self.sets.append(modes)
+        self.sticks.append(False)
+        return modes
+
+    def take(self) -> Array:
+        """What kernels have booked as sums over states since the last call, [term]; the rest they have worked out."""
+        t, count, total = self.tables, len(self.sets), np.zeros(TERMS)
+        if self._wide:
+            total += many_states_tables.take(t.wide, count, t.work[:, 0], t.powers)
+        if self._kicks:
+            total += gathered(t.flow.work, t.flow.whole, count)
+        return total
+
+
+def _padded(array: NDArray[Any], count: int) -> NDArray[Any]:
+    out = np.zeros((count, *array.shape[1:]), dtype=array.dtype)
+    out[: len(array)] = array
+    return out
+
+
+def _put(old: NDArray[Any], mode_set: int, new: Any) -> NDArray[Any]:
+    """The array with `new` in place of `mode set`; with more room where it is full, or where a ladder is deeper."""
+    entry = np.asarray(new, dtype=old.dtype)
+    levels = entry.ndim > 2
+    if mode_set >= len(old) or (levels and len(entry) > old.shape[1]):
+        room = list(old.shape)
+        room[0] = max(2 * mode_set, 4) if mode_set >= len(old) else len(old)
+        if levels:
+            room[1] = max(room[1], len(entry))
+        more = zeros(tuple(room)) if old.dtype == np.float64 else np.zeros(room, dtype=old.dtype)
+        more[tuple(map(slice, old.shape))] = old
+        old = more
+    if levels:
+        old[mode_set, : len(entry)] = entry
+    else:
+        old[mode_set] = entry
+    return old
+
+
+def _bounds(A: Array, guards: Array, step: float) -> tuple[Array, Array]:
+    """Chord bounds over one step for each guard and for its slope, [guard, n] each."""
+    samples = int(min(_SAMPLES, 4 * 2 ** min(expm.depth(A, step), 10)))
+    E = expm.ladder(A, step / samples)[0]
+    second = guards @ A @ A
+    third = second @ A
+    worst2, worst3 = np.abs(second), np.abs(third)
+    for _ in range(samples):
+        second, third = second + second @ E, third + third @ E
+        np.maximum(worst2, np.abs(second), out=worst2)
+        np.maximum(worst3, np.abs(third), out=worst3)
+    scale = _MARGIN * step * step / 8.0
+    return scale * worst2, scale * worst3

@@ -1,0 +1,45 @@
+"""Quantities of the plant as rows over its state: what sensors read and what truth tells."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.model.formulation import ModeSet
+from rig.model.system import System
+from rig.solve.state_codes import HIGH, LOW
+
+Array = NDArray[np.float64]
+
+
+def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) -> tuple[Array, Array]:
+    """Extended rows by name as rows over x [signal, n] and T [signal, inputs] of one mode set."""
+    nq, inputs, states = len(system.coordinates), np.eye(system.inputs), np.eye(system.n)
+    known: dict[str, tuple[Array, Array]] = {}
+    for i, name in enumerate(system.names):
+        known[name] = (states[i], np.zeros(system.inputs))
+    for j, product in enumerate(system.products):
+        known[product.name] = (np.zeros(system.n), inputs[len(system.patches) + j])
+    for i, name in enumerate(system.names[2 * nq :], 2 * nq):
+        known[f"{name}'"] = (modes.A[i], modes.b[i])
+    for i, name in enumerate(system.coordinates):
+        known[f"{name}''"] = (modes.A[nq + i], modes.b[nq + i])
+    for p, patch in enumerate(system.patches):
+        known[f"T:{patch.name}"] = (modes.friction[p], modes.friction_t[p])
+        known[f"w:{patch.name}"] = (system.slip_rows[p], np.zeros(system.inputs))
+    for k, normal in enumerate(system.normals):
+        closed = system.modes(modes.key)[1][k] == 0
+        known[f"N:{normal.name}"] = (modes.normal[k] * closed, modes.normal_t[k] * closed)
+    clamped, thrown = system.modes(modes.key)[2], system.modes(modes.key)[4]
+    gains = [position.gains for position in (s.positions[at] for s, at in zip(system.switches, thrown))]
+    for i, (limiter, mode) in enumerate(zip(system.limiters, clamped)):
+        held = {LOW: limiter.low, HIGH: limiter.high}.get(mode)
+        idle = any(found.get(i) == 0.0 for found in gains)  # a switch has taken it out of the network
+        within = held is None or idle
+        known[f"c:{limiter.name}"] = (limiter.row if within else held * states[system.one], np.zeros(system.inputs))
+    over_x, over_t = np.zeros((len(rows), system.n)), np.zeros((len(rows), system.inputs))
+    for i, row in enumerate(rows):
+        for name, value in row.items():
+            over_x[i] += value * known[name][0]
+            over_t[i] += value * known[name][1]
+    return over_x, over_t

@@ -1,0 +1,64 @@
+"""Why the equations of motion of a mode set have no single solution: jamming, no inertia, a contact not held."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import Singular
+from rig.model.formulation import ModeSet, assemble
+from rig.model.system import System
+from rig.solve.state_codes import CLOSED, OPEN, SLIP_PLUS, STICK
+
+Array = NDArray[np.float64]
+JAMS = "jams: friction takes up all of the inertia at just these values"
+_ROUNDING = 1e-12  # of the largest singular value
+
+
+def assembled(system: System, key: int) -> ModeSet:
+    """The matrices of mode set `key`. Raises rig.errors.Singular where they are not defined."""
+    try:
+        return assemble(system, key)
+    except np.linalg.LinAlgError:
+        raise singular(system, key) from None
+
+
+def singular(system: System, key: int) -> Singular:
+    """What is wrong with mode set `key`, which `assemble` cannot solve."""
+    nq, mode = len(system.coordinates), system.describe(key)
+    patch_modes, normal_modes, _, sectors, _ = system.modes(key)
+    if not _regular(system.mass):
+        return Singular("the mass matrix has no inverse: some motion has no inertia", mode)
+    laws = [system.law(p, sectors) for p in range(len(system.patches))]
+    mass = bearing_mass(system, key, lambda p: float(laws[p].numbers[0]) if laws[p].constant else 0.0)
+    if not _regular(np.linalg.solve(system.mass, mass)):
+        return Singular(JAMS, mode, jams=True)
+    loaded = {k.patch for k, where in zip(system.normals, normal_modes) if where == CLOSED}
+    stuck = [p for p, where in enumerate(patch_modes) if where == STICK and p in loaded]
+    free = [p for p in stuck if not np.any(system.slip_rows[p, nq : 2 * nq])]
+    names = ", ".join(system.patches[p].name for p in free or stuck)
+    if free:
+        return Singular(f"no coordinate moves along {names}: no force can hold what slips there", mode)
+    return Singular(f"no forces can hold {names}: they press where they hold", mode)
+
+
+def bearing_mass(system: System, key: int, mu: Callable[[int], float]) -> Array:
+    """The mass matrix with friction in it in mode set `key`; `mu`: coefficient of each patch, by number."""
+    patch_modes, normal_modes, *_ = system.modes(key)
+    Me = system.mass.copy()
+    for normal, where in zip(system.normals, normal_modes):
+        if where == OPEN:
+            continue
+        d, p = normal.direction.copy(), normal.patch
+        if patch_modes[p] != STICK:
+            d += (1.0 if patch_modes[p] == SLIP_PLUS else -1.0) * mu(p) * system.patches[p].direction
+        Me -= np.outer(d, normal.inertia)
+    return Me
+
+
+def _regular(matrix: NDArray[Any]) -> bool:
+    sizes = np.linalg.svd(matrix, compute_uv=False)
+    return bool(sizes[-1] > _ROUNDING * sizes[0])

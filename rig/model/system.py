@@ -1,0 +1,344 @@
+"""A rig as matrices and rows: structure, network, patches, normal forces, limiters, sectors, switches, products.
+
+State  x = [q, v, network, signals]. What is not linear in x are the inputs T = [friction forces, products]: the force
+of a patch under a law over speed, and products of states such as x y, cos(k phi) - 1 or N sin(k phi). Rows that end in
+`_t` are over T.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from itertools import permutations, product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.model.build_checks import Judge
+from rig.model.film import Film
+from rig.model.friction_law import Law
+from rig.model.product_terms import Product
+from rig.solve.state_codes import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, GUARD_NAMES, OPEN
+
+Array = NDArray[np.float64]
+
+
+_FEW = 3  # positions of a switch that all are prepared for
+_SPELT = 8  # open contacts that are named one by one
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A friction patch: `direction` [coordinate] of the friction force, `surface` speed row [state], its law.
+
+    `travel` [coordinate]: what the slip speed counts of the body's motion; the direction of the force by default.
+    """
+
+    name: str
+    direction: Array
+    surface: Array
+    law: Law
+    travel: Array | None = None
+
+
+@dataclass(frozen=True)
+class Normal:
+    """A normal force N = row x + row_t T + inertia . a of patch number `patch`, acting along `direction`."""
+
+    name: str
+    patch: int
+    row: Array
+    row_t: Array
+    direction: Array
+    inertia: Array
+    opens: bool
+
+
+@dataclass(frozen=True)
+class Limiter:
+    """A clamp: the derivative of state `state` gains `gain * min(max(row x, low), high)`.
+
+    Beyond the clamp the network stores `excess` (row x - low or high)^2 / 2 more than it does within.
+    """
+
+    name: str
+    row: Array
+    low: float
+    high: float
+    state: int
+    gain: float
+    excess: float = 0.0
+
+
+@dataclass(frozen=True)
+class Change:
+    """What a sector adds to the rig: stiffness, damping [coordinate, coordinate], rows of normal forces [normal, n]."""
+
+    stiffness: Array
+    damping: Array
+    rows: Array
+
+
+@dataclass(frozen=True)
+class Sector:
+    """A rig that is another where edges[i] <= row x < edges[i + 1]: patch `patch` has laws[i], or changes[i] is added.
+
+    The place row x lives in [0, period): `edges` begin with 0, the last sector ends at `period`. Where it leaves that
+    range, state `turn` is moved by a period, which row must count fully. `patch` is -1 where friction stays the same.
+    """
+
+    name: str
+    patch: int
+    row: Array
+    turn: int
+    period: float
+    edges: tuple[float, ...]
+    laws: tuple[Law, ...] = ()
+    changes: tuple[Change, ...] = ()
+
+    def at(self, x: Array) -> int:
+        """The sector at state x."""
+        place = float(self.row @ x) % self.period
+        return sum(place >= edge for edge in self.edges[1:])
+
+
+@dataclass(frozen=True)
+class Position:
+    """One position of a switch: the `rates` [owned, n] of the network states that the switch owns.
+
+    `still`: states that are zero in it, the others keep their values when the switch is thrown. `gains`: of limiters,
+    by number, where they are not the limiter's own; 0 takes it out of the network. `store` [n, n]: twice the energy
+    that only this position stores, as a form of x.
+    """
+
+    name: str
+    rates: Array
+    still: tuple[int, ...]
+    gains: dict[int, float]
+    store: Array
+
+
+@dataclass(frozen=True)
+class Switch:
+    """Which of its positions a network is in is what the signal `state` says, rounded; a command writes it."""
+
+    name: str
+    state: int
+    owned: tuple[int, ...]
+    positions: tuple[Position, ...]
+
+    def at(self, x: Array) -> int:
+        """The position at state x."""
+        return min(max(int(x[self.state] + 0.5), 0), len(self.positions) - 1)
+
+
+@dataclass(frozen=True)
+class Loss:
+    """A resistor: the power conductance * (row x + rate . network rates)^2 turns into heat."""
+
+    conductance: float
+    row: Array
+    rate: Array
+
+
+@dataclass(frozen=True)
+class System:
+    """A rig as matrices over x = [q, v, network, signals]; the first signal is the constant one.
+
+    force [coordinate, state], force_t [coordinate, product]. coupling [coordinate, state]: forces of the network, which
+    exchange energy with what it stores, x.store x / 2, and with its resistors. kept: of some states by name the row of
+    what stays as it is, in place of the state, where a parameter changes: the charge in place of the voltage. judges:
+    of effects, see rig.stability.report. strike [coordinate]: what a newton does where a knock strikes. film: what the
+    contacts of the system become under the method kick, which lets them travel.
+    """
+
+    names: tuple[str, ...]
+    coordinates: tuple[str, ...]
+    mass: Array
+    damping: Array
+    stiffness: Array
+    force: Array
+    force_t: Array
+    coupling: Array
+    network: Array
+    store: Array
+    losses: tuple[Loss, ...]
+    signals: Array
+    patches: tuple[Patch, ...]
+    normals: tuple[Normal, ...]
+    limiters: tuple[Limiter, ...]
+    sectors: tuple[Sector, ...]
+    switches: tuple[Switch, ...]
+    products: tuple[Product, ...]
+    judges: tuple[Judge, ...]
+    strike: Array
+    kept: dict[str, Array]
+    start: Array
+    film: Film | None = None
+    slip_rows: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        nq = len(self.coordinates)
+        rows = np.array([p.surface for p in self.patches]).reshape(-1, self.n)
+        for i, patch in enumerate(self.patches):
+            rows[i, nq : 2 * nq] -= patch.direction if patch.travel is None else patch.travel
+        object.__setattr__(self, "slip_rows", rows)
+
+    @property
+    def n(self) -> int:
+        """Number of states."""
+        return len(self.names)
+
+    @property
+    def one(self) -> int:
+        """Index of the constant signal."""
+        return 2 * len(self.coordinates) + len(self.network)
+
+    @property
+    def inputs(self) -> int:
+        """Number of inputs T: patches and products."""
+        return len(self.patches) + len(self.products)
+
+    @property
+    def linear(self) -> bool:
+        """Whether the motion is linear in every mode set, so that exact propagation serves it."""
+        over_speed = any(not law.constant for p in range(len(self.patches)) for law in self.laws(p))
+        return not self.products and not over_speed
+
+    def laws(self, p: int) -> tuple[Law, ...]:
+        """The laws that patch p may meet: its own, or those of its sectors."""
+        return next((s.laws for s in self.sectors if s.patch == p), (self.patches[p].law,))
+
+    @property
+    def generators(self) -> list[tuple[int, int, float]]:
+        """Signals that swing for ever: states a, b of a' = rate b, b' = -rate a, which nothing else moves, and rate."""
+        found, driven = [], {limiter.state for limiter in self.limiters}
+        moving = set((self.one + np.flatnonzero(self.signals.any(axis=1))).tolist())
+        for a, b in permutations(moving - driven, 2):
+            rate = float(self.signals[a - self.one, b])
+            rows = np.zeros((2, self.n))
+            rows[0, b], rows[1, a] = rate, -rate
+            if rate > 0.0 and np.array_equal(self.signals[[a - self.one, b - self.one]], rows):
+                found.append((a, b, rate))
+        return found
+
+    @property
+    def radices(self) -> list[int]:
+        """Number of modes of each patch, normal, limiter, sector and switch, in the order of the key."""
+        fixed = [3] * len(self.patches) + [2] * len(self.normals) + [3] * len(self.limiters)
+        return fixed + [len(s.edges) for s in self.sectors] + [len(s.positions) for s in self.switches]
+
+    @property
+    def keys(self) -> int:
+        """Number of mode sets."""
+        return math.prod(self.radices)
+
+    def key(
+        self,
+        patches: Sequence[int],
+        normals: Sequence[int],
+        limiters: Sequence[int],
+        sectors: Sequence[int] = (),
+        switches: Sequence[int] = (),
+    ) -> int:
+        """Mixed-radix number of a mode set; without `sectors` or `switches`, those of the start."""
+        where = sectors or [sector.at(self.start) for sector in self.sectors]
+        thrown = switches or [switch.at(self.start) for switch in self.switches]
+        key, base = 0, 1
+        for mode, radix in zip((*patches, *normals, *limiters, *where, *thrown), self.radices, strict=True):
+            key += int(mode) * base
+            base *= radix
+        return key
+
+    def modes(self, key: int) -> tuple[list[int], list[int], list[int], list[int], list[int]]:
+        """The mode set of a number: modes of patches, normals, limiters, sectors, switches."""
+        modes = []
+        for radix in self.radices:
+            modes.append(key % radix)
+            key //= radix
+        out = []
+        for parts in (self.patches, self.normals, self.limiters, self.sectors, self.switches):
+            out.append(modes[: len(parts)])
+            modes = modes[len(parts) :]
+        return out[0], out[1], out[2], out[3], out[4]
+
+    def taken_over(self, old: System, key: int, x: Array | None = None) -> int:
+        """The mode set of this system that corresponds to mode set `key` of `old`, a system with the same contacts.
+
+        A limiter that `old` does not have is within its range, a switch is where it starts. `x`: the state now, where
+        sectors may have other edges.
+        """
+        patches, normals, limiters, sectors, switches = old.modes(key)
+        limited = {one.name: mode for one, mode in zip(old.limiters, limiters)}
+        thrown = {one.name: mode for one, mode in zip(old.switches, switches)}
+        last = [len(sector.edges) - 1 for sector in self.sectors]
+        where = list(map(min, sectors, last)) if x is None else [sector.at(x) for sector in self.sectors]
+        positions = [min(thrown.get(s.name, s.at(self.start)), len(s.positions) - 1) for s in self.switches]
+        return self.key(patches, normals, [limited.get(one.name, 0) for one in self.limiters], where, positions)
+
+    def law(self, p: int, sectors: Sequence[int]) -> Law:
+        """The law of patch p where the sectors are these."""
+        for sector, where in zip(self.sectors, sectors):
+            if sector.patch == p:
+                return sector.laws[where]
+        return self.patches[p].law
+
+    def change(self, sectors: Sequence[int]) -> Change:
+        """What the sectors add, all together."""
+        nq, found = len(self.coordinates), [s.changes[at] for s, at in zip(self.sectors, sectors) if s.changes]
+        none = Change(np.zeros((nq, nq)), np.zeros((nq, nq)), np.zeros((len(self.normals), self.n)))
+        return Change(*(sum((getattr(c, part) for c in found), getattr(none, part)) for part in vars(none)))
+
+    def thrown(self, key: int) -> Iterator[int]:
+        """The mode set `key` in every position of its switches."""
+        patches, normals, limiters, sectors, _ = self.modes(key)
+        for positions in product(*(range(len(switch.positions)) for switch in self.switches)):
+            yield self.key(patches, normals, limiters, sectors, positions)
+
+    def contacts(self, key: int) -> Iterator[int]:
+        """The mode set `key` with its patches, normal forces and limiters in every other way."""
+        *own, sectors, thrown = self.modes(key)
+        counts = iter(self.radices)
+        ways = [[range(next(counts)) for _ in part] for part in own]
+        for patches, normals, limiters in product(product(*ways[0]), self._liftings(), product(*ways[2])):
+            yield self.key(patches, normals, limiters, sectors, thrown)
+
+    def _liftings(self) -> Iterator[tuple[int, ...]]:
+        """The modes that the normal forces may have together."""
+        return product(*((CLOSED, OPEN) if k.opens else (CLOSED,) for k in self.normals))
+
+    def turn(self, key: int) -> Iterator[int]:
+        """The mode sets that a turn over all sectors is likely to meet: of each patch, as it is, one contact open.
+
+        Of switches of a few positions the others too, all contacts closed.
+        """
+        patches, _, limiters, _, now = self.modes(key)
+        ways = []
+        for lifted in self._liftings():
+            of = [k.patch for k, mode in zip(self.normals, lifted) if mode == OPEN]
+            if len(set(of)) == len(of):
+                ways.append((lifted, now))
+        few = [range(len(s.positions)) if len(s.positions) <= _FEW else (at,) for s, at in zip(self.switches, now)]
+        ways += [((CLOSED,) * len(self.normals), list(other)) for other in product(*few) if list(other) != now]
+        for places in product(*(range(len(sector.edges)) for sector in self.sectors)):
+            for lifted, thrown in ways:
+                yield self.key(patches, lifted, limiters, places, thrown)
+
+    def describe(self, key: int) -> str:
+        """The mode set in words, e.g. "contact slip+"."""
+        patches, normals, limiters, sectors, switches = self.modes(key)
+        words = [f"{p.name} {('slip+', 'slip-', 'stick')[m]}" for p, m in zip(self.patches, patches)]
+        lifted = [k.name for k, m in zip(self.normals, normals) if m == OPEN]
+        words += [f"{name} open" for name in lifted] if len(lifted) <= _SPELT else [f"{len(lifted)} contacts open"]
+        words += [f"{x.name} {('', 'low', 'high')[m]}" for x, m in zip(self.limiters, limiters) if m]
+        words += [f"{s.name} {m + 1}" for s, m in zip(self.sectors, sectors)]
+        words += [f"{s.name} {s.positions[m].name}" for s, m in zip(self.switches, switches)]
+        return ", ".join(words) or "free"
+
+    def happens(self, kind: int, owner: int) -> str:
+        """What happens when a guard of that kind falls, in words, e.g. "contact releases +"."""
+        firsts = ((G_NEXT, self.sectors), (G_LIMIT_LOW, self.limiters), (G_OPEN, self.normals), (G_SLIP, self.patches))
+        owners: Sequence[Any] = next(parts for first, parts in firsts if kind >= first)
+        return f"{owners[owner].name} {GUARD_NAMES[kind]}"

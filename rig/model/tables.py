@@ -1,0 +1,187 @@
+"""The tables that a kernel reads, stacked by mode set.
+
+A guard g = G x is certified free of events over a cell of length h when it exceeds, at both ends, the bound
+b = B.|x|, B_j = 1.25 h^2/8 max |(G A^2 exp(A t))_j|: the interpolation error of a chord cannot reach zero then.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.model import film_tables, friction_law, kick_tables, many_states_tables, product_terms
+from rig.model.energy_forms import supplied
+from rig.model.system import System
+from rig.solve.energy_balance import TERMS
+from rig.solve.film_records import Riding
+from rig.solve.kick import Flow
+from rig.solve.many_states import Wide
+from rig.solve.product_inputs import Products
+
+Array = NDArray[np.float64]
+UNROLLED = 8
+"""States up to which their number is a constant of the compiled code; above, one compiled code serves all rigs."""
+
+
+class Tables(NamedTuple):
+    """All mode sets visited so far, stacked by mode set; unknown ones have mode set -1 in `mode_set_of`. I: number of
+    inputs T.
+
+    What a rig does not have are arrays of length zero, so that all tables are of one type: kernels compile once.
+    """
+
+    mode_set_of: NDArray[np.int32]  # [mode sets]
+    depth: NDArray[np.int64]  # [mode set]
+    order: NDArray[np.int64]  # [mode set] terms of a finest cell's Taylor polynomial
+    curved: NDArray[np.int64]  # [mode set] 1: not linear: a slipping patch has a law over speed, or there are products
+    stuck: NDArray[np.int64]  # [mode set] 1: some patch sticks
+    lands: NDArray[np.int64]  # [mode set] 1: landing moves something
+    E: Array  # [mode set, level, n, n] propagators over step / 2^level less one, landing folded in
+    A: Array  # [mode set, n, n]
+    b: Array  # [mode set, n, I]
+    landing: Array  # [mode set, n, n]
+    guards: NDArray[np.int64]  # [mode set] number of guards
+    kind: NDArray[np.int64]  # [mode set, guard]
+    owner: NDArray[np.int64]  # [mode set, guard]
+    G: Array  # [mode set, guard, n]
+    GT: Array  # [mode set, guard, I]
+    GA: Array  # [mode set, guard, n]
+    B: Array  # [mode set, guard, n] bound of the chord over one step
+    BA: Array  # [mode set, guard, n] the same for the guard's slope
+    normal: Array  # [mode set, K, n]
+    normal_t: Array  # [mode set, K, I]
+    friction: Array  # [mode set, P, n]
+    friction_t: Array  # [mode set, P, I]
+    load: Array  # [mode set, P, n] sum of the closed normal forces of a patch
+    load_t: Array  # [mode set, P, I]
+    sigma: Array  # [mode set, P]
+    pace: Array  # [mode set, P, n] sigma times the slip speed
+    bear: Array  # [mode set, P, n] sigma times the load
+    bear_t: Array  # [mode set, P, I]
+    signals: Array  # [mode set, S, n] quantities the sensors read
+    signals_t: Array  # [mode set, S, I]
+    asks: NDArray[np.int64]  # [mode set, S] 1: the quantity depends on the inputs
+    coupled: NDArray[np.int64]  # [mode set] 1: some load depends on the friction forces T
+    needs: NDArray[np.int64]  # [mode set, guard] 1: the guard depends on the inputs
+    press: Array  # [mode set, K, n] the normal forces that are closed, 0 for the others
+    press_t: Array  # [mode set, K, I]
+    active: NDArray[np.int64]  # [mode set, terms] 1: the power is not zero throughout
+    powers: Array  # [mode set, terms, n, n] quadratic forms of power
+    work: Array  # [mode set, level, terms, n, n] their integrals over step / 2^level
+    slip: Array  # [P, n] slip speed rows
+    surface: Array  # [P, n] slip speed and the speed of the body under the friction force: what the drive supplies
+    lift: Array  # [K, n] rows of the speed along each normal force
+    damping: Array  # [mode set, nq, nq]
+    force: Array  # [nq, n]
+    force_t: Array  # [nq, products]
+    static: Array  # [mode set, P]
+    code: NDArray[np.int64]  # [mode set, P]
+    numbers: Array  # [mode set, P, widest]
+    of_patch: NDArray[np.int64]  # [K]
+    opens: NDArray[np.int64]  # [K] 1: the contact opens at N = 0; else it pulls as it presses
+    limiters: NDArray[np.int64]  # [1] number of limiters
+    sectors: NDArray[np.int64]  # [sector row] number of sectors
+    turn: NDArray[np.int64]  # [sector row] the state that is moved by a period
+    commanded: NDArray[np.int64]  # [switch] the state that says its position
+    positions: NDArray[np.int64]  # [switch] how many it has
+    swing: NDArray[np.int64]  # [generator, 2] signals a, b of a' = rate b, b' = -rate a
+    swing_rate: Array  # [generator]
+    store: Array  # [mode set, n, n] twice the energy in the network
+    loss: Array  # [mode set, resistor, n] their heat is the square of this, times the
+    conductance: Array  # [resistor]
+    path: Array  # [sector row, n] place
+    edges: Array  # [sector row, widest + 1] the last is the period
+    change: Array  # [sector row, widest, nq, nq] what a sector adds to the stiffness; no row where none does
+    products: Products
+    wide: Wide  # of rigs with many states
+    flow: Flow  # of the method kick
+    film: Riding  # of that method, where contacts travel
+    step: Array  # [1] s
+
+
+def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables:
+    """Tables without a mode set; see ModeSets for the arguments, `signals`: how many."""
+    n, nq, P, K, S = s.n, len(s.coordinates), len(s.patches), len(s.normals), signals
+    I = s.inputs
+    g = 2 * P + K + 2 * len(s.limiters) + 2 * len(s.sectors)
+    nodes = max((len(sector.edges) + 1 for sector in s.sectors), default=1)
+    edges = np.zeros((len(s.sectors), nodes))
+    for i, sector in enumerate(s.sectors):
+        edges[i, : len(sector.edges) + 1] = (*sector.edges, sector.period)
+    varies = any(sector.changes for sector in s.sectors)
+    change = np.zeros((len(s.sectors), nodes - 1, nq, nq) if varies else (0, 1, 1, 1))
+    for i, sector in enumerate(s.sectors):
+        for at, one in enumerate(sector.changes):
+            change[i, at] = one.stiffness
+    z = np.zeros
+    return Tables(
+        mode_set_of=np.full(s.keys, -1, dtype=np.int32),
+        depth=z(0, dtype=np.int64),
+        order=z(0, dtype=np.int64),
+        curved=z(0, dtype=np.int64),
+        stuck=z(0, dtype=np.int64),
+        lands=z(0, dtype=np.int64),
+        E=z((0, 1, n, n)),
+        A=z((0, n, n)),
+        b=z((0, n, I)),
+        landing=z((0, n, n)),
+        guards=z(0, dtype=np.int64),
+        kind=z((0, g), dtype=np.int64),
+        owner=z((0, g), dtype=np.int64),
+        G=z((0, g, n)),
+        GT=z((0, g, I)),
+        GA=z((0, g, n)),
+        B=z((0, g, n)),
+        BA=z((0, g, n)),
+        normal=z((0, K, n)),
+        normal_t=z((0, K, I)),
+        friction=z((0, P, n)),
+        friction_t=z((0, P, I)),
+        load=z((0, P, n)),
+        load_t=z((0, P, I)),
+        sigma=z((0, P)),
+        pace=z((0, P, n)),
+        bear=z((0, P, n)),
+        bear_t=z((0, P, I)),
+        signals=z((0, S, n)),
+        signals_t=z((0, S, I)),
+        asks=z((0, S), dtype=np.int64),
+        coupled=z(0, dtype=np.int64),
+        needs=z((0, g), dtype=np.int64),
+        press=z((0, K, n)),
+        press_t=z((0, K, I)),
+        active=z((0, TERMS), dtype=np.int64),
+        powers=z((0, TERMS, n, n)),
+        work=z((0, 1, TERMS, n, n)),
+        slip=s.slip_rows.copy(),
+        surface=supplied(s),
+        lift=np.array([k.direction for k in s.normals]).reshape(K, nq) @ np.eye(n)[nq : 2 * nq],
+        damping=z((0, nq, nq)),
+        force=s.force.copy(),
+        force_t=s.force_t.copy(),
+        static=z((0, P)),
+        code=z((0, P), dtype=np.int64),
+        numbers=z((0, P, friction_law.width(tuple(law for p in range(P) for law in s.laws(p))))),
+        of_patch=np.array([k.patch for k in s.normals], dtype=np.int64),
+        opens=np.array([k.opens for k in s.normals], dtype=np.int64),
+        limiters=np.array([len(s.limiters)]),
+        sectors=np.array([len(sector.edges) for sector in s.sectors], dtype=np.int64),
+        turn=np.array([sector.turn for sector in s.sectors], dtype=np.int64),
+        commanded=np.array([switch.state for switch in s.switches], dtype=np.int64),
+        positions=np.array([len(switch.positions) for switch in s.switches], dtype=np.int64),
+        swing=np.array([pair for *pair, _ in s.generators], dtype=np.int64).reshape(-1, 2),
+        swing_rate=np.array([rate for *_, rate in s.generators], dtype=np.float64),
+        store=z((0, n, n)),
+        loss=z((0, len(s.losses), n)),
+        conductance=np.array([loss.conductance for loss in s.losses]),
+        path=np.array([sector.row for sector in s.sectors]).reshape(-1, n),
+        edges=edges,
+        change=change,
+        products=product_terms.pack(s.products, n, P, K),
+        wide=many_states_tables.empty(n, I, g, read, S) if n > UNROLLED else many_states_tables.empty(0, 0, 0, 0, 0),
+        flow=kick_tables.empty(s, g) if kicks and s.film is None else kick_tables.empty(None, 0),
+        film=film_tables.empty(),
+        step=np.array([step]),
+    )

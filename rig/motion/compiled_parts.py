@@ -1,0 +1,109 @@
+"""The parts of compiled code that a rig needs (rig.solve.specialised), where they begin, and two processes that compile
+them.
+
+The second process takes the list from its end, this one from its begin; nothing is compiled by both
+(rig.kernel_store.Folder.claimed). Behind the parts stand the kernels that a run calls from Python first.
+"""
+
+from __future__ import annotations
+
+import base64
+import importlib
+import os
+import pickle
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+from rig import scheduling
+from rig.child_process import Child, end
+from rig.kernel import FOLDER
+from rig.solve.specialised import Shape
+
+_ADDRESSES: dict[tuple[Any, Shape], int] = {}
+_HUNG = 120.0  # s that another process may compile one part
+_PATIENCE = 5.0  # s, for the second process to end
+
+
+class Task(NamedTuple):
+    """A function to be compiled for arguments of these types. `name`: of it among the kernels that are kept."""
+
+    name: str
+    function: Any
+    kinds: tuple[Any, ...]
+
+
+@contextmanager
+def _beside(tasks: Sequence[Task]) -> Iterator[None]:
+    """While these are compiled here, another process does so too, from the last one on; it ends with this."""
+    # Another thread than the main one builds beside a run, whose cores are not to be taken.
+    apart = threading.current_thread() is not threading.main_thread() or "RIG_OWN_PROCESS" not in os.environ
+    if len(tasks) < 2 or not FOLDER.keeps or scheduling.cores() < 2 or apart:
+        yield
+        return
+    told = [(name, function.__module__, function.__name__, kinds) for name, function, kinds in reversed(tasks)]
+    fellow = Child("compiler", ["rig.motion.compiled_parts", base64.b64encode(pickle.dumps(told)).decode()])
+    try:
+        yield
+    finally:
+        fellow.send(signal.SIGTERM)  # all is there, or is not wanted any more
+        end([fellow], _PATIENCE)
+
+
+def addresses(
+    wanted: Mapping[str, tuple[Any, Shape]],
+    kinds: Callable[[], Sequence[Any]],
+    more: Callable[[Sequence[Any]], Sequence[tuple[Any, tuple[Any, ...]]]],
+) -> dict[str, int]:
+    """Where the code of each of `wanted`, by name, begins: of a leaf or another part, for this shape.
+
+    part(shape, t, w, state, log, seg, plan, ticks) -> int; `kinds`: types of t .. ticks. What has not been compiled is
+    compiled, by two processes where this one is a command's; `more`: what the run then calls, and for which types.
+    """
+    missing = [one for one in wanted.values() if one not in _ADDRESSES]
+    if missing:
+        common = tuple(kinds())
+        parts = [Task(_name(*one), one[0], (one[1], *common)) for one in missing]
+        found = [Task(f"{function.__module__}.{function.__name__}", function, of) for function, of in more(common)]
+        others = [task for task in found if not FOLDER.noted(task.name)]
+        with _beside([task for task in (*parts, *others) if not FOLDER.noted(task.name)]):
+            compiled([*parts, *others])
+        for one, task in zip(missing, parts):
+            code = task.function.overloads[task.kinds]
+            _ADDRESSES[one] = code.library.get_pointer_to_function(code.fndesc.llvm_func_name)
+    return {name: _ADDRESSES[one] for name, one in wanted.items()}
+
+
+def compiled(tasks: Sequence[Task]) -> None:
+    """Compile these, or take what is kept. What another process is compiling is waited for last."""
+    done = set()
+    for longest in (0.0, _HUNG):
+        for name, function, kinds in tasks:
+            if name in done:
+                continue
+            with FOLDER.claimed(name, longest) as mine:
+                if mine:
+                    function.compile(kinds)
+                    done.add(name)
+
+
+def _name(part: Any, shape: Shape) -> str:
+    return f"{part.__module__}.{part.__name__}.{shape.states}.{shape.products:d}.{shape.bends:d}"
+
+
+def main() -> None:
+    """Compile what the command line says: `python -m rig.motion.compiled_parts TASKS`."""
+    told = pickle.loads(base64.b64decode(sys.argv[1]))
+    compiled(
+        [
+            Task(name, getattr(importlib.import_module(module), function), kinds)
+            for name, module, function, kinds in told
+        ]
+    )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,530 @@
+"""The motion of a rig: one state, its time and its modes, carried forward tick by tick.
+
+Time is an int64 tick plus the place inside it. What is simulated depends on the ticks at which states are written and
+on nothing else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import cache
+from itertools import islice
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import Chatter, Diverged, Jammed, NumericsError
+from rig.kernel import entry
+from rig.lent_records import Loan
+from rig.model import energy_forms
+from rig.model.film import on
+from rig.model.method import seen
+from rig.model.mode_sets import ModeSets
+from rig.model.singular import singular
+from rig.model.system import System
+from rig.model.workspace import workspace
+from rig.motion.contact_springs import Springs
+from rig.motion.plan import plan
+from rig.solve import energy_balance
+from rig.solve.advance import TALLIED, advance, evaluate
+from rig.solve.contact_state import CHATTER, DONE, JAM, LOOK, LOST, NEED, OVERFULL, SETTLE, START
+from rig.solve.frames import frames as carried_in_frames
+from rig.solve.records import (
+    BEGUN,
+    BEYOND,
+    COUNTERS,
+    EVENTS,
+    KEY,
+    OPENED,
+    PAST,
+    PENDING,
+    PLACE,
+    PLACES,
+    REACHED,
+    TICK,
+    TRIALS,
+    TRY,
+    Carried,
+    Log,
+    Plan,
+    State,
+    Work,
+)
+from rig.solve.segment_output import empty_segments
+from rig.stability.report import blame
+
+Array = NDArray[np.float64]
+SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
+"""Room for the smooth segments of a frame, to begin with and at most."""
+
+
+class Frames(NamedTuple):
+    """How a motion is carried together with instruments and controllers, by frames of `steps` ticks.
+
+    `around`: a rig.solve.frames.Around. It may end early, after a frame at which somebody must look.
+    """
+
+    steps: int
+    around: Loan
+
+
+class Ready(NamedTuple):
+    """A system as a motion needs it to go on with, mode sets and compiled code included (`Motion.ready`)."""
+
+    system: System
+    outputs: list[dict[str, float]]
+    mode_sets: ModeSets
+    work: Work
+    plan: Plan
+    told: Callable[[int, int], str]
+    now: tuple[Array, NDArray[np.int64], Array]
+    carry: Callable[..., int] | None
+
+
+@dataclass(frozen=True)
+class Event:
+    """A change of modes at tick `tick` + `place` (a share of the step); `before`: the mode set it ended."""
+
+    tick: int
+    place: float
+    what: str
+    before: int
+
+
+class Saved(NamedTuple):
+    """State, counters and places of rig.solve.records.State, and the largest size of each state so far."""
+
+    x: Array
+    ic: NDArray[np.int64]
+    fc: Array
+    size: Array
+
+
+class Motion:
+    """A system in motion. `write` puts a command in force, `advance` carries the state on; both act at `tick`.
+
+    `step_ns`: sample step, the exact method's only step. `outputs`: extended rows (rig.model.assembly) of the
+    quantities that `outputs_at` evaluates; the first `read` of them go to `segments`, for the sensors.
+    `tolerance`: of dopri5, for event times and local errors relative to each state's size. `substeps`: steps of rk4 or
+    kick in a sample step. `smoothing`: of the method smooth [m/s]. `cap`: events allowed in one call (ten ticks of a
+    longer one). `limit`: largest |state| allowed.
+    `booking`: keep the energy balance. `longest`: ticks of the longest call to make room for. `bounds`: of the size of
+    outputs, by number; `beyond` then names the first output that has left its bound at the end of a call. `frames`: in
+    which the motion is carried, if not alone.
+
+    Raises ValueError for a method that cannot serve the system; while running Diverged, Jammed, Chatter (rig.errors)
+    with time, mode and state. The state is kept then.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        step_ns: int,
+        method: str,
+        outputs: list[dict[str, float]] | None = None,
+        read: int = 0,
+        tolerance: float = 1e-7,
+        substeps: int = 1,
+        cap: int = 200,
+        limit: float = 1e6,
+        with_energy: bool = True,
+        longest: int = 1,
+        bounds: Mapping[int, float] | None = None,
+        frames: Frames | None = None,
+        smoothing: float = 1e-3,
+    ) -> None:
+        self.step_ns, self.method, self.smoothing = step_ns, method, float(smoothing)
+        self.tolerance, self.limit = float(tolerance), float(limit)
+        self.substeps, self.with_energy = int(substeps), bool(with_energy)
+        self.tick = 0
+        self.segments = empty_segments(read, SEGMENTS)
+        self._outputs, self._read, self._cap = outputs or [], read, cap
+        self._kernel: Any = advance if frames is None else carried_in_frames
+        self._more = frames or ()
+        self._block = None if frames is None else frames.steps
+        self._first = self.kept = 0
+        self._jumps = 0.0
+        self._foresees = 0
+        self._take(self._made(system, self._outputs))
+        system = self.system
+        self.state = State(
+            ic=np.zeros(COUNTERS, dtype=np.int64),
+            fc=np.zeros(PLACES),
+            x=system.start.copy(),
+            energy=np.zeros(energy_balance.TERMS),
+            edges=np.zeros(1),
+            tally=np.zeros(TALLIED, dtype=np.int64),
+            watched=np.array(list(bounds or {}), dtype=np.int64),
+            bound=np.array(list((bounds or {}).values()), dtype=np.float64),
+        )
+        self._room(longest, self._block or longest)
+        self.restart(system.start)
+        self._prepare()
+
+    def restart(self, x: Array) -> None:
+        """Start anew at tick 0 from state `x` [n], as if nothing had been before; mode sets that are built are kept."""
+        state, system = self.state, self.system
+        for part in (state.ic, state.fc, state.energy, state.edges, state.tally, self.work.size):
+            part[:] = 0
+        state.ic[PENDING], state.ic[BEGUN] = START, -1
+        state.fc[TRY] = self.step_ns * 1e-9
+        state.x[:] = x
+        self.mode_sets.take()
+        self.tick, self._jumps = 0, 0.0
+        at_start = system.key([0] * len(system.patches), [0] * len(system.normals), [0] * len(system.limiters))
+        self.stored_first = energy_forms.stored(system, state.x, at_start)
+        self._springs = Springs(self) if self.method == "kick" and system.film is None else None
+        self._run(0, 0)
+        self._begun = state.x.copy()
+
+    def save(self) -> Saved:
+        """What `go_back` needs to carry on from here once more."""
+        state = self.state
+        return Saved(state.x.copy(), state.ic.copy(), state.fc.copy(), self.work.size.copy())
+
+    def go_back(self, saved: Saved) -> None:
+        """Back to a state of the same system that was saved; energy, ticks and log go on being those of now."""
+        state = self.state
+        state.x[:], state.ic[:], state.fc[:] = saved.x, saved.ic, saved.fc
+        self.work.size[:] = saved.size
+
+    @property
+    def _varies(self) -> bool:
+        """Whether the structure is another in other sectors."""
+        return any(sector.changes for sector in self.system.sectors)
+
+    def _prepare(self) -> None:
+        """Build what a turn over such sectors or a switch will meet: a paced run could not afford it on the way."""
+        for key in self.system.turn(self.key) if self._varies else self.system.thrown(self.key):
+            _add(self.mode_sets, key)
+
+    def foresee(self, keys: Iterable[int] = (), most: int = 32) -> None:
+        """Build the mode sets `keys`, and those that events of the contacts lead to, if there are at most so many.
+
+        Each takes some milliseconds when it is first met, which a paced run cannot afford on the way. From here on
+        `ready` does so as well.
+        """
+        self._foresees = most
+        _foreseen(self.mode_sets, self.key, keys, most)
+
+    def _made(self, system: System, outputs: list[dict[str, float]]) -> Ready:
+        """A system as the method sees it, without a mode set yet."""
+        system = seen(system, self.method, self.smoothing)
+        kicks = self.substeps if self.method == "kick" else 0
+        mode_sets = ModeSets(system, self.step_ns * 1e-9, outputs, self._read, kicks)
+        return Ready(
+            system,
+            outputs,
+            mode_sets,
+            workspace(system, self._read, mode_sets.tables.G.shape[1]),
+            plan(
+                system,
+                self.method,
+                self.substeps,
+                self.tolerance,
+                self.with_energy,
+                self._read > 0,
+                self.limit,
+                self._more[1:],
+            ),
+            cache(system.happens),
+            (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((1, len(outputs)))),
+            None,
+        )
+
+    def _take(self, made: Ready) -> None:
+        self.system, self._outputs, self.mode_sets, self.work = made.system, made.outputs, made.mode_sets, made.work
+        self.plan, self._told, self._now, self._carry = made.plan, made.told, made.now, made.carry
+
+    def ready(self, system: System, outputs: list[dict[str, float]] | None = None) -> Ready:
+        """Another system, made ready for `replace` with the mode sets that this motion has met.
+
+        It leaves the motion as it is, so that another thread may call it while the motion is carried on. Raises
+        ValueError where the systems differ in their patches, normal forces or sectors, or where the method cannot
+        serve the new one.
+        """
+        made = self._made(system, self._outputs if outputs is None else outputs)
+        old, key = self.system, self.key
+        if _parts(old) != _parts(made.system):
+            raise ValueError("it changes the contacts of the rig; start a new run with it")
+        for known in self.mode_sets.keys:
+            _add(made.mode_sets, made.system.taken_over(old, known))
+        if self._foresees:
+            _foreseen(made.mode_sets, made.system.taken_over(old, key), (), self._foresees)
+        carry = entry(self._kernel, made.mode_sets.handle, self.loan, True, 0, 0, *self._more)
+        return made._replace(carry=carry)
+
+    def _room(self, rows: int, ticks: int) -> None:
+        """Rows for states, and as many events as a block of `ticks` may have."""
+        none = np.zeros(0)
+        self.log = Log(np.zeros((rows, self.system.n)), np.zeros(rows, dtype=np.int64), none.astype(np.int64), none)
+        self._events(ticks)
+
+    def _events(self, ticks: int) -> None:
+        events = self._cap * max(1, ticks // 10)
+        self.log = self.log._replace(event=np.zeros((events, 4), dtype=np.int64), place=np.zeros(events))
+        self._ticks = ticks
+        self._lend()
+
+    def _lend(self) -> None:
+        self.loan = Loan(Carried(self.work, self.state, self.log, self.segments, self.plan))
+
+    @property
+    def x(self) -> Array:
+        """The state now."""
+        return self.state.x
+
+    @property
+    def key(self) -> int:
+        """The mode set now."""
+        return int(self.state.ic[KEY])
+
+    @property
+    def mode_set(self) -> int:
+        """The mode set of the mode set now."""
+        return int(self.mode_sets.tables.mode_set_of[self.key])
+
+    def counts(self) -> dict[str, int]:
+        """Ticks, events, opened ticks, dopri5 trial steps, mode sets visited."""
+        ic = self.state.ic
+        return {
+            "ticks": self.tick,
+            "events": int(ic[PAST]),
+            "opened_ticks": int(ic[OPENED]),
+            "trial_steps": int(ic[TRIALS]),
+            "mode_sets": len(self.mode_sets.sets),
+        }
+
+    def stick_share(self) -> float:
+        """Share of the ticks so far in which every loaded patch was stuck."""
+        tally = self.state.tally[: len(self.mode_sets.sets)]
+        return float(tally[self.mode_sets.sticks[:TALLIED]].sum() / max(int(self.state.tally.sum()), 1))
+
+    def write(self, index: int, value: float) -> None:
+        """Put state `index` to `value` now; modes are settled before the next step.
+
+        The energy that this gives the structure is booked as an impulse.
+        """
+        if self._springs:
+            self._springs.pause()
+        if index < 2 * len(self.system.coordinates):
+            before = energy_forms.stored(self.system, self.state.x, self.key)
+            self.state.x[index] = value
+            self._jumps += energy_forms.stored(self.system, self.state.x, self.key) - before
+        else:
+            self.state.x[index] = value
+        if self._springs:
+            self._springs.go_on()
+
+    def begin(self) -> None:
+        """Settle the modes as at the start, where states were written since: before the first step."""
+        if self.tick == 0 and (self.state.x.shape != self._begun.shape or (self.state.x != self._begun).any()):
+            self.state.ic[PENDING], self.state.ic[BEGUN] = START, -1
+            self._run(0, 0)
+            self._begun = self.state.x.copy()
+
+    def replace(self, ready: Ready) -> None:
+        """Go on as another system from here: equal states keep their values, or what the systems say is kept.
+
+        Modes are settled anew. What the change does to the stored energy is booked as an impulse.
+        """
+        old, before = self.system, energy_forms.stored(self.system, self.state.x, self.key)
+        self.terms()  # the sums of the mode sets that are given up
+        if self._springs:
+            self._springs.pause()
+        spent = dict(zip(self.mode_sets.keys, self.state.tally.tolist()))
+        x, key, system = self.state.x, self.key, ready.system
+        sizes = dict(zip(old.names, self.work.size.tolist()))
+        self._take(ready)
+        self.work.size[:] = [sizes.get(name, 0.0) for name in system.names]
+        values = dict(zip(old.names, x.tolist()))
+        kept = np.array([values.get(name, start) for name, start in zip(system.names, system.start.tolist())])
+        for name in (name for name in system.kept.keys() & old.kept.keys() if name in system.names):
+            row, at = system.kept[name], system.names.index(name)
+            kept[at] += (old.kept[name] @ x - row @ kept) / row[at]
+        self.state = self.state._replace(x=kept, tally=np.zeros_like(self.state.tally))
+        for visited, ticks in spent.items():
+            mode_set = _add(self.mode_sets, system.taken_over(old, visited))
+            self.state.tally[min(mode_set, TALLIED - 1)] += ticks
+        if system.n != old.n:
+            self.log = self.log._replace(out=np.zeros((len(self.log.out), system.n)))
+        self.state.ic[KEY] = system.taken_over(old, key, kept)
+        self.state.ic[PENDING] = SETTLE
+        self._jumps += energy_forms.stored(system, kept, self.key) - before
+        if self._springs:
+            self._springs.go_on()
+        self._lend()
+        self._run(0, 0)
+
+    def advance(self, ticks: int, keep: bool = False) -> bool:
+        """Carry the state `ticks` ticks on; `states` and `slots_of_states` then hold what came at their ends.
+
+        `keep`: behind what the calls before have kept; set `kept` to 0 to begin anew. True: carried in `frames` it has
+        ended, perhaps early, after a frame at which somebody must look; `events` are those of this frame.
+        """
+        first = self.kept if keep else 0
+        last = first + ticks
+        block = self._block or ticks
+        if last > len(self.log.out):
+            self._room(last, block)
+        elif block != self._ticks:
+            self._events(block)
+        self._first = first
+        return self._run(first, last)
+
+    @property
+    def states(self) -> Array:
+        """States at the ends of the ticks of the last call, [tick, n]."""
+        return self.log.out[self._first : self.kept]
+
+    @property
+    def mode_sets_of_states(self) -> NDArray[np.int64]:
+        """The mode sets they are in, [tick]."""
+        return self.log.modes[self._first : self.kept]
+
+    @property
+    def beyond(self) -> int:
+        """Number of the first output beyond its bound at the end of the last call; -1 if none."""
+        return int(self.state.ic[BEYOND])
+
+    def _run(self, first: int, last: int) -> bool:
+        more = self._more
+        if self._carry is None:
+            self._carry = entry(self._kernel, self.mode_sets.handle, self.loan, True, first, last, *more)
+        status = self._carry(self.mode_sets.handle, self.loan, True, first, last, *more)
+        while status == NEED or (status == OVERFULL and 2 * len(self.segments.start) <= MOST_SEGMENTS):
+            if status == NEED:
+                try:
+                    self.mode_sets.add(self.key)
+                except np.linalg.LinAlgError:
+                    self._reached(first, int(self.state.ic[REACHED]))
+                    error = singular(self.system, self.key)
+                    raise (Jammed if error.jams else NumericsError)(error.why, *self._where()) from None
+            else:
+                self._more_segments()
+            status = self._carry(self.mode_sets.handle, self.loan, False, first, last, *more)
+        self._reached(first, last if status == DONE else int(self.state.ic[REACHED]))
+        if status not in (DONE, LOOK):
+            self._stop(status)
+        return status == LOOK  # type: ignore[no-any-return]
+
+    def _reached(self, first: int, last: int) -> None:
+        self.kept = last
+        self.tick += last - first
+
+    def _more_segments(self) -> None:
+        """Double the room for the segments of a frame; those that are there stay."""
+        old, count = self.segments, int(self.segments.count[0])
+        self.segments = empty_segments(self._read, 2 * len(old.start))
+        self.segments.count[0] = count
+        for new, kept in zip(self.segments[1:], old[1:]):
+            new[:count] = kept[:count]
+        self._lend()
+
+    def _where(self) -> tuple[float, str, dict[str, float]]:
+        ic, fc = self.state.ic, self.state.fc
+        time = (self.tick + int(ic[TICK]) - self.kept + float(fc[PLACE])) * self.step_ns * 1e-9
+        own = self.system.names[: self.system.names.index(on(self.system.coordinates[0]))] if self.system.film else None
+        return time, self.system.describe(self.key), dict(zip(own or self.system.names, self.state.x.tolist()))
+
+    def _stop(self, status: int) -> None:
+        where = self._where()
+        if status == JAM:
+            raise Jammed("no contact mode agrees with the equations: jamming (Painleve)", *where)
+        if status == CHATTER:
+            _, kind, owner, _ = self.log.event[int(self.state.ic[EVENTS]) - 1].tolist()
+            what = f"more than {len(self.log.event)} events in one block; the last: {self.system.happens(kind, owner)}"
+            raise Chatter(f"{what}. Raise clock.events_per_frame if this is meant", *where)
+        if status == OVERFULL:
+            finer = {"rk4": "clock.rk4_step", "kick": "clock.rk4_step", "dopri5": "clock.tolerance"}.get(self.method)
+            what = f"more than {len(self.segments.start)} smooth segments in one frame, for the sensors to read"
+            raise NumericsError(f"{what}. Shorten clock.frame{f' or raise {finer}' if finer else ''}", *where)
+        assert status == LOST
+        film = self.system.film
+        if film is not None and not 0.0 <= self.state.x[self.system.names.index(film.travel)] <= film.longest:
+            raise NumericsError(f"the slider has come to the end of its way, {film.longest:g} m", *where)
+        if np.all(np.abs(self.state.x) <= self.limit):
+            raise Diverged(f"no step is short enough for the tolerance {self.tolerance:g}", *where)
+        what = f"the state has left the limit of {self.limit:g} or is not finite"
+        if self.method in ("rk4", "kick"):
+            what += f"; {blame(self.system, self.method, self.step_ns * 1e-9, self.substeps)}"
+        raise Diverged(what, *where)
+
+    def events(self) -> list[Event]:
+        """Events of the last call of `advance`."""
+        first, events, places = self.met()
+        met = zip(events.tolist(), places.tolist())
+        return [
+            Event(first + tick, place, self._told(kind, owner), before) for (tick, kind, owner, before), place in met
+        ]
+
+    def met(self) -> tuple[int, NDArray[np.int64], Array]:
+        """The same as numbers: ticks count from the first; [event, 4] tick, guard kind, owner, key before; places."""
+        count = self.event_count
+        return self.tick - int(self.state.ic[TICK]), self.log.event[:count].copy(), self.log.place[:count].copy()
+
+    def outputs_at(self, states: Array, mode_sets: NDArray[np.int64]) -> Array:
+        """Every output [state, output] at `states` [state, n], each in the mode set of its mode set."""
+        values = np.zeros((len(states), len(self._outputs)))
+        evaluate(self.mode_sets.handle, self.loan, states, mode_sets, values)
+        return values
+
+    def outputs_now(self) -> Array:
+        """Every output [output] at this instant (a view, overwritten by the next call)."""
+        states, mode_sets, values = self._now
+        states[0] = self.state.x
+        mode_sets[0] = self.mode_sets.tables.mode_set_of[self.state.ic[KEY]]
+        evaluate(self.mode_sets.handle, self.loan, states, mode_sets, values)
+        return values[0]  # type: ignore[no-any-return]
+
+    @property
+    def event_count(self) -> int:
+        """Events in the last call of `advance`."""
+        return int(self.state.ic[EVENTS])
+
+    def terms(self) -> Array:
+        """The terms of the energy balance so far [J], in the order of rig.solve.energy_balance.NAMES."""
+        energy = self.state.energy
+        energy += self.mode_sets.take()
+        return energy.copy()
+
+    def residual(self) -> dict[str, float] | None:
+        """What kick leaves over in the energy of its contacts (rig.motion.contact_springs); None for other methods."""
+        return self._springs.residual() if self._springs else None
+
+    @np.errstate(over="ignore", invalid="ignore")  # of a state that has left the range of numbers: the run says so
+    def energy(self) -> dict[str, float]:
+        """The energy balance so far [J], and `error`: what does not close, relative to the largest term or store."""
+        terms = self.terms()
+        stored = energy_forms.stored(self.system, self.state.x, self.key) - self.stored_first
+        jumps = self._jumps + float(self.state.edges[0])
+        largest = max(float(np.abs(terms).max()), abs(stored), abs(self.stored_first), 1e-30)
+        out = energy_forms.by_name(self.system, terms)
+        if self._varies:
+            out["edges"] = float(self.state.edges[0])
+        out |= {"impulses": self._jumps, "stored": stored}
+        out["error"] = (float(terms @ energy_balance.SIGNS) + jumps - stored) / largest
+        return out
+
+
+def _add(mode_sets: ModeSets, key: int) -> int:
+    """The mode set of a mode set, which is built if it is not there yet."""
+    if mode_sets.tables.mode_set_of[key] < 0:
+        mode_sets.add(key)
+    return int(mode_sets.tables.mode_set_of[key])
+
+
+def _foreseen(mode_sets: ModeSets, now: int, keys: Iterable[int], most: int) -> None:
+    """Build the mode sets `keys`, and what events of the contacts lead to from `now`, if that is at most so many."""
+    near = list(islice(mode_sets.system.contacts(now), most + 1))
+    for key in (*keys, *(near if len(near) <= most else ())):
+        with suppress(ArithmeticError, np.linalg.LinAlgError):  # no such motion: it will not be met
+            _add(mode_sets, key)
+
+
+def _parts(system: System) -> tuple[list[str], ...]:
+    """What two systems must share for one to go on as the other."""
+    return [p.name for p in system.patches], [k.name for k in system.normals], [s.name for s in system.sectors]

@@ -1,0 +1,205 @@
+"""Tonazzi and others (2020), sections 4 and 5: the coated beam on its disc; load and angle; a knock."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.analysis.recorded.hysteresis import hysteresis
+from rig.analysis.three_stages import stages
+from rig.analysis.upper_speed import upper_speed
+from rig.papers.bistable import MM, diagram
+from rig.papers.common import BLUE, GREEN, GREY, RED, load, run
+from rig.papers.entry import Comparison, Entry
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from rig.record.run import Run
+
+WINDOW = 0.2  # s, the paper's
+LOADS, ANGLES = (50.0, 40.0, 30.0, 20.0), (5.0, 10.0, 15.0, 20.0)
+TABLE_3: dict[float, tuple[tuple[float, float], ...]] = {  # N -> upper and lower speed [mm/s] at each angle
+    50.0: ((13.0, 7.5), (10.5, 6.5), (7.5, 6.0), (0.0, 0.0)),
+    40.0: ((10.0, 6.5), (5.0, 2.0), (3.0, 1.5), (0.0, 0.0)),
+    30.0: ((7.5, 4.5), (2.0, 0.5), (0.0, 0.0), (0.0, 0.0)),
+    20.0: ((3.0, 0.0), (0.0, 0.0), (0.0, 0.0), (0.0, 0.0)),
+}
+
+
+def _spectrogram(made: Run, axis: Axes, length: int, top: float) -> None:
+    """Power of the acceleration over time and frequency."""
+    with np.errstate(divide="ignore"):  # a stuck tip does not accelerate
+        power, _, _, image = axis.specgram(
+            made.signals["acceleration"], NFFT=length, Fs=1e9 / made.step_ns, noverlap=length // 2, cmap="magma"
+        )
+    high = 10.0 * math.log10(float(power.max()))
+    image.set_clim(high - 90.0, high)
+    axis.set(xlabel="time [s]", ylabel="frequency [Hz]", ylim=(0.0, top))
+
+
+def measured(figure: Figure) -> Iterator[Comparison]:
+    """Run-up and run-down of the experiment: protocol, acceleration, spectrogram, RMS over the speed."""
+    made = run(load("tip_epoxy"))
+    panels = figure.subplot_mosaic([["time", "time"], ["speed", "lines"]])
+    over_time, over_speed, lines = panels["time"], panels["speed"], panels["lines"]
+    over_time.plot(made.time[::5], made.signals["acceleration"][::5], color=BLUE, lw=0.4)
+    over_time.set(xlabel="time [s]", ylabel="acceleration [m/s²]")
+    diagram(made, over_speed, WINDOW)
+    over_speed.set_xlim(0.0, 20.0)
+    _spectrogram(made, lines, 2048, 2000.0)
+    speed = made.signals["surface_speed"]
+    for t, expected in ((20.0, 44.0), (40.0, 44.0), (60.0, 0.0)):
+        ours = MM * float(np.interp(t, made.time, speed))
+        yield Comparison(f"speed of the disc at {t:g} s", "mm/s", ours, expected, "paper", absolute=1e-6)
+    found = stages(made)
+    assert found is not None
+    yield Comparison("last stick on the way up", "mm/s", MM * found.up, 13.0, "paper", absolute=0.25)
+    yield Comparison("first stick on the way down", "mm/s", MM * found.down, 5.68, "reference", absolute=0.3)
+    import rig
+
+    swept = rig.sweep(load("tip_epoxy", noise=None), "drive.speed", np.linspace(0.004, 0.012, 9))
+    critical = [one.value for one in swept.critical]
+    yield Comparison("sliding is unstable below", "mm/s", MM * critical[0], 7.5, "paper", absolute=0.02)
+    [up] = [curve for curve in hysteresis(made, "acceleration", "surface_speed", WINDOW).curves if curve.branch.rises]
+    ours = float(np.interp(9e-3, up.speed, up.rms))
+    yield Comparison("RMS acceleration on the way up at 9 mm/s", "m/s²", ours, 10.196, "reference", relative=0.01)
+
+
+def beam(figure: Figure) -> Iterator[Comparison]:
+    """The beam in several modes: spectrogram of the run-up."""
+    import rig
+
+    made = run(load("tip_beam"))
+    axis, near = figure.subplots(2, 1)
+    _spectrogram(made, axis, 4096, 24000.0)
+    axis.set_xlim(0.0, 3.0)
+    part = (made.time > 1.2) & (made.time < 1.21)
+    near.plot(MM * (made.time[part] - 1.2), made.signals["acceleration"][part], color=BLUE, lw=0.8)
+    near.set(xlabel="time [ms], from 1.2 s", ylabel="acceleration [m/s²]")
+    found = stages(made)
+    assert found is not None
+    yield Comparison("last stick on the way up", "mm/s", MM * found.up, 13.0, "paper", absolute=0.4)
+    p = load("tip_beam").parameters.beam  # type: ignore[attr-defined]
+    omega = p.reduced().omega / (2.0 * math.pi)
+    stiff = p.modulus / (1.0 - p.poisson**2) * p.thickness**2 / 12.0
+    for i, b in enumerate((1.8751041, 4.6940911, 7.8547574)):
+        hertz = b**2 / (2.0 * math.pi * p.length**2) * math.sqrt(stiff / p.density)
+        what = f"clamped beam, bending mode {i + 1}"
+        yield Comparison(what, "Hz", float(omega[i]), hertz, "theory", relative=1e-4)
+    slides = rig.modes(load("tip_beam", drive__speed=0.02)).sliding.equilibrium
+    yield Comparison("force at the clamp over friction force", "", slides["clamp_force"] / slides["friction_force"],
+                     1.0, "theory", relative=1e-9)  # fmt: skip
+
+
+def _turned(degrees: float, eps: float) -> float:
+    """Upper speed [m/s] of a beam at this angle; the compliance along its axis is `eps` of that in bending."""
+    changes = {
+        "tip__relief": 0.0,
+        "tip__retardation": 1e-5,
+        "inclination__angle": math.radians(degrees),
+        "inclination__compliance": eps,
+        "friction__mu_static": 0.3024,
+        "friction__mu_kinetic": 0.3,
+    }
+    return upper_speed(load("tip", waviness=None, **changes).parameters)  # type: ignore[arg-type]
+
+
+def parameters(figure: Figure) -> Iterator[Comparison]:
+    """Upper speed over the angle of the beam and over the load."""
+    over_angle, over_load = figure.subplots(1, 2)
+    over_angle.plot(ANGLES, [TABLE_3[50.0][i][0] / 13.0 for i in range(4)], "o", color=GREY, label="paper, 50 N")
+    for eps, colour in ((0.002, BLUE), (0.0055, GREEN), (0.02, RED)):
+        ratios = [_turned(a, eps) / _turned(5.0, eps) for a in ANGLES]
+        over_angle.plot(ANGLES, ratios, "-", color=colour, label=f"inclination, eps = {eps:g}")
+        if eps == 0.0055:
+            for a, ratio, (expected, bound) in zip(
+                ANGLES[1:], ratios[1:], ((0.655, 0.075), (0.5, 0.07), (0.405, 0.065))
+            ):
+                what = f"{a:g} degrees: upper speed over that at 5"
+                yield Comparison(what, "", ratio, expected, "reference", absolute=bound)
+    over_angle.set(xlabel="angle [degrees]", ylabel="upper speed over that at 5 degrees", ylim=(0.0, 1.05))
+    over_angle.legend()
+    ours = [MM * _last_stick(force) for force in LOADS]
+    over_load.plot(LOADS, [TABLE_3[force][0][0] for force in LOADS], "o", color=GREY, label="paper, 5 degrees")
+    over_load.plot(LOADS, ours, "s-", color=BLUE, markersize=4, label="tip_epoxy")
+    over_load.set(xlabel="load [N]", ylabel="upper speed [mm/s]", ylim=(0.0, None))
+    over_load.legend()
+    yield Comparison("50 N: upper speed", "mm/s", ours[0], 13.0, "paper", absolute=0.25)
+    yield Comparison("40 N: upper speed", "mm/s", ours[1], 10.0, "paper", relative=0.15)
+    falls = sum(a > b for a, b in pairwise(ours))
+    yield Comparison("steps of the load that lower it, of 3", "", float(falls), 3.0, "paper")
+
+
+def _last_stick(force: float) -> float:
+    """Speed of the disc [m/s] at the last stick of the first 10 s, up to 22 mm/s."""
+    made = run(load("tip_epoxy", load__force=force), 10.0)
+    times = [event["t_ns"] for event in made.told if event["text"] == "contact releases +"]
+    return float(np.interp(1e-9 * times[-1], made.time, made.signals["surface_speed"]))
+
+
+def knocked(figure: Figure) -> Iterator[Comparison]:
+    """A knock at 9 mm/s, and the least that switches."""
+    made = run(load("tip_knock"))
+    axis, kicks = figure.subplots(2, 1)
+    axis.plot(made.time, made.signals["acceleration"], color=BLUE, lw=0.4)
+    axis.set(xlabel="time [s]", ylabel="acceleration [m/s²]")
+    late = made.time > 7.0
+    sticks = np.array([e["t_ns"] for e in made.told if e["text"] == "contact slip ends"]) * 1e-9
+    rms = float(np.std(made.signals["acceleration"][late]))
+    hertz = float(1.0 / np.diff(sticks[sticks > 7.0]).mean())
+    yield Comparison("RMS acceleration afterwards", "m/s²", rms, 10.196, "reference", relative=0.01)
+    yield Comparison("frequency afterwards", "Hz", hertz, 249.70, "reference", absolute=0.05)
+    quiet = float(np.std(made.signals["acceleration"][(made.time > 3.9) & (made.time < 4.0)]))
+    yield Comparison("RMS acceleration before", "m/s²", quiet, 0.0, "reference", absolute=1e-3)
+    told = {8.0: 3.452, 9.0: 6.143, 10.0: 8.135, 11.0: 9.861, 12.0: 11.440}
+    ours = {v: MM * _least(1e-3 * v) for v in told}
+    kicks.plot(list(told), list(ours.values()), "o-", color=RED)
+    kicks.set(xlabel="speed of the disc [mm/s]", ylabel="least kick of the tip [mm/s]", ylim=(0.0, None))
+    for v, expected in told.items():
+        yield Comparison(f"least kick at {v:g} mm/s", "mm/s", ours[v], expected, "reference", absolute=0.01)
+
+
+def _least(speed: float) -> float:
+    """The least kick [m/s] of the sliding tip that starts a stick-slip that stays, by bisection."""
+    import rig
+    from rig.papers.common import quiet
+
+    rest = rig.modes(load("tip_knock", drive__speed=speed)).sliding.equilibrium["displacement"]
+
+    def switches(kick: float) -> bool:
+        start = {"start__displacement": rest, "start__velocity": kick}
+        made = run(quiet(load("tip_knock", drive__speed=speed, **start)), 1.5)
+        return bool(sum(event["text"] == "contact slip ends" for event in made.told) > 50)
+
+    low, high = 0.0, 2.0 * speed
+    while high - low > 4e-6:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if switches(middle) else (middle, high)
+    return high
+
+
+ENTRIES = (
+    Entry("bistable-9", "bistable", "Table 2 and Figures 2, 9 and 12", "run-up and run-down of the coated beam",
+          ("tip_epoxy",), measured, "The paper's lower speed of 7.5 mm/s is ours where sliding loses its stability. "
+          "On the ramp down the tip leaves it later, at 5.6 mm/s with the noise of the scene and at 4.1 without: that "
+          "differs. The amplitude falls before 13 mm/s in the paper, here it rises to the end.",
+          (9.6, 6.6)),
+    Entry("bistable-9b", "bistable", "Figure 9", "spectrogram of a beam in several modes", ("tip_beam",), beam,
+          "Dimensions of the beam are ours; the paper has none. Vertical lines where the tip sticks and lets go, lines "
+          "along the time as the sticks follow faster. No lower speed: friction drops at once and the disc is even.",
+          (9.6, 6.6)),
+    Entry("bistable-10", "bistable", "Table 3, Figures 10 and 11", "load and angle", ("tip", "tip_epoxy"), parameters,
+          "The trends agree: lower with the angle, higher with the load. The values do so in part: at 50 N the paper "
+          "has 1 : 0.81 : 0.58 : 0 over the angle and inclination alone 1 : 0.63 : 0.47 : 0.38, without the zero at 20 "
+          "degrees. At 30 and 20 N the paper has 7.5 and 3.0 mm/s, which a force that carries no friction (about 20 N) "
+          "would explain; ours are higher.", (9.6, 4.8)),
+    Entry("bistable-13", "bistable", "Figure 13", "a knock switches from sliding to stick-slip", ("tip_knock",),
+          knocked, "The paper tells that a knock switches, not how strong it was; the least one is the amplitude of "
+          "the unstable cycle.", (9.6, 6.6)),
+)  # fmt: skip

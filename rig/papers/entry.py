@@ -1,0 +1,175 @@
+"""One figure or table of a paper: what is drawn, from which scene, and how it compares."""
+
+from __future__ import annotations
+
+import difflib
+import importlib
+import io
+import math
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from rig.errors import UsageError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+ROOMS = (
+    "kroeger", "kroeger_tread", "kroeger_brake", "kroeger_braking", "kroeger_loops", "kroeger_shunt", "kroeger_sound",
+    "liu_two_dof", "liu_disc", "liu_lever", "liu_lever_speed",
+    "detachment", "plate", "plate_runs", "bistable", "bistable_measured",
+)  # fmt: skip
+PAPERS = {
+    "kroeger": "Kroeger, Neubauer, Popp: Experimental investigation on the avoidance of self-excited vibrations. "
+    "Phil. Trans. R. Soc. A 366 (2008) 785-810",
+    "liu000": "Liu, Ouyang: Suppression of friction-induced-vibration in MDoF systems using tangential harmonic "
+    "excitation. Meccanica 55 (2020) 1525-1542",
+    "liu003": "Liu, Ouyang: Friction-induced vibration of a slider-on-rotating-disc system considering uniform and "
+    "non-uniform friction characteristics with bi-stability. Mech. Syst. Signal Process. 164 (2022) 108222",
+    "detachment": "A new mechanism for friction-induced vibration and noise: detachment and reattachment",
+    "bistable": "Tonazzi, Passafiume, Papangelo, Hoffmann, Massi: Numerical and experimental analysis of the bi-stable "
+    "state for frictional continuous system. Nonlinear Dyn. 102 (2020) 1361-1374",
+}
+_COLOURS = 96  # of a picture: a third of the bytes
+_STYLE: dict[str, Any] = {
+    "font.size": 10.5,
+    "axes.titlelocation": "left",
+    "axes.titlesize": 11,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "legend.frameon": False,
+    "legend.fontsize": 9.5,
+    "lines.linewidth": 1.3,
+}
+Source = Literal["paper", "reference", "theory"]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One number beside ours. `source`: printed in the paper, an independent computation, or a closed form.
+
+    It agrees within `absolute` + `relative` times the expected one; a `floor` is to be reached and may be exceeded.
+    """
+
+    what: str
+    unit: str
+    ours: float
+    expected: float
+    source: Source
+    relative: float = 0.0
+    absolute: float = 0.0
+    floor: bool = False
+
+    @property
+    def agrees(self) -> bool:
+        """Whether ours is near enough."""
+        if self.floor:
+            return bool(self.ours >= self.expected)
+        return bool(abs(self.ours - self.expected) <= self.absolute + self.relative * abs(self.expected))
+
+    @property
+    def bound(self) -> str:
+        """How near is near enough, in words."""
+        if self.floor:
+            return "at least"
+        parts = [f"{self.relative:.2g} relative"] if self.relative else []
+        return " + ".join(parts + ([f"{self.absolute:.2g} {self.unit}".strip()] if self.absolute else [])) or "equal"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A figure or table: `name` as the commands take it, its paper, number and title, the scenes it is made from."""
+
+    name: str
+    paper: str
+    number: str
+    title: str
+    scenes: tuple[str, ...]
+    draw: Callable[[Figure], Iterable[Comparison]]
+    note: str = ""
+    size: tuple[float, float] = (9.6, 5.4)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What came of an entry. `seconds`: how long it took; `picture`: the file."""
+
+    entry: Entry
+    comparisons: tuple[Comparison, ...]
+    picture: Path
+    seconds: float
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every number does."""
+        return all(one.agrees for one in self.comparisons)
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {
+            "name": self.entry.name,
+            "paper": PAPERS[self.entry.paper],
+            "number": self.entry.number,
+            "title": self.entry.title,
+            "scenes": list(self.entry.scenes),
+            "picture": str(self.picture),
+            "seconds": self.seconds,
+            "agrees": self.agrees,
+            "comparisons": [
+                vars(one) | {"agrees": one.agrees, "ours": one.ours if math.isfinite(one.ours) else None}
+                for one in self.comparisons
+            ],
+        }
+
+
+@cache
+def entries() -> dict[str, Entry]:
+    """Every entry by name, in the order of the papers."""
+    found: dict[str, Entry] = {}
+    for room in ROOMS:
+        found |= {entry.name: entry for entry in importlib.import_module(f"rig.papers.{room}").ENTRIES}
+    return found
+
+
+def pick(wanted: str) -> list[Entry]:
+    """The entry of that name, all of a paper, or "all". Raises UsageError with near names."""
+    known = entries()
+    if wanted == "all":
+        return list(known.values())
+    of_paper = [entry for entry in known.values() if entry.paper == wanted]
+    if of_paper:
+        return of_paper
+    if wanted not in known:
+        near = difflib.get_close_matches(wanted, known, 3, 0.4)
+        hint = f"did you mean {', '.join(near)}? " if near else ""
+        raise UsageError(
+            f"no figure {wanted!r}: {hint}known: {', '.join(known)}; or a paper ({', '.join(PAPERS)}), or all"
+        )
+    return [known[wanted]]
+
+
+def make(entry: Entry, folder: Path) -> Result:
+    """Draw an entry into `folder` (PNG) and compare."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from PIL import Image
+
+    begin = time.perf_counter()
+    path = folder / f"{entry.name}.png"
+    with mpl.rc_context(_STYLE):  # type: ignore[arg-type]
+        figure = Figure(figsize=entry.size, dpi=110, facecolor="white", layout="constrained")
+        FigureCanvasAgg(figure)
+        comparisons = tuple(entry.draw(figure))
+        figure.align_ylabels()
+        figure.suptitle(f"{entry.number}: {entry.title}", x=0.01, ha="left", fontsize=12.5, fontweight="bold")
+        folder.mkdir(parents=True, exist_ok=True)
+        with io.BytesIO() as drawn:
+            figure.savefig(drawn, format="png")
+            few = Image.open(drawn).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE)
+        few.save(path, optimize=True)
+    return Result(entry, comparisons, path, time.perf_counter() - begin)

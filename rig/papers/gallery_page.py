@@ -1,0 +1,49 @@
+"""The gallery as a page: every figure with its numbers, in Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rig.papers.entry import PAPERS, Result
+
+
+def page(results: Sequence[Result], machine: str) -> str:
+    """A page of pictures and tables; it lies beside the pictures."""
+    lines = [
+        "# Figures of the papers, made again",
+        "",
+        f"Made by `make docs` (`rig reproduce all`) on {machine}.",
+        "",
+        "A number agrees when it lies within the bound beside it. Sources: *paper*, printed there; *reference*, an",
+        "independent computation of the same equations with the same parameters; *theory*, a closed form.",
+        "",
+        "| figure | what | scenes | numbers | agree |",
+        "|---|---|---|---|---|",
+    ]
+    for one in results:
+        agree = sum(c.agrees for c in one.comparisons)
+        scenes = ", ".join(f"`{scene}`" for scene in one.entry.scenes)
+        lines.append(
+            f"| [{one.entry.paper} {one.entry.number}](#{one.entry.name}) | {one.entry.title} | {scenes} "
+            f"| {len(one.comparisons)} | {'all' if one.agrees else f'{agree} of {len(one.comparisons)}'} |"
+        )
+    for paper, title in PAPERS.items():
+        mine = [one for one in results if one.entry.paper == paper]
+        if not mine:
+            continue
+        lines += ["", f"## {title}"]
+        for one in mine:
+            lines += [
+                "",
+                f"### {one.entry.name}",
+                "",
+                f"{one.entry.number}: {one.entry.title}. {one.entry.note}".strip(),
+            ]
+            lines += ["", f"![{one.entry.title}]({one.picture.name})", ""]
+            lines += ["| number | ours | expected | source | bound | |", "|---|---|---|---|---|---|"]
+            lines += [
+                f"| {c.what} | {c.ours:.7g} {c.unit} | {c.expected:.7g} {c.unit} | {c.source} | {c.bound} "
+                f"| {'agrees' if c.agrees else 'DIFFERS'} |"
+                for c in one.comparisons
+            ]
+    return "\n".join(lines) + "\n"

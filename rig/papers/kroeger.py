@@ -1,0 +1,237 @@
+"""Kroeger, Neubauer, Popp (2008), sections 2 and 3: limit cycles, instability mechanisms, the seal.
+
+The paper prints few numbers; "reference" are independent computations with the parameter sets of the scenes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.papers.common import BLUE, GREEN, GREY, RED, law_of, load, quiet, run, value
+from rig.papers.entry import Comparison, Entry
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def cycles(figure: Figure) -> Iterator[Comparison]:
+    """Phase curves and friction characteristics A, B, C."""
+    import rig
+
+    reference = {
+        "belt": (0.3216037, 0.1028673, -0.1012989),
+        "belt_b": (0.2908261, 0.0471273, -0.0730706),
+        "belt_c": (0.2833789, 0.0400000, -0.0657267),
+        "belt_c_damped": (0.2824424, 0.0321309, -0.0639330),
+    }
+    laws, phases = figure.subplots(1, 2)
+    looks = {"belt": ("A", BLUE, "-"), "belt_b": ("B", RED, "-"), "belt_c": ("C", GREEN, "-")}
+    looks |= {"belt_c_damped": ("C, damped", "black", ":")}  # its law is that of C, which shows through the dots
+    for name, (period, stick, lowest) in reference.items():
+        shown, colour, line = looks[name]
+        scene = load(name)
+        cycle = rig.limit_cycle(scene)
+        law = law_of(scene)
+        speeds = np.linspace(1e-6, 0.3, 300)
+        laws.plot(1e3 * speeds, [law.mu(v) for v in speeds], color=colour, ls=line, label=f"{shown} ({name})")
+        if name != "belt_c_damped":
+            laws.plot([0.0], [law.static], "o", color=colour, markersize=9 if name == "belt_c" else 4, fillstyle="none")
+        ran = run(quiet(scene), 12.0)
+        last = ran.time > ran.time[-1] - 2.0 * cycle.period
+        x, v = (1e3 * ran.signals[key][last] for key in ("displacement", "velocity"))
+        phases.plot(x, v, color=colour, ls=line)
+        bound: dict[str, Any] = {"source": "reference", "relative": 5e-7, "absolute": 6e-8}
+        yield Comparison(f"{name}: period", "s", cycle.period, period, **bound)
+        yield Comparison(f"{name}: time in stick", "s", cycle.stick_time["contact"], stick, **bound)
+        yield Comparison(f"{name}: lowest velocity", "m/s", cycle.extremes["velocity"][0], lowest, **bound)
+    laws.set(title="characteristics", ylim=(0.0, None), xlabel="slip speed [mm/s]", ylabel="friction coefficient")
+    laws.legend()
+    phases.set(title="limit cycles", xlabel="displacement [mm]", ylabel="velocity [mm/s]")
+
+
+def onset(figure: Figure) -> Iterator[Comparison]:
+    """From near the equilibrium: A and B spiral out, C needs a start outside."""
+    import rig
+
+    axes = figure.subplots(1, 3, sharey=True)
+    for name, axis, colour in zip(("belt", "belt_b", "belt_c_damped"), axes, (BLUE, RED, GREEN)):
+        scene = quiet(load(name))
+        modes = rig.modes(scene)
+        rest = modes.sliding.equilibrium["displacement"]
+        for offset, shade in ((2e-4, 1.0), (4e-3, 0.45)):
+            begun = quiet(load(name, start__displacement=rest + offset, start__velocity=0.0))
+            ran = run(begun, 8.0)
+            axis.plot(
+                1e3 * ran.signals["displacement"], 1e3 * ran.signals["velocity"], color=colour, alpha=shade, lw=0.7
+            )
+        axis.set(title=f"{name}, {modes.sliding.growth:+.3f} 1/s", xlabel="displacement [mm]")
+    axes[0].set_ylabel("velocity [mm/s]")
+    law = law_of(load("belt"))
+    yield Comparison("A: growth rate", "1/s", rig.modes("belt").sliding.growth, 3.6553, "reference", absolute=6e-5)
+    dmu = -law.slope(0.06)
+    theory = (dmu * 20.0 - 2.0) / (2.0 * 5.0)
+    yield Comparison("A: (dmu F_N - d) / 2 m", "1/s", rig.modes("belt").sliding.growth, theory, "theory", relative=1e-9)
+    theory = -2.0 / (2.0 * 5.0)
+    found = rig.modes("belt_c_damped").sliding.growth
+    yield Comparison("C with d = 2: -d / 2 m", "1/s", found, theory, "theory", relative=1e-9)
+
+
+def energy(figure: Figure) -> Iterator[Comparison]:
+    """Energy input of a falling law over the amplitude, B: E = T dmu F0 v^2 / 2 for small amplitudes."""
+    scene = load("belt_b")
+    law = law_of(scene)
+    speed, force = 0.06, 20.0
+    slope = value(scene, "friction.slope")
+    period = 2.0 * math.pi * math.sqrt(5.0 / 2500.0)
+    phase = np.linspace(0.0, 2.0 * math.pi, 4001)[:-1]
+    amplitudes = np.linspace(1e-3, 0.15, 300)
+
+    def put_in(amplitude: float) -> float:
+        v = amplitude * np.sin(phase)
+        w = speed - v
+        mu = np.array([law.mu(abs(one)) for one in w]) * np.sign(w)
+        return float(np.mean(force * mu * v) * period)
+
+    found = np.array([put_in(a) for a in amplitudes])
+    axis = figure.subplots()
+    axis.plot(1e3 * amplitudes, 1e3 * found, color=BLUE, label="energy from friction in a period")
+    damped = 0.5 * 2.0 * amplitudes**2 * period
+    axis.plot(1e3 * amplitudes, 1e3 * damped, color=RED, label="energy to the damper")
+    axis.plot(
+        1e3 * amplitudes, 1e3 * 0.5 * slope * force * amplitudes**2 * period, "--", color=GREY, label="small amplitudes"
+    )
+    axis.set(xlabel="amplitude of velocity [mm/s]", ylabel="energy [mJ]", ylim=(-2.0, 12.0))
+    axis.legend()
+    theory = period * slope * force * 0.01**2 / 2.0
+    yield Comparison("E at 10 mm/s: T dmu F0 v^2 / 2", "J", put_in(0.01), theory, "theory", relative=1e-9)
+
+
+def pin(figure: Figure) -> Iterator[Comparison]:
+    """Eigenvalues of the tilted pin over the friction coefficient."""
+    yield from _swept(figure, "pin", "friction.mu", (0.3, 0.95, 200), [("mu at the damping limit", 0.727389, 6e-7)])
+    gamma = math.radians(25.0)
+    theory = math.tan(gamma) + 2.0 * 2.0 / (20.0 * math.sin(2.0 * gamma))
+    import rig
+
+    found = rig.sweep("pin", "friction.mu", np.linspace(0.6, 0.9, 13)).critical[0].value
+    yield Comparison("tan g + 2 d2 / (d1 sin 2 g)", "", found, theory, "theory", relative=1e-9)
+
+
+def north(figure: Figure) -> Iterator[Comparison]:
+    """North's model: flutter limit of one body, divergence limit of another."""
+    import rig
+
+    left, right = figure.subplots(1, 2)
+    for axis, name, span, expected, bound in (
+        (left, "north", (0.0, 0.6), 0.252695, 6e-7),
+        (right, "north_divergence", (0.6, 1.4), 1.086806, 6e-7),
+    ):
+        swept = rig.sweep(name, "friction.mu", np.linspace(*span, 61))
+        axis.plot(swept.axis.values, swept.growth, ".", markersize=2.5, color=BLUE)
+        axis.axhline(0.0, color=GREY, lw=0.7)
+        first = swept.critical[0]
+        axis.axvline(first.value, color=RED, ls="--", lw=1.0)
+        axis.set(
+            title=f"{name}: {first.kind} at {first.value:.6f}", xlabel="friction coefficient", ylabel="growth [1/s]"
+        )
+        yield Comparison(f"{name}: {first.kind}", "", first.value, expected, "reference", absolute=bound)
+    s, h, c2, c1, c_phi = 0.012, 0.012, 8e7, 2e7, 200.0
+    theory = s / h + c_phi / (h * s * c2) + c_phi / (h * s * c1)
+    yield Comparison("equation 2.5", "", swept.critical[0].value, theory, "paper", relative=1e-9)
+
+
+def _swept(
+    figure: Figure, name: str, key: str, span: tuple[float, float, int], limits: list[tuple[str, float, float]]
+) -> Iterator[Comparison]:
+    import rig
+
+    swept = rig.sweep(name, key, np.linspace(*span))
+    growth, frequency = figure.subplots(1, 2)
+    growth.plot(swept.axis.values, swept.growth, color=BLUE)
+    growth.axhline(0.0, color=GREY, lw=0.7)
+    frequency.plot(swept.axis.values, swept.frequency, color=BLUE)
+    growth.set(xlabel="friction coefficient", ylabel="growth [1/s]")
+    frequency.set(xlabel="friction coefficient", ylabel="frequency [Hz]")
+    for critical, (what, expected, bound) in zip(swept.critical, limits):
+        growth.axvline(critical.value, color=RED, ls="--", lw=1.0)
+        yield Comparison(what, "", critical.value, expected, "reference", absolute=bound)
+
+
+def seal(figure: Figure) -> Iterator[Comparison]:
+    """Friction force of the seal over speed."""
+    scene = load("seal_p")
+    law, force_per_mu = law_of(scene), value(scene, "friction.load")
+    speeds = np.linspace(0.0, 0.04, 400)
+    force = np.array([force_per_mu * law.mu(v) for v in speeds])
+    axis = figure.subplots()
+    axis.plot(1e3 * speeds, force, color=BLUE, label="scene seal_p")
+    axis.set(xlabel="speed [mm/s]", ylabel="friction force [N]", ylim=(0.0, 12.0))
+    for v, expected in (
+        (0, 9.820),
+        (1, 6.912),
+        (2, 5.743),
+        (5, 4.842),
+        (7, 4.821),
+        (10, 5.009),
+        (20, 6.015),
+        (40, 7.925),
+    ):
+        axis.plot([v], [expected], "o", color=RED, markersize=4, label="" if v else "equation 3.1")
+        yield Comparison(f"force at {v} mm/s", "N", force_per_mu * law.mu(v * 1e-3), expected, "paper", absolute=6e-4)
+    axis.legend()
+    from scipy.optimize import minimize_scalar
+
+    lowest = minimize_scalar(
+        lambda v: force_per_mu * law.mu(v * 1e-3), bounds=(3.0, 10.0), method="bounded", options={"xatol": 1e-9}
+    )
+    yield Comparison("speed of the minimum", "mm/s", float(lowest.x), 6.139, "theory", absolute=6e-4)
+
+
+def seal_limits(figure: Figure) -> Iterator[Comparison]:
+    """Linear limit speed of the seal over damping."""
+    import rig
+
+    reference = {
+        0.0: 6.139,
+        10.0: 5.924,
+        20.0: 5.730,
+        50.0: 5.236,
+        100.0: 4.619,
+        200.0: 3.797,
+        500.0: 2.551,
+        1000.0: 1.646,
+    }
+    axis = figure.subplots()
+    found = []
+    for damping, expected in reference.items():
+        scene = load("seal_p", body__damping=damping)
+        [limit] = [c.value for c in rig.sweep(scene, "drive.speed", np.linspace(5e-4, 0.012, 40)).critical]
+        found.append(limit)
+        yield Comparison(f"d = {damping / 1e3:g} N s/mm", "mm/s", 1e3 * limit, expected, "reference", absolute=6e-4)
+    law, force_per_mu = law_of(load("seal_p")), value(load("seal_p"), "friction.load")
+    speeds = np.linspace(1.6e-3, 6.139e-3, 200)
+    balanced = [-1e-3 * force_per_mu * law.slope(v) for v in speeds]  # the damper takes what falling friction gives
+    axis.plot(balanced, 1e3 * speeds, color=GREY, lw=0.9, label="damping = fall of the friction force")
+    axis.plot([d / 1e3 for d in reference], [1e3 * v for v in found], "o", color=BLUE, label="eigenvalues")
+    axis.legend()
+    axis.set(xlabel="damping [N s/mm]", ylabel="lowest speed of stable sliding [mm/s]", ylim=(0.0, 7.0))
+
+
+ENTRIES = (
+    Entry("kroeger-3", "kroeger", "Figure 3", "friction characteristics and their limit cycles",
+          ("belt", "belt_b", "belt_c", "belt_c_damped"), cycles),
+    Entry("kroeger-4", "kroeger", "Figure 4", "sliding that grows, and sliding that needs a push",
+          ("belt", "belt_b", "belt_c_damped"), onset, "Dark: from 0.2 mm beside the equilibrium; pale: from 4 mm."),
+    Entry("kroeger-5", "kroeger", "Figure 5", "energy that a falling characteristic puts in", ("belt_b",), energy),
+    Entry("kroeger-6", "kroeger", "Figure 6", "tilted pin: growth over the friction coefficient", ("pin",), pin),
+    Entry("kroeger-7", "kroeger", "Figure 7", "non-conservative restoring forces: flutter and divergence",
+          ("north", "north_divergence"), north,
+          "Equation 2.5 is the divergence limit (the determinant of the stiffness vanishes); flutter comes earlier, "
+          "where it comes at all."),
+    Entry("kroeger-9", "kroeger", "Figure 9", "friction force of an axial seal", ("seal_p",), seal),
+    Entry("kroeger-10", "kroeger", "Figure 10", "stable sliding of the seal over damping", ("seal_p",), seal_limits),
+)  # fmt: skip

@@ -1,0 +1,215 @@
+"""Kroeger, Neubauer, Popp (2008), section 4: control loops, the tuned mass, dither."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.papers.common import BLUE, GREY, RED, law_of, load, quiet, run, value
+from rig.papers.entry import Comparison, Entry
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+
+def feedback(figure: Figure) -> Iterator[Comparison]:
+    """Normal-force feedback switched on at 4 s, gains 0 to 400 N s/m."""
+    yield from _loops(
+        figure, "belt_normal_force", (0.0, 100.0, 200.0, 300.0, 400.0), "N s/m",
+        {100.0: ("L", 0.064), 200.0: ("rate", -1.88), 300.0: ("rate", -4.68), 400.0: ("rate", -7.49)},
+    )  # fmt: skip
+
+
+def belt_feedback(figure: Figure) -> Iterator[Comparison]:
+    """Belt-velocity feedback switched on at 4 s."""
+    yield from _loops(
+        figure, "belt_velocity_feedback", (0.0, 0.5, 1.33, 2.66, 4.0, 5.33), "",
+        {0.5: ("L", 0.137), 1.33: ("rate", -1.32), 2.66: ("rate", -7.57), 4.0: ("L", 0.0), 5.33: ("L", 0.0)},
+    )  # fmt: skip
+
+
+def _loops(
+    figure: Figure, name: str, gains: tuple[float, ...], unit: str, reference: Mapping[float, tuple[str, float]]
+) -> Iterator[Comparison]:
+    axes = figure.subplots(len(gains), 1, sharex=True)
+    for axis, gain in zip(axes, gains):
+        scene = load(name)
+        key = next(iter(scene.controllers))
+        ran = run(load(name, **{f"controllers__{key}__gain": gain}), 20.0)
+        v = ran.signals["velocity"]
+        axis.plot(ran.time, 1e3 * v, color=BLUE, lw=0.6)
+        axis.set_ylabel("v [mm/s]")
+        axis.set_title(f"K = {gain:g} {unit}".strip(), fontsize=9.5)
+        axis.axvline(4.0, color=GREY, lw=0.7, ls="--")
+        if gain in reference:
+            kind, expected = reference[gain]
+            if kind == "L":
+                tail = v[ran.time > 16.0]
+                amplitude = 0.5 * float(tail.max() - tail.min())
+                yield Comparison(
+                    f"K = {gain:g} {unit}: amplitude", "m/s", amplitude, expected, "reference", absolute=3e-3
+                )
+            else:
+                yield Comparison(
+                    f"K = {gain:g} {unit}: decay", "1/s", decay(ran.time, v), expected, "reference", relative=0.05
+                )
+    axes[-1].set_xlabel("time [s]; the loop is closed at 4 s")
+
+
+def decay(time: Array, v: Array) -> float:
+    """Slope of ln of the positive maxima of v between 1e-6 and 0.018 m/s after 4 s [1/s]."""
+    after = time > 4.0
+    t, w = time[after], v[after]
+    top = np.flatnonzero((w[1:-1] > w[:-2]) & (w[1:-1] >= w[2:])) + 1
+    top = top[(w[top] > 1e-6) & (w[top] < 0.018)]
+    return float(np.polyfit(t[top], np.log(w[top]), 1)[0])
+
+
+CELLS = (
+    ("belt_normal_force", ((100.0, 0, 0.064), (150.0, 0, -0.49), (150.0, 20, 0.058), (200.0, 0, -1.88),
+                           (200.0, 20, -1.45), (200.0, 50, 0.063), (300.0, 20, -5.02), (300.0, 50, 0.063),
+                           (400.0, 10, -9.33), (400.0, 50, 0.063))),
+    ("belt_velocity_feedback", ((0.5, 0, 0.137), (1.0, 10, 0.258), (1.33, 0, -1.32), (1.33, 20, 0.260),
+                                (2.66, 0, -7.57), (2.66, 5, -7.85), (2.66, 20, 0.085), (4.0, 30, 0.075))),
+)  # fmt: skip
+"""Scene; gain [its own unit], delay of the loop [ms], what is left: amplitude [m/s], or decay where negative [1/s]."""
+
+
+def loops(figure: Figure) -> Iterator[Comparison]:
+    """What is left of the vibration 16 s after a loop is closed, over gain and delay."""
+    for axis, (name, cells), unit in zip(figure.subplots(1, 2), CELLS, ("N s/m", "")):
+        rows = []
+        for gain, delay, expected in cells:
+            key = next(iter(load(name).controllers))
+            changes = {f"controllers__{key}__gain": gain, f"controllers__{key}__delay": f"{delay} ms"}
+            ran = run(load(name, **changes), 20.0)
+            what = f"{name}, K = {gain:g} {unit}".rstrip() + f", {delay} ms"
+            if expected > 0.0:
+                tail = ran.signals["velocity"][ran.time > 16.0]
+                left = 0.5 * float(np.ptp(tail))
+                one = Comparison(f"{what}: amplitude", "m/s", left, expected, "reference", absolute=3e-3)
+                told = f"{1e3 * left:.0f} mm/s", f"{1e3 * expected:.0f} mm/s"
+            else:
+                rate = decay(ran.time, ran.signals["velocity"])
+                one = Comparison(f"{what}: decay", "1/s", rate, expected, "reference", relative=0.05, absolute=5e-3)
+                told = f"{rate:.2f} 1/s", f"{expected:.2f} 1/s"
+            rows.append((f"{gain:g}", f"{delay}", *told))
+            yield one
+        axis.axis("off")
+        axis.set_title({"N s/m": "normal force"}.get(unit, "speed of the belt"))
+        heads = (f"K [{unit}]" if unit else "K", "delay [ms]", "ours", "expected")
+        table = axis.table(rows, colLabels=heads, loc="upper center", cellLoc="center", edges="horizontal")
+        table.auto_set_font_size(False)
+        table.set_fontsize(9.5)
+        table.scale(1.0, 1.45)
+
+
+def normal_force_energy(figure: Figure) -> Iterator[Comparison]:
+    """Constant friction takes energy out where the normal force is fed back: E = -T mu K v^2 / 2 in a period."""
+    mu, gain = 0.25, 200.0
+    axes = figure.subplots(4, 1, sharex=True)
+    for K, colour, line in ((0.0, GREY, "--"), (gain, BLUE, "-")):
+        changes = {"friction__law": "constant", "friction__mu": mu, "start__displacement": mu * 20.0 / 2500.0,
+                   "start__velocity": 0.04, "controllers__nf__gain": K, "controllers__nf__enable_at": 0.0}  # fmt: skip
+        ran = run(load("belt_normal_force", **changes), 1.5)
+        v, T = ran.signals["velocity"], ran.signals["friction_force"]
+        put_in = np.concatenate([[0.0], np.cumsum(0.5 * (T[1:] * v[1:] + T[:-1] * v[:-1]) * np.diff(ran.time))])
+        for axis, shown in zip(axes, (1e3 * v, 1e3 * ran.signals["slip_speed"], T, 1e3 * put_in)):
+            axis.plot(ran.time, shown, line, color=colour, label=f"K = {K:g} N s/m")
+        if K:
+            top = np.flatnonzero((v[1:-1] > v[:-2]) & (v[1:-1] >= v[2:]) & (v[1:-1] > 1e-5)) + 1
+            rate = float(np.polyfit(ran.time[top], np.log(v[top]), 1)[0])
+            theory = -(2.0 + mu * K) / (2.0 * 5.0)
+            yield Comparison("constant mu: decay (d + mu K) / 2 m", "1/s", rate, theory, "theory", relative=0.01)
+    for axis, label in zip(axes, ("v [mm/s]", "v rel [mm/s]", "friction [N]", "energy in [mJ]")):
+        axis.set_ylabel(label)
+    axes[2].legend(loc="upper right")
+    axes[-1].set_xlabel("time [s]")
+
+    mu0, fall, speed, force = 0.4, 0.8, 0.06, 20.0
+    law = law_of(load("belt_b"))
+    period = 2.0 * math.pi * math.sqrt(5.0 / 2500.0)
+    swing = 0.04 * np.sin(np.linspace(0.0, 2.0 * math.pi, 4001)[:-1])
+    friction = np.array([law.mu(speed - v) for v in swing])
+    for K in (0.0, 100.0, 400.0):
+        found = float(np.mean(friction * (force - K * swing) * swing) * period)
+        theory = 0.5 * period * 0.04 * (fall * 0.04 * force - (mu0 - fall * speed) * K * 0.04)
+        yield Comparison(f"B, 40 mm/s, K = {K:g} N s/m: equation 4.4", "J", found, theory, "theory", relative=1e-9)
+    law = law_of(load("belt"))
+    balance = (-law.slope(speed) * force - 2.0) / law.mu(speed)
+    yield Comparison("A: gain at which it balances the damper", "N s/m", balance, 132.25, "reference", absolute=0.005)
+
+
+def tuned_mass(figure: Figure) -> Iterator[Comparison]:
+    """Largest growth rate over tilt and damping of the absorber."""
+    from matplotlib.colors import TwoSlopeNorm
+
+    import rig
+
+    tilts, ratios = np.linspace(-1.2, 1.2, 81), np.linspace(0.03, 0.6, 39)
+    growth = np.empty((len(ratios), len(tilts)))
+    for i, ratio in enumerate(ratios):
+        scene = load("belt_tuned_mass", tuned_mass__damping_ratio=float(ratio))
+        growth[i] = rig.sweep(scene, "tuned_mass.angle", tilts).largest
+    axis = figure.subplots()
+    norm = TwoSlopeNorm(0.0, min(float(growth.min()), -1e-3), max(float(growth.max()), 1e-3))
+    mesh = axis.pcolormesh(tilts, ratios, growth, cmap="RdBu_r", norm=norm, shading="nearest")
+    axis.contour(tilts, ratios, growth, levels=[0.0], colors="black", linewidths=1.0)
+    figure.colorbar(mesh, label="largest growth rate [1/s]")
+    mu = 0.379929
+    axis.axvline(-0.5 * math.atan(mu), color=GREY, ls="--", lw=1.0)
+    axis.set(xlabel="tilt [rad]", ylabel="damping ratio D2")
+    for tilt, expected in ((0.305, (-0.281, -0.715, -0.063)), (-0.305, (0.546, 0.499, 0.467))):
+        for ratio, rate in zip((0.05, 0.1, 0.2), expected):
+            scene = load("belt_tuned_mass", tuned_mass__angle=tilt, tuned_mass__damping_ratio=ratio)
+            found = rig.modes(scene).sliding.growth
+            yield Comparison(f"tilt {tilt:+g}, D2 {ratio:g}", "1/s", found, rate, "reference", absolute=6e-4)
+
+
+def dither(figure: Figure) -> Iterator[Comparison]:
+    """Effective friction under dither of the belt, averaged and simulated at 150 Hz.
+
+    Simulated: what the spring holds on average. The force itself leaps, which samples at a few phases tell badly.
+    """
+    from rig.analysis.averaged import mean_friction
+
+    law = law_of(load("belt"))
+    amplitudes = np.array([0.005 * k for k in range(1, 61) if k != 12])
+    mean = [mean_friction(law, 0.06, 1.0, complex(a))[0] for a in amplitudes]
+    axis = figure.subplots()
+    axis.plot(1e3 * amplitudes, mean, color=BLUE, label="averaged")
+    simulated = []
+    for amplitude, expected in ((0.08, 0.1123), (0.10, 0.0717), (0.15, 0.0401), (0.20, 0.0303)):
+        scene = quiet(load("belt_dither", dither__amplitude=amplitude, dither__enable=True))
+        ran = run(scene, 12.0)
+        last = ran.time > 8.0
+        held = value(scene, "body.stiffness") * float(np.mean(ran.signals["displacement"][last]))
+        mu = held / value(scene, "load.force")
+        simulated.append((amplitude, mu))
+        yield Comparison(f"simulated at {1e3 * amplitude:g} mm/s", "", mu, expected, "reference", relative=0.01)
+    axis.plot([1e3 * a for a, _ in simulated], [mu for _, mu in simulated], "o", color=RED, label="simulated, 150 Hz")
+    axis.axvline(60.0, color=GREY, lw=0.7, ls="--")
+    axis.set(xlabel="amplitude of the dither [mm/s]", ylabel="mean friction coefficient", ylim=(0.0, None))
+    axis.legend()
+
+
+ENTRIES = (
+    Entry("kroeger-18", "kroeger", "Figure 18", "energy input under normal-force feedback",
+          ("belt_normal_force", "belt_b", "belt"), normal_force_energy, size=(9.6, 7.0)),
+    Entry("kroeger-20", "kroeger", "Figure 20", "normal-force feedback", ("belt_normal_force",), feedback,
+          size=(9.6, 7.6)),
+    Entry("kroeger-22", "kroeger", "Figure 22", "belt-velocity feedback", ("belt_velocity_feedback",), belt_feedback,
+          size=(9.6, 8.4)),
+    Entry("kroeger-23", "kroeger", "Figure 23", "tuned mass over tilt and damping", ("belt_tuned_mass",), tuned_mass,
+          "Mirror-symmetric about -atan(mu)/2 (dashed)."),
+    Entry("kroeger-loops", "kroeger", "Section 4", "loops over gain and delay: what is left of the vibration",
+          ("belt_normal_force", "belt_velocity_feedback"), loops, "Some cells of the tables that the tests compare.",
+          (9.6, 4.1)),
+    Entry("kroeger-dither", "kroeger", "Section 4", "mean friction under dither", ("belt_dither",), dither),
+)  # fmt: skip

@@ -1,0 +1,97 @@
+"""Kroeger, Neubauer, Popp (2008), figure 29: the sound of a brake while its shunt is connected and disconnected."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.papers.common import BLUE, GREEN, RED, load, run, value
+from rig.papers.entry import Comparison, Entry
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_TOP = 5.0  # kHz of the spectrum that is shown
+_LOUD = 85.0  # dB of a squeal at its full size
+_SWING = 17.0  # Hz
+
+
+def sound(figure: Figure) -> Iterator[Comparison]:
+    """Sound pressure and short-time spectrum over thirty seconds."""
+    from rig.analysis.sound import hear
+
+    scene = load("brake_shunt_sound")
+    ran = run(scene)
+    heard = hear(ran)
+    turn = 2.0 * math.pi / value(scene, "drive.speed")
+    begin = value(scene, "controllers.clock.begin")
+    end = begin + value(scene, "controllers.clock.connected_for")
+    pressure, spectrum, swing = figure.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.3, 1.0))
+    t = heard.start + np.arange(heard.v.size) / heard.rate
+    edges = np.arange(0, t.size, 500)
+    pressure.fill_between(t[edges], np.minimum.reduceat(heard.v, edges), np.maximum.reduceat(heard.v, edges),
+                          color=BLUE, lw=0.4)  # fmt: skip
+    pressure.axvspan(begin, end, color=GREEN, alpha=0.12, lw=0)
+    pressure.text(0.5 * (begin + end), 1.5, "shunt connected", ha="center", color=GREEN)
+    pressure.set(ylabel="sound pressure [Pa]")
+    shown = heard.frequencies <= 1e3 * _TOP
+    spectrum.pcolormesh(heard.times[::4], 1e-3 * heard.frequencies[shown], heard.spectrum[::4, shown].T, vmin=30.0,
+                        vmax=100.0, cmap="magma", shading="nearest", rasterized=True)  # fmt: skip
+    spectrum.set(ylabel="frequency [kHz]")
+    full = heard.tone > _LOUD
+    swing.plot(heard.times[full], heard.frequency[full], ".", color=RED, markersize=2.0)
+    swing.annotate("", (1.0, 3423.0), (1.0 + turn, 3423.0), arrowprops={"arrowstyle": "<->"})
+    swing.text(1.0 + 0.5 * turn, 3426.0, "T", ha="center")
+    swing.set(ylabel="squeal [Hz]", xlabel="time [s]", ylim=(3375.0, 3435.0))
+
+    first = full & (heard.times > 0.3) & (heard.times < begin - 0.05)
+    mean, amplitude, period = _sine(heard.times[first], heard.frequency[first], turn)
+    yield Comparison("squeal, mean of a turn", "Hz", mean, 3400.0, "paper", relative=2e-3)
+    yield Comparison("swing of its frequency", "Hz", amplitude, _SWING, "paper", absolute=1.0)
+    yield Comparison("period of the swing", "s", period, 2.6, "paper", absolute=0.05)
+    yield Comparison("period of the swing: a turn", "s", period, turn, "theory", relative=0.01)
+    v = ran.signals["velocity"]
+    direct = value(scene, "sensors.microphone.radiation") * float(np.abs(v[ran.time < begin]).max())
+    yield Comparison("largest pressure, without the echoes", "Pa", direct, 2.0, "paper", relative=0.1)
+
+    def envelope(at: float) -> float:
+        return float(np.abs(v[(ran.time >= at) & (ran.time < at + 0.01)]).max())
+
+    before, late, later = (envelope(begin + after) for after in (-0.02, 0.03, 0.09))
+    yield Comparison("connected, fall after 30 ms", "dB", _decibel(before / late), 20.0, "paper", floor=True)
+    rate = math.log(late / later) / 0.06
+    yield Comparison("connected, decays with", "1/s", rate, 22.85443, "reference", relative=0.05)
+    silent = (t > begin + 1.0) & (t < end)
+    left = float(np.sqrt(np.mean(heard.v[silent] ** 2)))
+    yield Comparison("what is left while connected", "Pa", left, 0.035, "paper", absolute=0.015)
+    again = [one for one in heard.squeals if one.begin > end]
+    yield Comparison("squeals after disconnecting", "", len(again), 1.0, "paper")
+    yield Comparison("comes back with", "1/s", again[0].growth, 40.0, "reference", relative=0.05)
+
+
+def _decibel(ratio: float) -> float:
+    return 20.0 * math.log10(ratio)
+
+
+def _sine(t: np.ndarray, f: np.ndarray, period: float) -> tuple[float, float, float]:
+    """Mean, amplitude and period of a sine fitted to f(t), begun near `period`."""
+    from scipy.optimize import curve_fit
+
+    def shape(t: np.ndarray, mean: float, a: float, b: float, T: float) -> np.ndarray:
+        angle = 2.0 * math.pi * t / T
+        return mean + a * np.cos(angle) + b * np.sin(angle)
+
+    mean, a, b, T = curve_fit(shape, t, f, (float(f.mean()), 1.0, 1.0, period))[0]
+    return float(mean), math.hypot(a, b), float(T)
+
+
+ENTRIES = (
+    Entry("kroeger-29", "kroeger", "Figure 29", "sound of a brake whose shunt is connected and disconnected",
+          ("brake_shunt_sound",), sound, "To be heard: rig simulate brake_shunt_sound --out run.mcap, then rig sound "
+          "run.mcap --out squeal.wav. T: a turn of the disc. The paper connects its optimal shunt and says that the "
+          "squeal stops immediately: here the coil at which it dies away fastest, and 20 dB in 30 ms. A coil in "
+          "tune with the squeal of the open stack is the worse one: there 20 dB take longer.", size=(10.4, 7.6)),
+)  # fmt: skip

@@ -1,0 +1,255 @@
+"""Liu and Ouyang, Meccanica (2020), sections 3 and 4.2: the slider on a rotating flexible disc.
+
+Geometry, material, stiffnesses and dampers are the paper's; which stiffness is which, the damping of the disc and the
+coefficients of friction are the scenes'. "reference" are independent computations with these.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.papers.common import BLUE, GREEN, RED, dither_boundary, load, quiet, run
+from rig.papers.entry import Comparison, Entry
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from rig.scenes.scene import Scene
+
+RADIUS = 0.1  # m, of the slider's place
+RATE = math.sqrt(1e5)  # rad/s, sqrt(contact stiffness / mass): ratios of frequencies are over this
+CASES: dict[str, dict[str, Any]] = {
+    "a": {"friction__law": "constant", "friction__mu": 0.3},
+    "b": {},
+    "c": {"friction__mu_static": 0.9, "friction__mu_kinetic": 0.8},
+}
+LOADS = (20.0, 50.0, 100.0, 150.0, 200.0)
+_SLOW = np.sort([*np.linspace(0.5, 8.0, 31), 5.98, 5.998, 6.0 + 1e-4, 6.02])  # shaken with 0.6 m/s: a = V at 6
+# close to where a wave on the disc and the slider meet stretches are short; the reference's grid leaps over some
+_FAST = np.sort([*np.arange(900.0, 940.0, 0.5), 911.82, 911.965, *np.arange(945.0, 1110.0, 5.0),
+                 *np.arange(1111.0, 1117.0, 0.5), *np.arange(1120.0, 1301.0, 5.0)])  # fmt: skip
+_SPEEDS = np.concatenate([_SLOW, np.geomspace(10.0, 890.0, 12), _FAST])
+_GAPS = "Short stable gaps near 919 and 1113 rad/s lie between the points of the reference's grid."
+
+
+def at(case: str, N0: float, speed: float, scene: str = "disc_slider", **changes: Any) -> Scene:
+    """The rig in a case of friction, at a preload [N] and a speed of the disc [rad/s]."""
+    return quiet(load(scene, load__force=N0, drive__speed=speed, **CASES[case], **changes))
+
+
+def modes(figure: Figure) -> Iterator[Comparison]:
+    """Modes of the free disc, and its frequencies as published."""
+    import rig
+    from rig.effects.disc_modes import free_modes
+
+    disc: Any = load("disc_slider").parameters
+    shapes = free_modes(disc.disc)
+    shape, table = figure.subplots(1, 2)
+    radii = np.linspace(disc.disc.inner_radius, disc.disc.outer_radius, 120)
+    for mode, colour, line in zip(shapes, (BLUE, RED, GREEN, "black"), ("-", "--", "-.", ":")):
+        told = f"{mode.diameters} nodal diameters"
+        shape.plot(1e3 * radii, [mode.at(r) for r in radii], line, color=colour, label=told)
+    shape.set(xlabel="radius [mm]", ylabel="shape, of mass one [1/sqrt(kg)]", title="shapes")
+    shape.legend()
+    found = [2.0 * math.pi * hertz for hertz in rig.modes("disc_slider").free.values()]
+    published = (1492, 1517, 1517, 1824, 1824, 2774, 2774)
+    names = [f"{m.diameters}, {part}" for m in shapes for part in (("cosine", "sine") if m.pair else ("-",))]
+    table.axis("off")
+    table.set_title("natural frequencies [rad/s]")
+    rows = [(name, f"{ours:.3f}", f"{one}") for name, ours, one in zip(names, found, published)]
+    drawn = table.table(rows, colLabels=("nodal diameters", "ours", "published"), loc="upper center",
+                        cellLoc="center", edges="horizontal")  # fmt: skip
+    drawn.auto_set_font_size(False)
+    drawn.set_fontsize(10)
+    drawn.scale(1.0, 1.6)
+    for number, (ours, one) in enumerate(zip(found, published), 1):
+        yield Comparison(f"natural frequency {number}", "rad/s", ours, one, "paper", absolute=0.5)
+    for mode, expected in zip(shapes, (1491.9269, 1516.7573, 1823.8811, 2774.1939)):
+        what = f"{mode.diameters} nodal diameters"
+        yield Comparison(what, "rad/s", mode.omega, expected, "reference", relative=1e-6)
+    critical = min(mode.omega / mode.diameters for mode in shapes if mode.pair)
+    yield Comparison("critical speed", "rad/s", critical, 911.94, "reference", absolute=0.005)
+
+
+def instability(figure: Figure) -> Iterator[Comparison]:
+    """Speeds at which sliding is unstable, over the preload."""
+    reference = {
+        ("a", 20.0): (911.9541, 932.2011, 978.3737, 1245.8412), ("a", 100.0): (911.8730, 1245.6566),
+        ("a", 200.0): (911.7743, 1245.5279), ("b", 20.0): (1.1100, 911.9533, 932.3555, 977.9398, 1246.5808),
+        ("b", 50.0): (2.0138, 911.9228, 934.3958, 976.0186, 1246.4944), ("b", 100.0): (2.7037, 911.8724, 1246.3667),
+        ("b", 200.0): (3.3954, 911.7739, 1246.1686),
+    }  # fmt: skip
+    for row, case in zip(_panels(figure), CASES):
+        edges = _drawn(row, at(case, 100.0, 2.0), _SPEEDS[::4] if case == "c" else _SPEEDS)
+        if case == "c":
+            yield Comparison("case c: edges", "", sum(map(len, edges.values())), 0.0, "reference")
+        for N0 in LOADS:
+            yield from _compared(f"case {case}, {N0:g} N: edge", edges[N0], reference.get((case, N0), ()))
+        row[0].set_title({"a": "(a) Coulomb, 0.3", "b": "(b) falling from 0.4 to 0.25",
+                          "c": "(c) falling from 0.9 to 0.8"}[case])  # fmt: skip
+
+
+def _panels(figure: Figure) -> Any:
+    """Three rows of slow and of fast speeds; between the two nothing happens."""
+    rows = figure.subplots(3, 2, sharex="col", sharey=True, width_ratios=(1.0, 1.6))
+    for row in rows:
+        row[0].set(ylabel="preload [N]", xlim=(0.0, _SLOW[-1]), ylim=(0.0, 220.0))
+        row[1].set(xlim=(_FAST[0], _FAST[-1]))
+    figure.supxlabel("speed of the disc [rad/s]; wide: sliding is unstable", fontsize=10.5)
+    return rows
+
+
+def _drawn(row: Any, scene: Scene, speeds: np.ndarray = _SPEEDS) -> dict[float, list[float]]:
+    """The edges [rad/s] of the regions of a scene at each preload; its unstable stretches of speed are drawn."""
+    from rig.analysis.axis import Axis
+    from rig.analysis.regions import regions
+
+    found = regions(scene, Axis.of("drive.speed", speeds, scene), Axis.of("load.force", LOADS, scene))
+    edges = {N0: [value for value, _ in told] for N0, told in zip(LOADS, found.edges)}
+    for N0, growth in zip(LOADS, found.growth[:, 0]):
+        for number, (low, high) in enumerate(pairwise((speeds[0], *edges[N0], _SPEEDS[-1]))):
+            unstable = (growth > 0.0) == (number % 2 == 0)
+            for axis in row:
+                axis.hlines(N0, low, high, color=RED if unstable else BLUE, lw=7 if unstable else 1.2)
+    return edges
+
+
+def _compared(what: str, edges: list[float], reference: tuple[float, ...]) -> Iterator[Comparison]:
+    """Each edge of the reference beside the nearest of ours."""
+    for one in reference:
+        nearest = min(edges, key=lambda edge: abs(edge - one), default=math.nan)
+        yield Comparison(what, "rad/s", nearest, one, "reference", absolute=1e-3)
+
+
+def growing(figure: Figure) -> Iterator[Comparison]:
+    """Cases b at 2 rad/s and c at 20 rad/s, 100 N: angle, normal motion, the disc."""
+    import rig
+
+    for row, case, speed, seconds, expected in zip(
+        figure.subplots(2, 3), "bc", (2.0, 20.0), (1.6, 0.16), (2.5694756, 38.764815)
+    ):
+        still = rig.modes(at(case, 100.0, speed)).sliding
+        yield Comparison(f"case {case}: growth rate", "1/s", still.growth, expected, "reference", relative=1e-6)
+        start: dict[str, Any] = {"start__displacement": 1.01 * still.equilibrium["displacement"],
+                 "start__height": still.equilibrium["height"]}  # fmt: skip
+        ran = run(at(case, 100.0, speed, **start), seconds)
+        _three(row, ran, case)
+        yield Comparison(f"case {case}: growth seen", "1/s", _rate(ran, still.equilibrium["displacement"]), expected,
+                         "theory", relative=0.05)  # fmt: skip
+
+
+def _three(row: Any, ran: Any, case: str) -> None:
+    for axis, name, factor, label in zip(
+        row, ("angle", "height", "deflection"), (1e3, 1e3, 1e6), ("angle [mrad]", "height [mm]", "disc at the rim [um]")
+    ):
+        axis.plot(ran.time, factor * ran.signals[name], color=BLUE, lw=0.5)
+        axis.set(xlabel="time [s]", ylabel=label, title=f"case {case}" if name == "angle" else "")
+
+
+def _rate(ran: Any, rest: float) -> float:
+    """Growth of the swing of the displacement about rest over the second half of a run [1/s]."""
+    x, t = ran.signals["displacement"] - rest, ran.time
+    top = np.flatnonzero((x[1:-1] > x[:-2]) & (x[1:-1] >= x[2:]) & (x[1:-1] > 0.0)) + 1
+    top = top[t[top] > 0.5 * t[-1]]
+    return float(np.polyfit(t[top], np.log(x[top]), 1)[0])
+
+
+def quenched(figure: Figure) -> Iterator[Comparison]:
+    """The same under dither above its boundary, twenty times sqrt(kc / m)."""
+    for row, case, speed, times, seconds in zip(figure.subplots(2, 3), "bc", (2.0, 20.0), (1.3, 1.5), (1.2, 0.9)):
+        omega = 20.0 * RATE
+        force = times * speed * RADIUS * omega
+        ran = run(at(case, 100.0, speed, "disc_slider_dither", dither__amplitude=force,
+                     dither__frequency=omega / (2.0 * math.pi)), seconds)  # fmt: skip
+        _three(row, ran, case)
+        last = ran.time > 0.9 * seconds
+        ripple = 0.5 * float(np.ptp(ran.signals["angle"][last]))
+        theory = force / (omega**2 * RADIUS)
+        yield Comparison(f"case {case}: ripple A / (m omega^2 r0)", "rad", ripple, theory, "theory", relative=0.03)
+        begin = ran.time < 0.1 * seconds
+        left = float(np.ptp(ran.signals["height"][last]) / np.ptp(ran.signals["height"][begin]))
+        yield Comparison(f"case {case}: normal motion left, of that at first", "", left, 0.0, "theory", absolute=0.25)
+
+
+def boundary(figure: Figure) -> Iterator[Comparison]:
+    """Amplitude above which dither stabilises, averaged and simulated, beside independent simulations."""
+    left, right = figure.subplots(1, 2)
+    told = {
+        "b": {3: 0.8859, 5: 0.9578, 10: 0.9859, 20: 0.9953},
+        "c": {3: 1.1422, 5: 1.2047, 10: 1.2297, 20: 1.2328},
+    }
+    for axis, case, speed, expected in ((left, "b", 2.0, 1.0), (right, "c", 20.0, 1.2362385)):
+        V = speed * RADIUS
+        found = _largest(case, speed)
+        yield Comparison(f"case {case}: averaged, a / V", "", found, expected, "reference", relative=1e-6)
+        axis.plot([0.0, 22.0], [0.0, 22.0 * found * V * RATE * 1e-3], color=BLUE, label="averaged")
+        ratios = np.array(list(told[case]))
+        simulated = np.array(list(told[case].values()))
+        axis.plot(ratios, simulated * V * RATE * ratios * 1e-3, "o", color=RED, mfc="none", ms=9.0,
+                  label="reference, simulated")  # fmt: skip
+        shaken = at(case, 100.0, speed, "disc_slider_dither")
+        for ratio in (10, 20):
+            _, averaged, lost = dither_boundary(shaken, ratio * RATE, V, np.linspace(0.8, 1.45, 6))
+            axis.plot([ratio], [lost * V * RATE * ratio * 1e-3], "x", color="black",
+                      label="simulated" if ratio == 10 else "")  # fmt: skip
+            what = f"case {case}: simulated at ratio {ratio}, over averaged"
+            yield Comparison(what, "", lost / averaged, 1.0, "theory", absolute=0.05)
+        axis.set(title=f"case {case}, {speed:g} rad/s", xlabel="frequency of the dither over sqrt(kc / m)",
+                 ylabel="amplitude of the dither [kN]", xlim=(0.0, 22.0), ylim=(0.0, None))  # fmt: skip
+        axis.legend(loc="upper left")
+
+
+def _largest(case: str, speed: float) -> float:
+    """The largest a / V at which averaged sliding is neutral."""
+    from scipy.optimize import brentq
+
+    V = speed * RADIUS
+    ratios = np.linspace(1.6, 1.0 + 1e-6, 13)
+    rates = [mean_growth(case, 100.0, speed, r * V) for r in ratios]
+    for high, low, after in zip(ratios, ratios[1:], rates[1:]):
+        if after > 0.0:
+            return float(brentq(lambda r: mean_growth(case, 100.0, speed, r * V), low, high, xtol=1e-9))
+    return 1.0 if mean_growth(case, 100.0, speed, (1.0 - 1e-6) * V) > 0.0 else 0.0
+
+
+def mean_growth(case: str, N0: float, speed: float, fast: float) -> float:
+    """Largest growth rate of averaged sliding where the slider is shaken with `fast` [m/s], to leading order."""
+    from rig.analysis.averaged import averaged
+    from rig.analysis.modes import GENERATOR
+
+    omega = 20.0 * RATE
+    shaken = {"dither__amplitude": fast * omega, "dither__frequency": omega / (2.0 * math.pi)}
+    system = at(case, N0, speed, "disc_slider_dither", **shaken).assemble().system()
+    sine, cosine = (system.names.index(name) for name in GENERATOR)
+    return float(averaged(system, sine, cosine, fast * omega, leading=True).eigenvalues()[0].real)
+
+
+def instability_shaken(figure: Figure) -> Iterator[Comparison]:
+    """The regions again, the slider shaken with 0.6 m/s."""
+    reference = {"b": (6.000099, 6.911980, 911.872406, 1246.366730), "c": (4.927391, 5.994225, 6.000099)}
+    omega = 20.0 * RATE
+    shaken = {"dither__amplitude": 0.6 * omega, "dither__frequency": omega / (2.0 * math.pi), "dither__enable": True}
+    for row, case in zip(_panels(figure), CASES):
+        edges = _drawn(row, at(case, 100.0, 2.0, "disc_slider_dither", **shaken))
+        yield from _compared(f"case {case}, 100 N: edge", edges[100.0], reference.get(case, ()))
+        row[0].set_title(f"case {case}, shaken with 0.6 m/s")
+
+
+ENTRIES = (
+    Entry("liu000-table-1", "liu000", "Table 1", "the disc and its natural frequencies", ("disc_slider",), modes),
+    Entry("liu000-8", "liu000", "Figure 8", "where sliding is unstable, over speed and preload",
+          ("disc_slider",), instability, _GAPS, (9.6, 7.2)),
+    Entry("liu000-9", "liu000", "Figure 9", "growth from near sliding", ("disc_slider",), growing, size=(9.6, 5.6)),
+    Entry("liu000-10", "liu000", "Figure 10", "the same under dither", ("disc_slider_dither",), quenched,
+          size=(9.6, 5.6)),
+    Entry("liu000-11", "liu000", "Figure 11", "dither that stabilises, over its frequency", ("disc_slider_dither",),
+          boundary, "Stable above the lines. Crosses: runs pushed along the least stable motion; circles: runs of the "
+          "reference."),
+    Entry("liu000-12", "liu000", "Figure 12", "where sliding is unstable under dither", ("disc_slider_dither",),
+          instability_shaken, f"Averaged to leading order. {_GAPS}", (9.6, 7.2)),
+)  # fmt: skip

@@ -1,0 +1,227 @@
+"""Liu and Ouyang, Mech. Syst. Signal Process. (2022): the slider on a rotating disc with an L-shaped lever.
+
+The numbers of its figures are lost; the scenes' values reproduce its regions. "reference" are independent computations
+with these. Figures 7 and 9 to 11, and the disc with a sector, are in liu_lever_speed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.papers.common import AMBER, BLUE, GREEN, GREY, RED, load, quiet, run, value
+from rig.papers.entry import Comparison, Entry
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from rig.analysis.cycle_report import Cycle
+    from rig.record.run import Run
+    from rig.scenes.scene import Scene
+
+RPM = math.pi / 30.0
+PIN = 0.8  # disc radius over the pin's: angular velocity of the cylinder that sticks, over the disc's
+COULOMB: dict[str, Any] = {"friction__law": "coulomb", "friction__mu_static": 0.42, "friction__mu_kinetic": 0.3}
+
+
+def at(N0: float, rpm: float, scene: str = "lever", **changes: Any) -> Scene:
+    """The rig at a preload [N] and a speed, stuck to the disc as mounted; nothing but its motion."""
+    speed = rpm * RPM
+    given = {"load__force": N0, "drive__speed": speed, "start__angular_velocity": PIN * speed, "clock__frame": "5 ms"}
+    return quiet(load(scene, **(given | changes)))
+
+
+def half(cycle: Cycle, output: str) -> float:
+    """Half of peak to peak."""
+    low, high = cycle.extremes[output]
+    return 0.5 * (high - low)
+
+
+def kinetic(figure: Figure) -> Iterator[Comparison]:
+    """The kinetic coefficient over speed, as the experiment finds it from noisy instruments."""
+    from rig.analysis.identify import identify
+
+    scene = load("lever_kinetic_friction")
+    found = identify(scene)
+    axis = figure.subplots()
+    readings = np.array(found.readings)
+    axis.plot(1e3 * readings[:, 0], readings[:, -1], "o", color=RED, markersize=4, label="measured, three repeats")
+    speeds = np.linspace(0.0, 0.05, 400)
+    values = {one.key.rsplit(".", 1)[-1]: one for one in found.parameters}
+
+    def law(kinetic: float, static: float, decay: float) -> np.ndarray:
+        return kinetic + (static - kinetic) * np.exp(-decay * speeds)
+
+    names = ("mu_kinetic", "mu_static", "decay")
+    told = [values[n].stated if n in values else value(scene, f"friction.{n}") for n in names]
+    fitted = [values[n].found if n in values else value(scene, f"friction.{n}") for n in names]
+    axis.plot(1e3 * speeds, law(*told), color=GREY, label="the scene's law")
+    axis.plot(1e3 * speeds, law(*fitted), "--", color=BLUE, label="fitted to the measurement")
+    axis.set(xlabel="slip speed [mm/s]", ylabel="kinetic friction coefficient")
+    axis.legend()
+    for one in found.parameters:
+        yield Comparison(f"identified: {one.key}", one.unit, one.found, one.stated, "theory", relative=0.01)
+
+
+def response(figure: Figure, coulomb: bool = False) -> Iterator[Comparison]:
+    """Both angles over time, phase portraits, spectra at 20 N and 1 rpm; measured and computed."""
+    import rig
+
+    scene = load("lever", **(COULOMB if coulomb else {}))
+    ran = run(scene)
+    last = ran.time > ran.time[-1] - 1.5
+    t = ran.time[last] - ran.time[last][0]
+    axes = figure.subplots(2, 3)
+    parts = (("arm_laser", "cylinder.arm", "angle", "angular_velocity", "phi"),
+             ("lever_laser", "lever.leg", "lever_angle", "lever_velocity", "theta"))  # fmt: skip
+    for (over, phase, spectrum), (sensor, arm, output, rate, name) in zip(axes, parts):
+        over.plot(t, 1e3 * ran.signals[output][last], color=BLUE, lw=1.0, label="computed")
+        phase.plot(1e3 * ran.signals[output][last], ran.signals[rate][last], color=BLUE, lw=0.8)
+        if not coulomb:
+            taken = ran.measurements[sensor]
+            seconds, angle = taken.t_ns * 1e-9, taken.v / value(scene, arm)
+            seen = seconds > ran.time[-1] - 1.5
+            over.plot(seconds[seen] - ran.time[last][0], 1e3 * angle[seen], ".", color=RED, markersize=3,
+                      label="measured at 100 Hz")  # fmt: skip
+        settled = ran.signals[output][ran.time > 5.0]
+        amplitude = (
+            2.0 * np.abs(np.fft.rfft((settled - settled.mean()) * np.hanning(len(settled)))) / len(settled) * 2.0
+        )
+        frequency = np.fft.rfftfreq(len(settled), ran.time[1] - ran.time[0])
+        shown = frequency < 20.0
+        spectrum.semilogy(frequency[shown], 1e3 * amplitude[shown], color=BLUE, lw=0.8)
+        over.set(xlabel="time [s]", ylabel=f"{name} [mrad]", title=name)
+        phase.set(xlabel=f"{name} [mrad]", ylabel=f"d{name}/dt [rad/s]")
+        spectrum.set(xlabel="frequency [Hz]", ylabel="amplitude [mrad]", ylim=(1e-4, None))
+        top = 1e3 * np.ptp(settled)
+        over.set_ylim(1e3 * settled.min() - 0.08 * top, 1e3 * settled.max() + 0.4 * top)
+    if not coulomb:
+        axes[0, 0].legend(loc="upper left", fontsize=8)
+    cycle = rig.limit_cycle(scene)
+    expected = (3.0724522649734, 0.00825004, 0.00799662) if coulomb else (2.8704654619, 0.009245855, 0.008817508)
+    found = cycle.frequency, half(cycle, "angle"), half(cycle, "lever_angle")
+    for what, unit, ours, number in zip(("frequency", "A_phi", "A_theta"), ("Hz", "rad", "rad"), found, expected):
+        yield Comparison(what, unit, ours, number, "reference", relative=1e-5)
+    low, high = (0.012896526, 0.029396652) if coulomb else (0.012046457, 0.030538174)
+    for what, ours, number in zip(("lowest phi", "highest phi"), cycle.extremes["angle"], (low, high)):
+        yield Comparison(what, "rad", ours, number, "reference", relative=1e-5)
+
+
+def amplitudes(figure: Figure) -> Iterator[Comparison]:
+    """Amplitude indices and frequency: a rig of exact geometry measured with noise, and both laws computed."""
+    import rig
+    from rig.analysis.amplitude import index
+
+    bench = load("lever", springs__order=5)
+    ran = run(bench)
+    measured = []
+    for sensor, arm in (("arm_laser", "cylinder.arm"), ("lever_laser", "lever.leg")):
+        taken = ran.measurements[sensor]
+        seconds = taken.t_ns * 1e-9
+        angle = np.asarray(taken.v[seconds > 5.0] / value(bench, arm), dtype=np.float64)
+        found = index(np.asarray(seconds[seconds > 5.0], dtype=np.float64), angle)
+        measured.append(found.half)
+    measured.append(found.frequency)
+    rows = [("exact geometry, measured", *(f"{1e3 * a:.3f}" for a in measured[:2]), f"{measured[2]:.3f}", "", "")]
+    reference: tuple[tuple[str, dict[str, Any], int, tuple[float, ...]], ...] = (
+        ("Stribeck", {}, 2, (0.00924585650, 0.00881750876, 0.34837529417)),
+        ("Coulomb", COULOMB, 2, (0.00825006102, 0.00799662285, 0.32547258037)),
+        ("Stribeck, exact geometry", {}, 5, (0.009364851090, 0.009041176398, 0.351863344938)),
+        ("Coulomb, exact geometry", COULOMB, 5, (0.008374996341, 0.008200736086, 0.329006557488)),
+    )
+    for name, law, order, expected in reference:
+        cycle = rig.limit_cycle(load("lever", springs__order=order, **law))
+        ours = half(cycle, "angle"), half(cycle, "lever_angle"), cycle.period
+        bound = 1e-6 if order == 2 else 2e-5
+        for what, unit, one, number in zip(("A_phi", "A_theta", "period"), ("rad", "rad", "s"), ours, expected):
+            yield Comparison(f"{name}: {what}", unit, one, number, "reference", relative=bound)
+        off = [100.0 * (a / b - 1.0) for a, b in zip((ours[0], cycle.frequency), (measured[0], measured[2]))]
+        rows.append((name, f"{1e3 * ours[0]:.3f}", f"{1e3 * ours[1]:.3f}", f"{cycle.frequency:.3f}",
+                     f"{off[0]:+.1f} %", f"{off[1]:+.1f} %"))  # fmt: skip
+    axis = figure.subplots()
+    axis.axis("off")
+    heads = ("20 N, 1 rpm", "A_phi [mrad]", "A_theta [mrad]", "f [Hz]", "A_phi off by", "f off by")
+    table = axis.table(rows, colLabels=heads, loc="upper center", cellLoc="center", edges="horizontal",
+                       colWidths=[0.3, 0.14, 0.14, 0.12, 0.14, 0.14])  # fmt: skip
+    table.auto_set_font_size(False)
+    table.set_fontsize(9.5)
+    table.scale(1.0, 1.7)
+
+
+def two_starts(figure: Figure) -> Iterator[Comparison]:
+    """One point, two starts: from the standing rig, and from near sliding."""
+    axes = figure.subplots(2, 2, sharex=True, sharey=True)
+    laws: tuple[tuple[str, dict[str, Any]], ...] = (("Stribeck", {}), ("Coulomb", COULOMB))
+    for row, (name, law) in zip(axes, laws):
+        for axis, near in zip(row, (False, True)):
+            ran = run(start_near(20.0, 2.5, **law) if near else at(20.0, 2.5, **law), 20.0)
+            axis.plot(ran.time, 1e3 * ran.signals["angle"], color=GREEN if near else BLUE, lw=0.6)
+            start = "near sliding" if near else "standing start"
+            axis.set_title(f"{name}, {start}")
+            yield Comparison(
+                f"{name}, {start}: sticks (1) or slides (0)", "", sticks(ran, 2.0), 1.0 - near, "reference"
+            )
+    for axis in axes[:, 0]:
+        axis.set_ylabel("phi [mrad]")
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+
+
+def start_near(N0: float, rpm: float, scene: str = "lever", **changes: Any) -> Scene:
+    """The rig pushed a little off steady sliding."""
+    import rig
+
+    still = rig.modes(at(N0, rpm, scene, **changes)).sliding.equilibrium
+    start = {"start__angle": still["angle"], "start__lever_angle": still["lever_angle"],
+             "start__angular_velocity": 0.02 * PIN * rpm * RPM}  # fmt: skip
+    return at(N0, rpm, scene, **(changes | start))
+
+
+def sticks(ran: Run, last: float) -> float:
+    """1.0 where the contact has come to stick in the last seconds, 0.0 where not."""
+    ends = [event["t_ns"] * 1e-9 for event in ran.events if event["text"] == "contact slip ends"]
+    return float(bool(ends) and ends[-1] > ran.time[-1] - last)
+
+
+def three_stages(figure: Figure) -> Iterator[Comparison]:
+    """Accelerate, hold, decelerate: stick-slip lives longer on the way up than it comes back on the way down."""
+    import rig
+    from rig.analysis.three_stages import stages
+
+    ran = run(load("lever_three_stage"))
+    found = stages(ran)
+    assert found is not None
+    up, down = found.up / RPM, found.down / RPM
+    angle, speed = figure.subplots(2, 1, sharex=True)
+    angle.plot(ran.time, 1e3 * ran.signals["angle"], color=BLUE, lw=0.3)
+    angle.set_ylabel("phi [mrad]")
+    speed.plot(ran.time, ran.signals["disc_speed"] / RPM, color=AMBER)
+    for threshold, name, place in ((up, "last stick", 0.02), (down, "first stick", 0.7)):
+        speed.axhline(threshold, color=GREY, ls="--", lw=0.8)
+        speed.text(place, threshold + 0.15, f"{name}: {threshold:.2f} rpm", transform=speed.get_yaxis_transform())
+    speed.set(xlabel="time [s]", ylabel="disc speed [rpm]")
+    hopf = rig.sweep("lever", "drive.speed", np.linspace(1.5 * RPM, 3.0 * RPM, 7)).critical[0].value / RPM
+    for what, held in (("up beyond the speed at which sliding loses its stability", up > hopf),
+                       ("down to below that speed, without noise", down < hopf)):  # fmt: skip
+        yield Comparison(f"{what} (1: yes)", "", float(held), 1.0, "reference")
+    yield Comparison("speed at which sliding loses its stability", "rpm", hopf, 2.03444, "reference", absolute=1e-4)
+
+
+ENTRIES = (
+    Entry("liu003-4", "liu003", "Figure 4", "kinetic friction over speed, measured and fitted",
+          ("lever_kinetic_friction",), kinetic, "What the experiment returns, beside what the scene states."),
+    Entry("liu003-5", "liu003", "Figure 5", "stick-slip at 20 N and 1 rpm, exponential law", ("lever",), response,
+          size=(9.6, 5.8)),
+    Entry("liu003-6", "liu003", "Figure 6", "the same with Coulomb's law", ("lever",), partial(response, coulomb=True),
+          size=(9.6, 5.8)),
+    Entry("liu003-table-1", "liu003", "Table 1", "amplitudes and frequency, measured and computed", ("lever",),
+          amplitudes, "The virtual rig that is measured has the exact geometry of its springs (to order 5).",
+          (9.6, 2.9)),
+    Entry("liu003-8", "liu003", "Figure 8", "two starts at 20 N and 2.5 rpm", ("lever",), two_starts),
+    Entry("liu003-9", "liu003", "Figure 9", "accelerate, hold, decelerate", ("lever_three_stage",), three_stages,
+          "Without noise sliding is left late on the way down; only the order of the thresholds is compared."),
+)  # fmt: skip

@@ -1,0 +1,208 @@
+"""Liu and Ouyang, Mech. Syst. Signal Process. (2022): which motions the lever rig has over load and speed.
+
+V1: sliding is unstable below; V2: stick-slip exists up to there, as continued in speed or from a standing start. The
+disc is uniform, or has a sector of other friction.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from collections.abc import Iterator
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.papers.common import AMBER, BLUE, GREEN, GREY, RED, run
+from rig.papers.entry import Comparison, Entry
+from rig.papers.liu_lever import COULOMB, RPM, at, start_near, sticks
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+LOADS = (10.0, 15.0, 20.0, 25.0, 30.0)
+SECOND: dict[str, Any] = {"friction__mu_static": 0.38, "friction__mu_kinetic": 0.32}
+_FOLD = {
+    "stribeck": (3.413, 4.546, 5.585, 6.540, 7.461),
+    "coulomb": (1.452, 2.182, 2.946, 3.708, 4.468),
+}
+_BEFORE = 2.0 * math.pi - 1e-9  # just before the sector
+_HOPF = (1.659746, 1.879013, 2.034443, 2.154880, 2.253175)
+
+
+def regions(figure: Figure) -> Iterator[Comparison]:
+    """Preload and speed: sliding, both, stick-slip; exponential and Coulomb law."""
+    for axis, name in zip(figure.subplots(1, 2, sharey=True), ("stribeck", "coulomb")):
+        found = [_carried(N0, name) for N0 in LOADS]
+        hopf, fold = np.array([one[0] for one in found]), np.array([one[1] for one in found])
+        _shade(axis, LOADS, hopf, fold)
+        axis.set_title("exponential law" if name == "stribeck" else "Coulomb's law")
+        for N0, expected, ours in zip(LOADS, _FOLD[name], fold):
+            yield Comparison(f"{name}, {N0:g} N: V2", "rpm", float(ours), expected, "reference", absolute=0.04)
+        for N0, expected, ours in zip(LOADS, _HOPF, hopf):
+            if name == "stribeck":
+                yield Comparison(f"{name}, {N0:g} N: V1", "rpm", float(ours), expected, "reference", absolute=1e-4)
+            else:
+                yield Comparison(f"{name}, {N0:g} N: no V1 (0)", "rpm", float(ours), 0.0, "reference")
+
+
+def _carried(N0: float, name: str) -> tuple[float, float]:
+    """V1 (0 without) and V2 [rpm], the run carried upwards in speed."""
+    import rig
+    from rig.analysis.map import Map
+
+    scene = at(N0, 1.0, **(COULOMB if name == "coulomb" else {}))
+    fold = _FOLD[name][LOADS.index(N0)]
+    low, high = fold - 1.0, fold + 0.6
+    with tempfile.TemporaryDirectory() as folder:
+        chart = rig.map(scene, f"drive.speed={low} rpm:{high} rpm:9", runs=("up",), folder=folder, workers=1)
+    assert isinstance(chart, Map)
+    swept = rig.sweep(scene, "drive.speed", np.linspace(0.5 * RPM, 4.0 * RPM, 15))
+    hopf = [one.value / RPM for one in swept.critical]
+    return hopf[0] if hopf else 0.0, float(chart.ends[0, 0].mean()) / RPM
+
+
+def _shade(axis: Axes, loads: tuple[float, ...], hopf: np.ndarray, fold: np.ndarray) -> None:
+    """Regions I, II, III over preload."""
+    top = 8.5
+    axis.fill_between(loads, fold, top, color=GREEN, alpha=0.18, lw=0)
+    axis.fill_between(loads, hopf, fold, color=AMBER, alpha=0.25, lw=0)
+    axis.fill_between(loads, 0.0, hopf, color=RED, alpha=0.25, lw=0)
+    axis.plot(loads, fold, "o-", color=BLUE, markersize=4, label="V2")
+    if hopf.any():
+        axis.plot(loads, hopf, "s--", color="black", markersize=4, label="V1")
+        axis.text(26.0, 0.8, "III: stick-slip", ha="center")
+    axis.text(26.0, 0.55 * (float(np.interp(26.0, loads, hopf)) + float(np.interp(26.0, loads, fold))), "II: both",
+              ha="center")  # fmt: skip
+    axis.text(14.0, 6.8, "I: sliding", ha="center")
+    axis.set(xlabel="preload [N]", ylabel="disc speed [rpm]", ylim=(0.0, top), xlim=(loads[0], loads[-1]))
+    axis.legend(loc="upper left")
+
+
+def representatives(figure: Figure) -> Iterator[Comparison]:
+    """10 N: a point of each region, from a standing start (as on the way up) and from near sliding (as down)."""
+    axes = figure.subplots(3, 2, sharex=True, sharey=True)
+    expected = {5.0: (0.0, 0.0), 2.0: (1.0, 0.0), 1.0: (1.0, 1.0)}
+    for row, (rpm, outcomes), region in zip(axes, expected.items(), ("I", "II", "III")):
+        for axis, near, outcome in zip(row, (False, True), outcomes):
+            ran = run(start_near(10.0, rpm) if near else at(10.0, rpm), 15.0)
+            axis.plot(ran.time, 1e3 * ran.signals["angle"], color=GREEN if near else BLUE, lw=0.6)
+            start = "near sliding" if near else "standing start"
+            axis.set_title(f"{region}: {rpm:g} rpm, {start}")
+            what = f"10 N, {rpm:g} rpm, {start}: sticks (1) or slides (0)"
+            yield Comparison(what, "", sticks(ran, 2.0), outcome, "reference")
+    for axis in axes[:, 0]:
+        axis.set_ylabel("phi [mrad]")
+    for axis in axes[-1]:
+        axis.set_xlabel("time [s]")
+
+
+@cache
+def standing(N0: float, disc: str, low: float, high: float, close: float) -> float:
+    """The speed [rpm] between `low` and `high` up to which a standing start still sticks, to `close`.
+
+    `disc`: "1", "2" (uniform, of that property), or the span of the sector in degrees.
+    """
+    while high - low > close:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _alive(N0, disc, middle) else (low, middle)
+    return 0.5 * (low + high)
+
+
+def _alive(N0: float, disc: str, rpm: float) -> bool:
+    """Whether a contact still sticks after a minute, with a sector after five turns."""
+    if disc in ("1", "2"):
+        return bool(sticks(run(at(N0, rpm, **(SECOND if disc == "2" else {})), 60.0), 2.0))
+    scene = at(N0, rpm, "lever_sector", sector__span=math.radians(float(disc)), sector__place=_BEFORE)
+    return bool(sticks(run(scene, 5.0 * 60.0 / rpm), 2.0))
+
+
+def sectors(figure: Figure) -> Iterator[Comparison]:
+    """V2 from a standing start: uniform, and with a sector of 45 and of 90 degrees that comes next.
+
+    With a sector it lies between what the reference finds from a standing start and carried up in speed.
+    """
+    axis = figure.subplots()
+    loads = (10.0, 20.0, 30.0)
+    table = {"45": (1.9926, 3.1957, 4.1410), "90": (1.9926, 3.1957, 4.1410), "1": (3.3412, 5.4311, 6.9760)}
+    carried = {("45", 10.0): 2.08, ("45", 20.0): 3.37, ("45", 30.0): 4.18,
+               ("90", 10.0): 2.05, ("90", 20.0): 3.37, ("90", 30.0): 4.36}  # fmt: skip
+    looks = {"45": (RED, "o-", "sector of 45 degrees"), "90": ("black", "s:", "sector of 90 degrees"),
+             "1": (BLUE, "D-", "uniform")}  # fmt: skip
+    for disc, expected in table.items():
+        found = []
+        for N0, number in zip(loads, expected):
+            if disc == "1":
+                found.append(standing(N0, disc, number - 0.08, number + 0.08, 0.005))
+                yield Comparison(f"uniform, {N0:g} N: V2", "rpm", found[-1], number, "reference", absolute=0.01)
+                continue
+            low, high = number - 0.1, carried[disc, N0] + 0.1
+            for rpm, lives in ((low, 1.0), (high, 0.0)):
+                what = f"{disc} degrees, {N0:g} N, {rpm:.2f} rpm: sticks (1) or slides (0) after five turns"
+                yield Comparison(what, "", float(_alive(N0, disc, rpm)), lives, "reference")
+            found.append(standing(N0, disc, low, high, 0.05))
+        colour, line, label = looks[disc]
+        axis.plot(loads, found, line, color=colour, markersize=5, label=label)
+    axis.set(xlabel="preload [N]", ylabel="stick-slip up to [rpm]", ylim=(0.0, 8.0), xlim=(9.0, 31.0))
+    axis.legend(loc="upper left")
+
+
+def second(figure: Figure) -> Iterator[Comparison]:
+    """The uniform disc of property 2, and what lies between its domain of stick-slip and that of property 1."""
+    axis = figure.subplots()
+    loads = (10.0, 20.0, 30.0)
+    limits = {}
+    for disc, expected in (("1", (3.3412, 5.4311, 6.9760)), ("2", (1.9916, 3.1752, 3.9680))):
+        limits[disc] = [standing(N0, disc, n - 0.08, n + 0.08, 0.005) for N0, n in zip(loads, expected)]
+        for N0, number, found in zip(loads, expected, limits[disc]):
+            what = f"property {disc}, {N0:g} N: V2 from a standing start"
+            yield Comparison(what, "rpm", found, number, "reference", absolute=0.01)
+    axis.fill_between(loads, limits["2"], limits["1"], color=RED, alpha=0.2, lw=0)
+    axis.plot(loads, limits["1"], "D-", color=BLUE, markersize=5, label="property 1")
+    axis.plot(loads, limits["2"], "o--", color="black", markersize=5, label="property 2")
+    axis.text(22.0, 4.4, "property 1 may stick and slip,\nproperty 2 only slides", ha="center")
+    axis.set(xlabel="preload [N]", ylabel="stick-slip up to [rpm]", ylim=(0.0, 8.0), xlim=(9.0, 31.0))
+    axis.legend(loc="upper left")
+
+
+def effective(figure: Figure) -> Iterator[Comparison]:
+    """Friction of the sector that ends stick-slip at 20 N and 4.5 rpm, from three places on the disc."""
+    kinetic, falls = (0.16, 0.24, 0.32, 0.40, 0.48), (0.04, 0.08, 0.12, 0.16)
+    told = {(0.16, 0.04): 3, (0.24, 0.04): 3, (0.32, 0.04): 3, (0.40, 0.04): 3, (0.48, 0.04): 3, (0.16, 0.12): 0,
+            (0.32, 0.12): 0, (0.32, 0.16): 0, (0.48, 0.12): 0, (0.48, 0.16): 0, (0.40, 0.12): 3}  # fmt: skip
+    axis = figure.subplots()
+    shades = ("#f7f7f7", "#c6dbef", "#6baed6", BLUE)
+    for mu in kinetic:
+        for fall in falls:
+            ended = sum(_ended(mu, fall, place) for place in (0.0, 2.0 * math.pi / 3.0, 4.0 * math.pi / 3.0))
+            axis.scatter([mu], [mu + fall], s=330, marker="s", color=shades[ended], edgecolor=GREY)
+            axis.text(mu, mu + fall, str(ended), ha="center", va="center", color="white" if ended == 3 else "black")
+            if (mu, fall) in told:
+                what = f"mu_k {mu:g}, mu_s {mu + fall:g}: ended, of three"
+                yield Comparison(what, "", float(ended), float(told[mu, fall]), "reference")
+    axis.plot([0.12, 0.52], [0.12, 0.52], color=GREY, lw=0.8, ls="--")
+    axis.text(0.505, 0.455, "mu_s = mu_k", ha="center", rotation=0, color="#555555")
+    axis.set(xlabel="kinetic coefficient of the sector", ylabel="static coefficient of the sector",
+             title="starts, of three, from which stick-slip ends")  # fmt: skip
+
+
+def _ended(mu: float, fall: float, place: float) -> bool:
+    changes = {"sector__friction__mu_kinetic": mu, "sector__friction__mu_static": mu + fall, "sector__place": place}
+    return not sticks(run(at(20.0, 4.5, "lever_sector", **changes), 5.0 * 60.0 / 4.5), 60.0 / 4.5)
+
+
+ENTRIES = (
+    Entry("liu003-7", "liu003", "Figure 7", "regions over preload and speed", ("lever",), regions,
+          "V2: the reference raises the speed in leaps of 0.02 rpm and loses the cycle one or two of them early."),
+    Entry("liu003-11", "liu003", "Figure 11", "a point of each region at 10 N", ("lever",), representatives,
+          size=(9.6, 6.4)),
+    Entry("liu003-18", "liu003", "Figures 14 and 18", "a sector of other friction narrows the stick-slip domain",
+          ("lever", "lever_sector"), sectors,
+          "The span of the sector hardly matters. Close to the end a cycle survives an edge or not, depending on where "
+          "in it the edge passes."),
+    Entry("liu003-19", "liu003", "Figure 19", "the domain that property 2 takes away", ("lever",), second),
+    Entry("liu003-20", "liu003", "Figure 20", "friction of a sector that ends stick-slip", ("lever_sector",),
+          effective, "Coarse; compared where the reference is decided."),
+)  # fmt: skip

@@ -1,0 +1,46 @@
+"""The numbers of a folder of figures, beside the pictures: making one again leaves the others on the page."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from rig.papers.entry import Comparison, Result, entries
+
+_FILE = "numbers.json"
+
+
+def keep(results: Iterable[Result], folder: Path) -> list[Result]:
+    """Write `results` into `folder`, over older ones of the same figures; all it holds, in the order of the papers."""
+    found = {one.entry.name: one for one in (*_kept(folder), *results)}
+    held = [found[name] for name in entries() if name in found]
+    text = json.dumps([{**one.to_json(), "picture": one.picture.name} for one in held], indent=1, allow_nan=False)
+    (folder / _FILE).write_text(text + "\n")
+    return held
+
+
+def _kept(folder: Path) -> list[Result]:
+    """What was made before; of figures that there still are."""
+    try:
+        told = json.loads((folder / _FILE).read_text())
+    except (OSError, ValueError):
+        return []
+    return [
+        Result(
+            entry=entries()[one["name"]],
+            comparisons=tuple(map(_compared, one["comparisons"])),
+            picture=folder / one["picture"],
+            seconds=one["seconds"],
+        )
+        for one in told
+        if one["name"] in entries()
+    ]
+
+
+def _compared(told: dict[str, Any]) -> Comparison:
+    values = {field.name: told[field.name] for field in fields(Comparison) if field.name in told}
+    return Comparison(**values | {"ours": math.nan if told["ours"] is None else told["ours"]})

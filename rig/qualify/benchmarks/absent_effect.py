@@ -1,0 +1,111 @@
+"""What an effect costs that is not there: the hot leaf of the forces beside a twin whose source never knew of it.
+
+Products of states (geometry that bends, moving contacts) are the one kind of effect that leaves have code for; all
+others are rows of tables. The twin is `rig.solve.forces.rate` without the word of products, compiled the same way; a
+rig without products must not be able to tell one from the other.
+"""
+
+from __future__ import annotations
+
+import inspect
+import re
+import textwrap
+import time
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import Any
+
+import numba
+import numpy as np
+
+from rig.kernel import entry, inner, kernel
+from rig.lent_records import Loan
+from rig.motion.motion import Motion
+from rig.scenes.loader import load
+from rig.solve import forces
+from rig.solve.records import KEY
+from rig.solve.specialised import Shape, any_shape, call
+from rig.solve.state_codes import CLOSED, SLIP_PLUS
+
+CALLS = 50_000
+ROUNDS = 80
+_SYMBOL = re.compile(r"[_.$A-Za-z][\w.$@]*\(%rip\)|\.L\w+|_ZN\S+|movabsq.*")
+_REPEATED = """
+def repeated(shape, t, w, state, log, seg, plan, ticks):
+    f = lend(t, t.slot_of[state.ic[KEY]], w.T, w.scratch)
+    for _ in range(ticks):
+        rate(shape, f, True, state.x, w.k[0])
+    return ticks
+"""
+
+
+def leaves() -> tuple[Any, Any]:
+    """`rate` called again and again, as a leaf (rig.solve.specialised), and its twin."""
+    rate: Any = forces.rate
+    source = textwrap.dedent(inspect.getsource(rate.py_func))
+    bare = source.replace("multiplies(shape) or ", "")
+    assert len(bare) < len(source)
+    return _compiled("own", source), _compiled("twin", bare)
+
+
+def _compiled(name: str, source: str) -> Any:
+    """A leaf that calls the `rate` of this source; from a file of its own, because the cache wants one."""
+    path = Path(mkdtemp()) / f"{name}.py"
+    path.write_text(f"{source}\n{_REPEATED}")
+    known = {key: value for key, value in vars(forces).items() if not key.startswith("__")}
+    names: dict[str, Any] = {**known, "KEY": KEY, "__name__": name, "__file__": str(path)}
+    exec(compile(path.read_text(), str(path), "exec"), names)
+    return inner(names["repeated"])
+
+
+def slipping() -> Motion:
+    """A mass on a belt under a falling law, in slip."""
+    motion = Motion(load("belt").assemble().system(), 1_000_000, "dopri5")
+    key = motion.system.key([SLIP_PLUS], [CLOSED], [])
+    if motion.mode_sets.tables.mode_set_of[key] < 0:
+        motion.mode_sets.add(key)
+    motion.state.ic[KEY] = key
+    motion.x[1] = 0.2
+    return motion
+
+
+def kinds(motion: Motion) -> tuple[Any, ...]:
+    """The types of the arguments of a leaf for this motion."""
+    typed: Any = numba.typeof
+    parts = (motion.mode_sets.tables, motion.work, motion.state, motion.log, motion.segments, motion.plan)
+    shape = Shape(motion.system.n, products=False, bends=True)
+    return shape, *(typed(Loan(part)) for part in parts), typed(1)
+
+
+def instructions(leaf: Any, *kinds: Any) -> list[str]:
+    """The instructions of a leaf compiled for arguments of these types, names of symbols left out."""
+    leaf.compile(kinds)
+    [text] = leaf.inspect_asm().values()
+    lines = [line.split("#")[0].strip() for line in text.partition("cpython")[0].splitlines()]
+    return [_SYMBOL.sub("*", line) for line in lines if line and line[0] != "." and line[-1] != ":"]
+
+
+@kernel
+def _run(address, tables, loan, times):  # type: ignore[no-untyped-def]
+    shape = any_shape(loan.state.x.shape[0])
+    return call(address, shape, tables, loan.work, loan.state, loan.log, loan.segments, loan.plan, times)
+
+
+def cost() -> dict[str, float]:
+    """Ns of a call of both, in turns, best of rounds, and their ratio."""
+    motion = slipping()
+    pair, run = leaves(), entry(_run, 0, motion.mode_sets.handle, motion.loan, 1)
+    addresses = []
+    for leaf in pair:
+        leaf.compile(kinds(motion))
+        found = leaf.overloads[kinds(motion)]
+        addresses.append(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
+    best = [np.inf, np.inf]
+    for one in addresses:
+        run(one, motion.mode_sets.handle, motion.loan, 1)
+    for _ in range(ROUNDS):
+        for i, one in enumerate(addresses):
+            begin = time.perf_counter()
+            run(one, motion.mode_sets.handle, motion.loan, CALLS)
+            best[i] = min(best[i], (time.perf_counter() - begin) / CALLS * 1e9)
+    return {"ns": float(best[0]), "ns_without": float(best[1]), "ratio": float(best[0] / best[1])}

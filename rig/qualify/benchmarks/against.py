@@ -1,0 +1,124 @@
+"""`make bench AGAINST=COMMIT`: the speed of this version over that of another, both in turns on this machine.
+
+The other version is unpacked from git into the user's cache, once, and compiles its own kernels there. Each case takes
+so many rounds, one of each version in a round and each first in every other one; told is the median of the ratios.
+"""
+
+from __future__ import annotations
+
+import os
+import statistics
+import subprocess
+import sys
+import tarfile
+import tempfile
+from collections.abc import Callable
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import platformdirs
+
+from rig.errors import UsageError
+from rig.qualify.benchmarks.one_version import CASES
+
+ROUNDS = 21
+FLOOR = 0.95
+"""Of the speed of the other version, for kernels; whole runs are told."""
+ROOT = Path(__file__).resolve().parents[3]
+
+
+class Version:
+    """A process that runs the cases with the sources of a checkout."""
+
+    def __init__(self, checkout: Path) -> None:
+        command = [sys.executable, str(Path(__file__).with_name("contender.py"))]
+        path = os.pathsep.join([str(checkout), os.environ.get("PYTHONPATH", "")])
+        self._process = subprocess.Popen(
+            command, cwd=checkout, env={**os.environ, "PYTHONPATH": path}, text=True,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+
+    def round(self, case: str) -> tuple[float, str]:
+        """Processor time [s] and digest of one round; infinite, and no digest, where this version cannot run it."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        try:
+            self._process.stdin.write(f"{case}\n")
+            self._process.stdin.flush()
+        except BrokenPipeError:
+            return float("inf"), ""
+        spent, _, digest = self._process.stdout.readline().partition(" ")
+        return (float(spent), digest.strip()) if spent else (float("inf"), "")
+
+    def end(self) -> None:
+        """Let it go."""
+        self._process.communicate()
+
+
+def compared(commit: str, say: Callable[[str], object], rounds: int = ROUNDS) -> dict[str, dict[str, Any]]:
+    """Of each case: `speed` over that of `commit`, times [s] of both, and whether they come to the `same` bits.
+
+    Raises UsageError where there is no such commit.
+    """
+    there, found = unpacked(commit), {}
+    for case in CASES:  # a process each: one version's fault ends one case
+        versions = [Version(ROOT), Version(there)]
+        for version in versions:
+            version.round(case)  # compiles
+        times, same = [], True
+        for k in range(rounds):
+            order = versions if k % 2 else versions[::-1]
+            told = {version: version.round(case) for version in order}
+            (ours, at), (theirs, other) = (told[version] for version in versions)
+            times.append((ours, theirs))
+            same = same and at == other
+        for version in versions:
+            version.end()
+        found[case] = _told(times, same)
+        say(_line(case, found[case]))
+    return found
+
+
+def unpacked(commit: str) -> Path:
+    """A folder with the sources of `commit`. Raises UsageError where git does not know it."""
+    name = _git("rev-parse", "--verify", "--end-of-options", f"{commit}^{{commit}}").decode().strip()
+    place = platformdirs.user_cache_path("friction-rig") / "versions" / name
+    if not place.exists():
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with (
+            tempfile.TemporaryDirectory(dir=place.parent) as draft,
+            tarfile.open(fileobj=BytesIO(_git("archive", name))) as archive,
+        ):
+            archive.extractall(Path(draft, name), filter="data")
+            Path(draft, name).rename(place)
+    return place
+
+
+def _git(*arguments: str) -> bytes:
+    try:
+        return subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, check=True).stdout
+    except FileNotFoundError:
+        raise UsageError("--against needs git") from None
+    except subprocess.CalledProcessError as error:
+        raise UsageError(f"--against: {error.stderr.decode().strip()}") from None
+
+
+def _told(times: list[tuple[float, float]], same: bool) -> dict[str, Any]:
+    ours, theirs = (statistics.median(column) for column in zip(*times))
+    known = max(ours, theirs) < float("inf")
+    speed = statistics.median(b / a for a, b in times) if known else float("nan")
+    return {"speed": speed, "seconds": ours, "seconds_there": theirs, "same": same}
+
+
+def _line(case: str, one: dict[str, Any]) -> str:
+    if one["speed"] != one["speed"]:
+        return f"  {case:30} one of the versions cannot run it"
+    bits = "the same bits" if one["same"] else "other bits"
+    return f"  {case:30} {one['seconds'] * 1e3:8.2f} ms, there {one['seconds_there'] * 1e3:8.2f} ms: " \
+           f"speed {one['speed']:.2f}, {bits}"  # fmt: skip
+
+
+def missed(found: dict[str, dict[str, Any]]) -> list[str]:
+    """The kernels that are slower than they may be."""
+    return [case for case, one in found.items() if CASES[case][1] and one["speed"] < FLOOR]

@@ -1,0 +1,141 @@
+"""The loop over the bus, beside bare round trips measured in turns with it.
+
+Plant at 1 kHz with the vibrometer at 10 kHz in blocks, one controller, recorder, viewer bridge. In a paced run: what is
+lost, how old commands are when they take effect, and how long they take from the plant's put to its queue. In lockstep:
+the time of a tick. Both are compared with a bare round trip over the bus, to a process that only answers, scheduled
+alike; the bare round trip through a unix socket tells what the system takes of that.
+"""
+
+from __future__ import annotations
+
+import socket
+import statistics
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.errors import BusError
+
+_ECHO = """
+import socket, sys
+with socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as s:
+    s.connect(sys.argv[1])
+    while data := s.recv(64):
+        s.send(data)
+"""
+OVERRIDES = {"sensors.vibrometer.rate": "10000 Hz"}
+
+
+ROUNDS = 5
+
+
+def paced(seconds: float = 60.0) -> dict[str, Any]:
+    """The summary of a paced run and, a hundred times a second beside it, bare round trips through a unix socket."""
+    bare = Bare()
+    bare.begin()
+    try:
+        summary = _run(seconds, web=True)
+    finally:
+        trips = bare.end()
+    summary["bare_us"] = {f"p{q}": float(np.percentile(trips, q)) * 1e6 for q in (50, 99)} if len(trips) else {}
+    return summary
+
+
+def beside_bare(rounds: int = ROUNDS, lockstep_s: float = 3.0, paced_s: float = 6.0) -> dict[str, Any]:
+    """Short runs in lockstep and paced, in turns with bare round trips over the bus; times in us.
+
+    Of each round a tick in lockstep and the paced run's median from put to command, over the mean of the bare medians
+    before and after; `lockstep_ratio` and `paced_ratio` are the medians of these ratios. `publish`: mean of the time
+    that a frame of the paced runs spent publishing. Raises BusError where no bare round trip can be measured.
+    """
+    rows: dict[str, list[float]] = {"lockstep": [], "paced": [], "publish": []}
+    bare: dict[str, list[float]] = {"lockstep": [_bare(paced=False)], "paced": [_bare(paced=True)]}
+    for _ in range(rounds):
+        summary = _run(lockstep_s, pace=None)
+        rows["lockstep"].append(1e6 * summary["wall_seconds"] / summary["ticks"])
+        bare["lockstep"].append(_bare(paced=False))
+        summary = _run(paced_s, web=True)
+        rows["paced"].append(summary["round_trip"]["p50"])
+        rows["publish"].append(summary["timing"]["spans"]["publish"]["mean"])
+        bare["paced"].append(_bare(paced=True))
+    found: dict[str, Any] = {"rows": rows, "bare": bare, "publish": statistics.median(rows["publish"])}
+    for kind, around in bare.items():
+        ratios = [2.0 * row / (a + b) for row, a, b in zip(rows[kind], around, around[1:])]
+        found[f"{kind}_ratio"] = statistics.median(ratios)
+        found[kind], found[f"{kind}_bare"] = statistics.median(rows[kind]), statistics.median(around)
+    return found
+
+
+def plate() -> dict[str, Any]:
+    """The summary of a paced run of the plate under a slider, to the end of its protocol, with recorder and viewer."""
+    return _carried("plate", {}, None, web=True)
+
+
+def _run(seconds: float, **how: Any) -> dict[str, Any]:
+    return _carried("belt_normal_force", {**OVERRIDES, "sensors.vibrometer.ideal": False}, seconds, **how)
+
+
+def _carried(name: str, changes: dict[str, Any], seconds: float | None, **how: Any) -> dict[str, Any]:
+    from rig.bench.supervise import run
+    from rig.design.numbers import numbers
+    from rig.scenes import load
+
+    scene = load(name, changes)
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder) / "bench.mcap"
+        outcome = run(scene, numbers=numbers(scene), duration=seconds, out=out, say=lambda _: None, **how)
+    return dict(outcome.to_json())
+
+
+def _bare(*, paced: bool) -> float:
+    """The median of bare round trips over the bus [us]."""
+    from rig.qualify.round_trip import round_trips
+
+    trips, _, fault = round_trips(1.0, paced=paced)
+    if fault:
+        raise BusError(fault)
+    return float(np.median(trips)) / 1e3
+
+
+class Bare:
+    """64 bytes to another process and back through a unix socket, every 10 ms."""
+
+    def begin(self) -> None:
+        """Start the other process and the round trips."""
+        self._folder = tempfile.TemporaryDirectory()
+        path = f"{self._folder.name}/bare"
+        self._server = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._server.bind(path)
+        self._server.listen(1)
+        self._server.settimeout(10.0)
+        self._child = subprocess.Popen([sys.executable, "-c", _ECHO, path])
+        self._peer, _ = self._server.accept()
+        self._peer.settimeout(5.0)
+        self._stop = threading.Event()
+        self.trips: list[float] = []
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self) -> None:
+        payload = bytes(64)
+        while not self._stop.wait(0.01):
+            begin = time.perf_counter()
+            self._peer.send(payload)
+            self._peer.recv(64)
+            self.trips.append(time.perf_counter() - begin)
+
+    def end(self) -> list[float]:
+        """End both; the round trips [s]."""
+        self._stop.set()
+        self._thread.join(10.0)
+        self._peer.close()
+        self._child.wait(10.0)
+        self._server.close()
+        self._folder.cleanup()
+        return self.trips

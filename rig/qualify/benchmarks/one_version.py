@@ -1,0 +1,92 @@
+"""What a version of the project takes for each of `CASES`; run as a file, with the checkout of that version first in
+PYTHONPATH (rig.qualify.benchmarks.against). So it uses nothing but what all versions to be compared have.
+
+A line with the name of a case comes in; processor time [s] of one round of it and a digest of where it has come to go
+out.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+CASES: dict[str, tuple[str, str, int, int, dict[str, Any]]] = {
+    "exact, bare": ("belt_c", "exact", 5000, 300, {"booking": False}),
+    "exact": ("belt_c", "exact", 5000, 100, {}),
+    "exact, stiff shunt, bare": ("belt_shunt", "exact", 1000, 300, {"booking": False}),
+    "exact, stiff shunt": ("belt_shunt", "exact", 1000, 150, {}),
+    "exact, many states, bare": ("brake", "exact", 1000, 40, {"booking": False}),
+    "exact, many states": ("brake", "exact", 1000, 20, {}),
+    "dopri5, bare": ("pendulum", "dopri5", 1000, 300, {"booking": False, "tolerance": 1e-6}),
+    "dopri5": ("pendulum", "dopri5", 1000, 100, {"tolerance": 1e-6}),
+    "dopri5, products, bare": ("disc_slider", "dopri5", 300, 10, {"booking": False}),
+    "dopri5, products": ("disc_slider", "dopri5", 300, 6, {}),
+    "dopri5, dither": ("belt_dither", "dopri5", 300, 60, {}),
+    "rk4, bare": ("pendulum", "rk4", 1000, 100, {"booking": False, "substeps": 10}),
+    "rk4": ("pendulum", "rk4", 1000, 60, {"substeps": 10}),
+    "rk4, constant friction, bare": ("belt_c", "rk4", 1000, 100, {"booking": False, "substeps": 10}),
+    "run pendulum": ("pendulum", "", 1000, 6, {}),
+    "run belt": ("belt", "", 1000, 10, {}),
+    "run brake_3400": ("brake_3400", "", 100, 2, {}),
+    "run disc_slider": ("disc_slider", "", 100, 1, {}),
+    "run points": ("points", "", 10, 1, {}),
+    "run tread": ("tread", "", 100, 6, {}),
+    "run pin": ("pin", "", 500, 20, {}),
+}
+"""Scene, method ("": the whole run, plant and sensors), ticks or frames of a call, calls in a round, options."""
+
+
+def kernel(name: str, method: str, ticks: int, options: dict[str, Any]) -> Callable[[], Any]:
+    """A motion that is carried on by each call, and given."""
+    from rig.motion.motion import Motion
+    from rig.scenes import load
+
+    scene = load(name)
+    motion = Motion(scene.assemble().system(), scene.step_ns, method, cap=100_000, **options)
+    motion.advance(ticks)
+
+    def call() -> Any:
+        motion.advance(ticks)
+        return motion
+
+    return call
+
+
+def whole(name: str, frames: int) -> Callable[[], Any]:
+    """A stand that goes on by so many frames with each call; its motion."""
+    from rig.bench.runner import PlantRunner
+    from rig.scenes import load
+
+    runner = PlantRunner(load(name), truthful=True)
+
+    def call() -> Any:
+        end = runner.tick + frames
+        while runner.tick < end:
+            runner.frames(end - runner.tick)
+        return runner.motion
+
+    return call
+
+
+def main() -> None:
+    """Answer until nobody asks."""
+    ready: dict[str, Callable[[], Any]] = {}
+    for line in sys.stdin:
+        scene, method, count, calls, options = CASES[line.strip()]
+        if line not in ready:
+            ready[line] = kernel(scene, method, count, options) if method else whole(scene, count)
+            ready[line]()
+        begin = time.process_time()
+        for _ in range(calls):
+            motion = ready[line]()
+        spent = time.process_time() - begin
+        at = hashlib.sha256(motion.x.tobytes()).hexdigest()[:12]
+        sys.stdout.write(f"{spent!r} {at}.{motion.counts()['events']}\n")
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

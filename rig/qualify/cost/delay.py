@@ -1,0 +1,128 @@
+"""What the loop costs in accuracy: error of its decay rate over its delay and its sample period, beside the solver's.
+
+The decay rate of a closed loop is that of rig.analysis.control_loop, exact for the loop as it runs: sampled, held,
+delayed. The ideal it is compared with has no delay and samples every microsecond. Solver errors are those of the table,
+drawn over the step, so that one sees on one pair of axes where time is better spent.
+"""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rig.analysis.control_loop import loop
+from rig.errors import SceneError
+from rig.qualify.cost.figure import COLOURS, LEAST, MARKS, sheet
+from rig.qualify.cost.order import step
+from rig.qualify.cost.table import WORST, Table
+from rig.scenes.scene import Scene
+
+IDEAL = 1_000  # ns, the sample period that stands for none
+FINE = 20  # samples in a delay: as many commands under way are states of the loop
+TIMES = tuple(round(m * 10.0**k) for k in range(4, 8) for m in (1, 2, 5))  # ns: 10 us to 50 ms
+
+
+@dataclass(frozen=True)
+class Delayed:
+    """One loop. `ideal`: its growth rate [1/s] without delay; (time [s], relative error of the rate) over both.
+
+    An error is infinite where there is no such loop. `own`: delay and sample period [s] of the scene, and the error
+    that they make.
+    """
+
+    controller: str
+    ideal: float
+    delays: tuple[tuple[float, float], ...]
+    periods: tuple[tuple[float, float], ...]
+    own: tuple[float, float, float]
+
+    def text(self) -> str:
+        """For a reader."""
+        delay, period, error = self.own
+        text = (
+            f"loop {self.controller}: a delay of {1e3 * delay:g} ms and samples every {1e3 * period:g} ms change its "
+            f"decay rate of {-self.ideal:.4g} 1/s by {error:.1%}"
+        )
+        for what, points in (("delays", self.delays), ("sample periods", self.periods)):
+            without = [f"{1e3 * time:g}" for time, away in points if math.isinf(away)]
+            text += f"; it cannot be designed for {what} of {', '.join(without)} ms" if without else ""
+        return text
+
+
+def delayed(scene: Scene) -> list[Delayed]:
+    """Every loop of the scene that is a linear feedback; others have no decay rate of their own."""
+    found = []
+    for name, section in scene.controllers.items():
+        try:
+            ideal = loop(_with(scene, name, IDEAL, 0), name).growth
+            own = abs(loop(scene, name).growth / ideal - 1.0)
+        except SceneError:
+            continue
+        own_times = (int(section.delay) * 1e-9, int(section.period) * 1e-9)
+        delays = tuple((ns * 1e-9, _of_delay(scene, name, ns)) for ns in TIMES)
+        periods = tuple((ns * 1e-9, abs(_growth(scene, name, ns, 0) / ideal - 1.0)) for ns in TIMES)
+        found.append(Delayed(name, ideal, delays, periods, (*own_times, own)))
+    return found
+
+
+def _of_delay(scene: Scene, name: str, delay: int) -> float:
+    """What a delay [ns] changes, relative: with and without it, in a loop that samples `FINE` times as fast."""
+    period = delay // FINE
+    late, prompt = (_growth(scene, name, period, one) for one in (delay, 0))
+    return abs(late / prompt - 1.0) if math.isfinite(prompt) else math.inf
+
+
+def _growth(scene: Scene, name: str, period: int, delay: int) -> float:
+    """The growth rate [1/s] of a loop; infinite where its controller cannot be designed."""
+    try:
+        return loop(_with(scene, name, period, delay), name).growth
+    except SceneError:
+        return math.inf
+
+
+def _with(scene: Scene, name: str, period: int, delay: int) -> Scene:
+    """The scene with another sample period and delay [ns] of one loop and of what it reads."""
+    section = scene.controllers[name].model_copy(update={"period": period, "delay": delay})
+    clock = scene.clock.model_copy(update={"frame": min(period, scene.frame_ns)})
+    sensors = {key: one.model_copy(update={"rate": 1e9 / period}) for key, one in scene.sensors.items()}
+    return replace(scene, clock=clock, sensors=sensors, controllers={**scene.controllers, name: section})
+
+
+def write(found: Sequence[Delayed], path: Path) -> None:
+    """As CSV."""
+    with path.open("w", newline="") as file:
+        out = csv.writer(file)
+        out.writerow(["controller", "varied", "time_s", "error"])
+        for one in found:
+            for varied, points in (("delay", one.delays), ("period", one.periods)):
+                out.writerows([one.controller, varied, time, error] for time, error in points)
+
+
+def draw(found: Sequence[Delayed], table: Table, path: Path) -> None:
+    """Errors over time: delay, sample period, and integration step."""
+    with sheet(f"{table.title}: where accuracy is lost", table.machine, path) as figure:
+        axes = figure.add_subplot()
+        styles = (("delay of the loop", "#d1802f", "-"), ("sample period of the loop", "#7a5fb0", "--"))
+        for one in found:
+            for (label, colour, line), points in zip(styles, (one.delays, one.periods)):
+                times, away = zip(*points)
+                told = f"{label}, {one.controller}" if len(found) > 1 else label
+                axes.plot(times, [max(v, LEAST) for v in away], line, color=colour, marker=".", label=told)
+            delay, period, error = one.own
+            axes.plot(
+                max(delay, period), error, "*", ms=14, color="black", label=f"{one.controller} as the scene has it"
+            )
+        for method in dict.fromkeys(row.setting.method for row in table.rows):
+            rows = [r for r in table.rows if r.setting.method == method and math.isfinite(r.error(WORST))]
+            if not rows:
+                continue
+            x = [step(row, table.seconds) if row.steps or row.setting.step_ns else table.step for row in rows]
+            y = [max(row.error(WORST), LEAST) for row in rows]
+            label = f"{method}: largest error of all measures, over its step"
+            axes.plot(x, y, color=COLOURS.get(method, "black"), marker=MARKS.get(method, "o"), ms=5, label=label)
+        axes.set(xscale="log", yscale="log", xlabel="time [s]: delay, sample period, integration step")
+        axes.set_ylabel("relative error: of the loop's decay rate; of the plant's measures")
+        figure.legend(loc="outside lower left", ncols=2)

@@ -1,0 +1,169 @@
+"""What accuracy costs, as pictures for a researcher."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rig.qualify.cost.pareto import front
+from rig.qualify.cost.settings import THEORY
+from rig.qualify.cost.table import WORST, Row, Table
+from rig.view.save_figure import put
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+At = Callable[[Row], float]
+
+COLOURS = {"exact": "#1d4f91", "dopri5": "#c03a76", "rk4": "#2a9d77", "kick": "#d1802f", "smooth": "#7a5fb0"}
+MARKS = {"exact": "D", "dopri5": "o", "rk4": "s", "kick": "^", "smooth": "v"}
+STYLE: dict[str, Any] = {
+    "font.size": 10.5,
+    "axes.titlelocation": "left",
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.grid": True,
+    "grid.color": "#e6e6e6",
+    "grid.linewidth": 0.7,
+    "legend.frameon": False,
+    "legend.fontsize": 9.5,
+}
+LEAST = 1e-16  # errors of zero are drawn here
+
+
+def draw(found: Table, metric: str, pick: Row | None, budget: float | None, path: Path) -> None:
+    """Error over compute, with the Pareto front, the budget and the setting recommended (PNG, or as `path` ends).
+
+    On the left frames with sensors, as a run carries them; on the right the plant alone, in one piece. Nothing is drawn
+    where no setting has both an error and a cost.
+    """
+    if not front(found.rows, metric):
+        return
+    with sheet(f"{found.title}: what accuracy costs", found.machine, path) as figure:
+        left, right = figure.subplots(1, 2, sharey=True)
+        _frames(left, found, metric, budget)
+        _alone(right, found, metric)
+        for axes, at in ((left, _of_frame), (right, _of_plant)):
+            if pick is not None:
+                label = f"recommended: {pick.setting}"
+                axes.plot(at(pick), _shown(pick, metric), "o", ms=17, mfc="none", mec="black", mew=1.6, label=label)
+            axes.set(xscale="log", yscale="log")
+        _second(left, _percent, "share of a frame [%]")
+        _second(right, _factor, "times real time")
+        left.set_ylabel("largest relative error of all measures" if metric == WORST else f"error of {metric}")
+        labels = dict(zip(*reversed(left.get_legend_handles_labels())))
+        figure.legend(labels.values(), labels.keys(), loc="outside lower left", ncols=3)
+
+
+@contextlib.contextmanager
+def sheet(title: str, machine: dict[str, str], path: Path) -> Iterator[Figure]:
+    """An empty figure with a title and the machine; saved at the end."""
+    import matplotlib as mpl
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(STYLE):  # type: ignore[arg-type]
+        figure = Figure(figsize=(10.8, 6.4), dpi=125, facecolor="white", layout="constrained")
+        FigureCanvasAgg(figure)
+        yield figure
+        m = machine
+        told = f"{m['processor']}, {m['cores']} cores\nPython {m['python']}, numba {m['numba']}, {m['date'][:10]}"
+        figure.suptitle(title, x=0.01, ha="left", fontsize=13, fontweight="bold")
+        figure.text(0.99, 0.015, told, ha="right", va="bottom", fontsize=8.5, color="#666666")
+        put(figure, path)
+
+
+def _of_frame(row: Row) -> float:
+    return row.p99
+
+
+def _of_plant(row: Row) -> float:
+    return 1e3 / row.cost.factor.value
+
+
+def _shown(row: Row, metric: str) -> float:
+    return max(row.error(metric), LEAST)
+
+
+def _frames(axes: Axes, found: Table, metric: str, budget: float | None) -> None:
+    spread = [(row.p99 - row.cost.p99.low, row.cost.p99.high - row.p99) for row in found.rows]
+    _curves(axes, found, metric, _of_frame, spread)
+    best = front(found.rows, metric)
+    style: dict[str, Any] = {"where": "post", "color": "black", "ls": ":", "lw": 1.2, "zorder": 1}
+    axes.step([row.p99 for row in best], [_shown(row, metric) for row in best], label="Pareto front", **style)
+    if budget is not None:
+        axes.axvline(1e3 * budget, color="#b5322f", lw=1.3, label=f"budget, {budget:.0%} of a frame")
+    axes.set_xlabel("frames with sensors: compute in 1 ms of simulated time, p99 [us]")
+
+
+def _alone(axes: Axes, found: Table, metric: str) -> None:
+    factors = [row.cost.factor for row in found.rows]
+    spread = [(1e3 / f.value - 1e3 / f.high, 1e3 / f.low - 1e3 / f.value) for f in factors]
+    _curves(axes, found, metric, _of_plant, spread)
+    last = math.inf
+    for row in found.rows:
+        x, y = _of_plant(row), _shown(row, metric)
+        if row.p99 > 0.0 and np.isfinite(y) and not 0.5 < y / last < 2.0:
+            dial = str(row.setting).partition(" at ")[2]
+            axes.annotate(dial, (x, y), (7, 3), textcoords="offset points", fontsize=7.5)
+            last = y
+    axes.set_xlabel("plant alone, in one piece: compute in 1 ms of simulated time [us]")
+
+
+def _curves(axes: Axes, found: Table, metric: str, at: At, spread: Sequence[tuple[float, float]]) -> None:
+    floor = max((row.floor(metric) for row in found.rows), default=0.0)
+    for method in dict.fromkeys(row.setting.method for row in found.rows):
+        points = [
+            (row, max(wide[0], 0.0), max(wide[1], 0.0))
+            for row, wide in zip(found.rows, spread)
+            if row.setting.method == method and row.p99 > 0.0 and np.isfinite(row.error(metric))
+        ]
+        if points:
+            rows, low, high = zip(*points)
+            x, y = [at(row) for row in rows], [_shown(row, metric) for row in rows]
+            style: dict[str, Any] = {"color": COLOURS.get(method, "black"), "marker": MARKS.get(method, "o")}
+            style |= {"ms": 5.5, "lw": 1.2, "elinewidth": 0.8, "capsize": 2}
+            axes.errorbar(x, y, xerr=(low, high), label=_label(found, method), **style)
+    if LEAST < floor < math.inf:
+        axes.axhspan(LEAST, floor, color="#f0f0f0", lw=0, label="less than the references tell apart", zorder=0)
+    shown = [_shown(row, metric) for row in found.rows if np.isfinite(row.error(metric))]
+    top = 5.0 * max([10.0 * LEAST, *shown])
+    axes.set_ylim(min(max(0.2 * min([floor, *shown]), LEAST), 0.1 * top), top)
+
+
+def _second(axes: Axes, told: Callable[[float], float], label: str) -> None:
+    """A second axis of abscissae, on top: the same in other words."""
+    top = axes.twiny()
+    low, high = axes.get_xlim()
+    top.set(xscale="log", xlim=(told(low), told(high)), xlabel=label)
+    top.grid(visible=False)
+    for one in (axes, top):
+        one.xaxis.set_major_formatter("{x:g}")
+        one.xaxis.set_minor_formatter(_some)
+
+
+def _some(value: float, _: float) -> str:
+    """Labels of minor ticks: two and five."""
+    return f"{value:g}" if f"{value:.0e}"[0] in "25" else ""
+
+
+def _percent(compute: float) -> float:
+    """Of 1 ms, of compute [us]."""
+    return 0.1 * compute
+
+
+def _factor(compute: float) -> float:
+    """Times real time, of compute [us] in 1 ms."""
+    return 1e3 / compute
+
+
+def _label(found: Table, method: str) -> str:
+    if method in found.orders:
+        return f"{method}: order {found.orders[method]:.1f}, theory {THEORY[method]}"
+    return method

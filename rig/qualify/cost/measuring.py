@@ -1,0 +1,118 @@
+"""`rig cost`: the table of a scene, measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rig.analysis.many_points import refuse
+from rig.errors import NumericsError, UsageError
+from rig.qualify.cost import timing
+from rig.qualify.cost.measures import errors, observe
+from rig.qualify.cost.order import orders
+from rig.qualify.cost.problem import Problem, digest, problem
+from rig.qualify.cost.reference import references
+from rig.qualify.cost.settings import eligible, fastest, ladder
+from rig.qualify.cost.table import Row, Table
+from rig.qualify.cost.timing import Contender, Cost, Spread
+from rig.record.provenance import provenance
+from rig.scenes.scene import Scene
+
+Report = Callable[[int, int], object]
+FOLDER = Path("cost")
+
+
+def folder_of(scene: Scene, root: Path = FOLDER) -> Path:
+    """Where the table of a scene is."""
+    return root / f"{scene.name}-{digest(scene)[:8]}"
+
+
+def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None, rounds: int = timing.ROUNDS) -> Table:
+    """Measure what accuracy costs in `scene` on this machine.
+
+    `root`: where its folder is made; None keeps nothing. What is measured is written as it comes: a run that is broken
+    off keeps the errors, and its references are used again. Raises rig.errors.NumericsError where the first run stops,
+    UsageError for a film of points.
+    """
+    refuse(scene, "the error of single runs")
+    say = report or (lambda done, total: None)
+    asked = problem(scene)
+    folder = None if root is None else folder_of(scene, root)
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    able = eligible(asked.system, scene.step_ns)
+    rate = fastest(asked.system)
+    methods = [method for method, why in able.items() if not why]
+    settings = [setting for method in methods for setting in ladder(method, scene, rate)]
+    total, done = (1 + rounds) * len(settings) + 2, 0
+
+    def step() -> None:
+        nonlocal done
+        done += 1
+        say(done, total)
+
+    truths = references(asked, rate, "exact" if "exact" in methods else "dopri5", folder)
+    if not truths.best.seen.fault and not any(truths.best.seen.values.values()):
+        raise UsageError(
+            f"{scene.name}: nothing moves from its start with all actuators held, so there is no error to compare: "
+            "give it a start that moves (the protocol is left out)"
+        )
+    step()
+    found = Table(
+        scene=scene.name,
+        title=scene.title,
+        digest=asked.digest,
+        kind=asked.kind,
+        seconds=asked.seconds,
+        frame=scene.frame_ns * 1e-9,
+        step=asked.step,
+        machine=provenance(scene.seed),
+        left_out={method: why for method, why in able.items() if why},
+        values=truths.best.seen.values,
+    )
+    for setting in settings:
+        seen, truth = observe(asked, setting), truths.of(setting.method)
+        fault = seen.fault or (
+            truth.seen.fault and f"nothing to judge it by: {truth.setting} stops, {truth.seen.fault}"
+        )
+        told = {} if fault else errors(asked, seen, truth.seen)
+        found.rows.append(Row(setting, told, truths.floor, _unknown(), math.nan, seen.steps, fault))
+        step()
+    found.orders = orders(found.rows, asked.seconds)
+    if folder is not None:
+        found.write(folder)
+    found.rows = timed(asked, found.rows, rounds, step)
+    if folder is not None:
+        found.write(folder)
+    return found
+
+
+def _unknown() -> Cost:
+    none = Spread(math.nan, math.nan, math.nan)
+    return Cost(none, none, none, none)
+
+
+def timed(
+    asked: Problem, rows: Sequence[Row], rounds: int = timing.ROUNDS, step: Callable[[], object] = lambda: None
+) -> list[Row]:
+    """The rows with the cost of every setting that gets through, all in turns; of others with what stopped them."""
+    ready = [i for i, row in enumerate(rows) if not row.fault]
+    found = list(rows)
+    if not ready:
+        return found
+    x = asked.later(rows[ready[-1]].setting)
+    step()
+    contenders = {}
+    for i in ready:
+        try:
+            contenders[i] = Contender(asked, rows[i].setting, x)
+        except NumericsError as error:
+            found[i] = replace(rows[i], fault=error.what)
+    for i, told in zip(contenders, timing.measured(list(contenders.values()), rounds, step)):
+        if isinstance(told, str):
+            found[i] = replace(rows[i], fault=told)
+        else:
+            found[i] = replace(rows[i], cost=told, share=told.p99.value * 1e-3)
+    return found

@@ -1,0 +1,131 @@
+"""What is taken for true: each method is judged by another, at its finest, and that one by itself at half the step.
+
+    exact            is judged by rk4, whose two finest steps are extrapolated to zero (Richardson, order 4)
+    dopri5           the same
+    everything else  by exact, or where the rig is not linear by dopri5 at 1e-12
+
+How far the two references are apart is the least error that can be told. Both are kept in the folder of the scene,
+named by a hash of scene, sources, method and its dial, and used again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from rig.motion.motion import SEGMENTS
+from rig.qualify.cost.measures import Seen, errors, observe
+from rig.qualify.cost.problem import Problem
+from rig.qualify.cost.settings import TIGHTEST, Setting, ladder
+
+WALL = 4.0  # s, for one run of a reference
+_UNSURE = 1e-3  # a reference that is so far from itself at half the step is not yet one
+_FURTHER, _FINER = 2, 2.5  # so often its step is then made so much finer
+_FINEST = 5e-4  # |lambda| h of the finest step
+_ROOM = SEGMENTS // 4  # steps in a tick; half of them in the run that is judged by
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A run that others are judged by. `apart`: by measure, how far it is from itself at half the dial (Richardson)."""
+
+    setting: Setting
+    seen: Seen
+    apart: dict[str, float]
+    hash: str
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {"setting": vars(self.setting), "seen": self.seen.to_json(), "apart": self.apart, "hash": self.hash}
+
+    @classmethod
+    def from_json(cls, raw: dict[str, Any]) -> Reference:
+        """Of `to_json`."""
+        return cls(Setting(**raw["setting"]), Seen.from_json(raw["seen"]), raw["apart"], raw["hash"])
+
+
+@dataclass(frozen=True)
+class References:
+    """The two references of a problem: `best` by the rig's own best method, `other` by rk4. `floor`: their distance."""
+
+    best: Reference
+    other: Reference
+    floor: dict[str, float]
+
+    def of(self, method: str) -> Reference:
+        """The one that a method is judged by."""
+        return self.other if method == self.best.setting.method else self.best
+
+
+def references(problem: Problem, rate: float, best: str, folder: Path | None) -> References:
+    """Both references, computed or read. `rate` [1/s]: of the fastest motion; `best`: "exact" or "dopri5"."""
+    first = Setting(best, TIGHTEST if best == "dopri5" else 0.0)
+    judged = _kept(problem, folder, (first,) if best == "exact" else (replace(first, tolerance=1e-11), first), 0)
+    fine = _affordable(problem, ladder("rk4", problem.scene, rate)[-1].step_ns, rate)
+    other = _halved(problem, folder, fine)
+    for _ in range(_FURTHER):
+        room = _ROOM * fine / problem.scene.step_ns
+        if max(other.apart.values(), default=0.0) <= _UNSURE or room < _FINER:
+            break
+        fine = _finer(problem, fine, _FINER)
+        other = _halved(problem, folder, fine)
+    stops = judged.seen.fault or other.seen.fault
+    return References(judged, other, {"": math.inf} if stops else errors(problem, judged.seen, other.seen))
+
+
+def _halved(problem: Problem, folder: Path | None, step_ns: int) -> Reference:
+    """Rk4 at a step and at half of it."""
+    runs = (Setting("rk4", step_ns=step_ns), Setting("rk4", step_ns=_finer(problem, step_ns, 2)))
+    return _kept(problem, folder, runs, 4)
+
+
+def _affordable(problem: Problem, step_ns: int, rate: float) -> int:
+    """The finest rk4 step of which a run takes no longer than `WALL` and for which there is room in a tick."""
+    begin = time.perf_counter()
+    observe(problem, Setting("rk4", step_ns=step_ns), framed=False)
+    spent = max(time.perf_counter() - begin, 1e-3)
+    wanted = rate * step_ns * 1e-9 / _FINEST
+    return _finer(problem, step_ns, max(min(wanted, 0.5 * WALL / spent, _ROOM * step_ns / problem.scene.step_ns), 1.0))
+
+
+def _finer(problem: Problem, step_ns: int, factor: float) -> int:
+    """A part of the sample step that is `factor` finer than `step_ns`, or somewhat coarser than that."""
+    whole = problem.scene.step_ns
+    parts = [h for h in range(1, step_ns + 1) if whole % h == 0 and h * factor >= step_ns] if step_ns > 1 else [1]
+    return min(parts)
+
+
+def _kept(problem: Problem, folder: Path | None, runs: tuple[Setting, ...], order: int) -> Reference:
+    """The last of `runs`, with its distance from the one before; extrapolated where both are of an order."""
+    last = runs[-1]
+    name = hashlib.sha256(f"{problem.digest} {problem.kind} {problem.length} {last}".encode()).hexdigest()[:16]
+    path = None if folder is None else folder / f"reference-{last.method}-{name}.json"
+    if path is not None and path.exists():
+        return Reference.from_json(json.loads(path.read_text()))
+    seen = [observe(problem, one, framed=False) for one in runs]
+    apart = errors(problem, seen[0], seen[-1])
+    if order and not seen[-1].fault and not seen[0].fault:
+        seen[-1] = extrapolated(seen[0], seen[-1], (runs[0].step_ns / last.step_ns) ** order)
+    made = Reference(last, seen[-1], apart, name)
+    if path is not None:
+        path.write_text(json.dumps(made.to_json(), indent=1))
+    return made
+
+
+def extrapolated(coarse: Seen, fine: Seen, ratio: float) -> Seen:
+    """Two runs as one of step zero, where the error of the coarse one is `ratio` times that of the fine one."""
+
+    def zero(a: float, b: float) -> float:
+        return b + (b - a) / (ratio - 1.0)
+
+    values = {name: zero(coarse.values.get(name, math.nan), v) for name, v in fine.values.items()}
+    values = {name: v if math.isfinite(v) else fine.values[name] for name, v in values.items()}
+    events = fine.events
+    if [what for _, what in coarse.events] == [what for _, what in fine.events]:
+        events = tuple((zero(a, b), what) for (a, _), (b, what) in zip(coarse.events, fine.events))
+    return replace(fine, values=values, events=events)

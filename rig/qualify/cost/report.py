@@ -1,0 +1,53 @@
+"""A table of costs in words."""
+
+from __future__ import annotations
+
+import math
+
+from rig.qualify.cost.pareto import front
+from rig.qualify.cost.settings import THEORY
+from rig.qualify.cost.table import Row, Table
+
+COLUMNS = ("method", "dial", "error", "of", "p50 [us/ms]", "p99 [us/ms]", "95 %", "of a frame", "x real time", "")
+
+
+def lines(found: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:
+    """The rows of the table on the screen."""
+    best = front(found.rows, metric)
+    told = []
+    for row in found.rows:
+        method, _, dial = str(row.setting).partition(" at ")
+        if row.fault:
+            told.append((method, dial, row.fault, *[""] * 7))
+            continue
+        cost, mark = row.cost, "front" if row in best else ""
+        p99 = f"{cost.p99.low:.3g} .. {cost.p99.high:.3g}"
+        of = row.worst if metric == "worst" else metric
+        mark = "recommended" if row is pick else mark
+        told.append((method, dial, f"{row.error(metric):.1e}", of, f"{cost.p50.value:.3g}", f"{cost.p99.value:.3g}",
+                     p99, f"{row.share:.2%}", _times(cost.factor.value), mark))  # fmt: skip
+    return told
+
+
+def _times(factor: float) -> str:
+    return f"{factor:.0f}" if factor >= 10.0 else f"{factor:.2g}"
+
+
+def _agreement(row: Row, metric: str) -> str:
+    """How far the references are apart, in words."""
+    apart = row.floor(metric)
+    if math.isfinite(apart):
+        return f"the references agree to {apart:.0e}"
+    measures = [name for name, floor in row.floors.items() if name and math.isinf(floor)]
+    return f"the references do not agree: {', '.join(measures)}" if measures else "one of the references stops"
+
+
+def notes(found: Table, metric: str) -> list[str]:
+    """What belongs to the table."""
+    out = [f"{found.kind}, {found.seconds:.4g} s simulated; {_agreement(found.rows[0], metric)}"]
+    out += [f"{m}: error falls with the step to the power {o:.2f}, theory {THEORY[m]}" for m, o in found.orders.items()]
+    if any(row.setting.method == "kick" for row in found.rows):
+        out.append("kick locates no contact that opens or closes: slip and stick are judged, which go on in the air")
+    if any(math.isinf(error) for row in found.rows for error in row.errors.values()):
+        out.append("inf: its mode changes are not those of the reference, so that their times cannot be compared")
+    return out + [f"{method} left out: {why}" for method, why in found.left_out.items()]

@@ -1,0 +1,154 @@
+"""The table of a scene: a row for each setting, kept as CSV and Parquet beside machine and versions."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rig.errors import UsageError
+from rig.qualify.cost.settings import Setting
+from rig.qualify.cost.timing import Cost, Spread
+
+WORST = "worst"
+
+
+@dataclass(frozen=True)
+class Row:
+    """One setting: its errors by measure, the least that can be told of each, its cost, its share of a frame at p99."""
+
+    setting: Setting
+    errors: dict[str, float]
+    floors: dict[str, float]
+    cost: Cost
+    share: float
+    steps: int = 0
+    fault: str = ""
+
+    @property
+    def p99(self) -> float:
+        """Compute at p99 [us in 1 ms of simulated time]."""
+        return self.cost.p99.value
+
+    @property
+    def timed(self) -> bool:
+        """Whether its cost is known, or it need not be."""
+        return bool(self.fault) or self.p99 > 0.0
+
+    @property
+    def worst(self) -> str:
+        """The measure with the largest error."""
+        return max(self.errors, key=lambda name: self.errors[name]) if self.errors else ""
+
+    def error(self, metric: str) -> float:
+        """The error of a measure; the largest of all for "worst"."""
+        if self.fault or not self.errors:
+            return math.inf
+        return self.errors[self.worst if metric == WORST else metric]
+
+    def floor(self, metric: str) -> float:
+        """The least error that can be told, of a measure or of the worst one."""
+        return max(self.floors.values(), default=0.0) if metric == WORST else self.floors.get(metric, 0.0)
+
+    def told(self, metric: str) -> str:
+        """What is given up with this setting, in words."""
+        name = self.worst if metric == WORST else metric
+        return f"{self.setting}: {name} error {self.error(metric):.0e}, {self.share:.2%} of a frame at p99"
+
+    def flat(self) -> dict[str, Any]:
+        """As one line of a table."""
+        out: dict[str, Any] = vars(self.setting) | {"fault": self.fault, "steps": self.steps, "share_p99": self.share}
+        for name, spread in vars(self.cost).items():
+            out |= {name: spread.value, f"{name}_low": spread.low, f"{name}_high": spread.high}
+        out |= {f"error {name}": value for name, value in self.errors.items()}
+        return out | {f"floor {name}": value for name, value in self.floors.items()}
+
+    @classmethod
+    def of_flat(cls, raw: dict[str, Any]) -> Row:
+        """Of a line of a table."""
+
+        def under(prefix: str) -> dict[str, float]:
+            named = {name: v for name, v in raw.items() if name.startswith(prefix) and v not in (None, "")}
+            return {name.removeprefix(prefix): float(v) for name, v in named.items()}
+
+        def spread(name: str) -> Spread:
+            return Spread(*(float(raw[f"{name}{end}"]) for end in ("", "_low", "_high")))
+
+        return cls(
+            Setting(raw["method"], float(raw["tolerance"]), int(raw["step_ns"])),
+            under("error "),
+            under("floor "),
+            Cost(*(spread(name) for name in ("p50", "p99", "factor", "tick"))),
+            float(raw["share_p99"]),
+            int(raw["steps"]),
+            raw["fault"] or "",
+        )
+
+
+@dataclass
+class Table:
+    """What accuracy costs in a scene, on a machine. `left_out`: methods that cannot serve, and why."""
+
+    scene: str
+    title: str
+    digest: str
+    kind: str
+    seconds: float
+    frame: float
+    step: float
+    machine: dict[str, str]
+    left_out: dict[str, str]
+    orders: dict[str, float] = field(default_factory=dict)
+    values: dict[str, float] = field(default_factory=dict)
+    rows: list[Row] = field(default_factory=list)
+
+    @property
+    def metrics(self) -> list[str]:
+        """Measures that errors are told of."""
+        return list(dict.fromkeys(name for row in self.rows for name in row.errors))
+
+    def metric(self, asked: str) -> str:
+        """A measure by its name, or by the beginning of it. Raises UsageError with those that there are."""
+        known = (WORST, *self.metrics)
+        found = asked if asked in known else next((name for name in known if asked and name.startswith(asked)), None)
+        if found is None:
+            raise UsageError(f"--metric {asked}: no such measure of {self.scene}; {', '.join(known)}")
+        return found
+
+    def write(self, folder: Path) -> None:
+        """cost.csv, cost.parquet and machine.json, put in place whole."""
+        rows = [row.flat() for row in self.rows]
+        columns = list(dict.fromkeys(name for row in rows for name in row))
+        lines = [[row.get(name) for name in columns] for row in rows]
+        path = folder / "cost.csv.part"
+        with path.open("w", newline="") as file:
+            csv.writer(file).writerows([columns, *lines])
+        path.replace(folder / "cost.csv")
+        write_parquet(folder / "cost.parquet", {c: [row.get(c) for row in rows] for c in columns})
+        about = {name: value for name, value in vars(self).items() if name != "rows"}
+        (folder / "machine.json").write_text(json.dumps(about, indent=1))
+
+    @classmethod
+    def read(cls, folder: Path) -> Table:
+        """The table of a folder. Raises UsageError where there is none that can be read."""
+        try:
+            about = json.loads((folder / "machine.json").read_text())
+            with (folder / "cost.csv").open(newline="") as file:
+                rows = [Row.of_flat(raw) for raw in csv.DictReader(file)]
+            return cls(**about, rows=rows)
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            raise UsageError(f"{folder}: no table of costs that can be read ({error})") from None
+
+
+def write_parquet(path: Path, columns: dict[str, Sequence[Any]]) -> None:
+    """Columns by name as a Parquet file."""
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    part = path.with_suffix(".part")
+    parquet.write_table(pa.table(columns), part)
+    part.replace(path)

@@ -1,0 +1,78 @@
+"""Effects as a picture and as CSV: what each adds to a step, and what error its absence makes."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from rig.qualify.cost.effects import Paired
+from rig.qualify.cost.figure import sheet
+from rig.qualify.cost.table import Table
+
+
+def write(found: Sequence[Paired], path: Path) -> None:
+    """One line for each effect and measure."""
+    with path.open("w", newline="") as file:
+        out = csv.writer(file)
+        out.writerow(
+            ["effect", "measured", "states", "ns_per_step", "low", "high", "noise_ns", "measure", "unit", "with",
+             "without", "change", "told", "note"]
+        )  # fmt: skip
+        for one, how in [(one, "as held") for one in found] + [(p.closed, "closed") for p in found if p.closed]:
+            head = [one.name, how, one.states, *one.to_json()["tick"].values(), one.to_json()["noise"]]
+            note = one.fault or one.note
+            for c in one.changes:
+                out.writerow([*head, c.measure, c.unit, c.whole, c.less, c.size, c.told, note])
+            if not one.changes:
+                out.writerow([*head, *[""] * 6, note])
+
+
+def text(one: Paired) -> str:
+    """For a reader."""
+    if one.fault:
+        return f"effect {one.name}: {one.change()}"
+    return f"effect {one.name}: {one.states} states, {one.cost()} per step; change if left out: {one.change()}"
+
+
+def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
+    """Bars: ns per step on the left, errors by measure on the right."""
+    shown = [one.closed or one for one in found if not math.isnan((one.closed or one).tick.value)]
+    if not shown:
+        return
+    with sheet(f"{table.title}: what its effects cost", table.machine, path) as figure:
+        left, right = figure.subplots(1, 2, sharey=True)
+        places = range(len(shown) + 1)
+        ticks = [one.told for one in shown]
+        whole = shown[0].whole
+        rest = max(whole - sum(max(tick.value, 0.0) for tick in ticks), 0.0)
+        begin = rest
+        left.barh(0, rest, color="#9aa5b1")
+        for place, one in zip(places[1:], shown):
+            left.barh(place, one.told.value, left=begin, color="#1d4f91")
+            spread = [[max(one.told.value - one.told.low, 0.0)], [max(one.told.high - one.told.value, 0.0)]]
+            left.errorbar(begin + one.told.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
+            begin += one.told.value
+            for change in one.changes:
+                if change.told:
+                    right.plot(change.size, place, "o", ms=5, color="#c03a76", alpha=0.7)
+            worst = one.worst
+            if worst is not None:
+                right.annotate(f"{worst.measure}, {worst.size:.2g}", (worst.size, place), (0, 8),
+                               textcoords="offset points", ha="right", fontsize=8.5)  # fmt: skip
+            else:
+                right.annotate("no change", (0.02, place), xycoords=("axes fraction", "data"), fontsize=9.5)
+        left.axvline(whole, color="black", ls=":", lw=1.0)
+        noise = max(one.noise for one in shown)
+        left.set(xlabel=f"compute of a step of {1e6 * table.step:g} us [ns]; noise up to {noise:.2g} ns")
+        left.set_yticks(list(places), ["everything else", *(one.name for one in shown)])
+        right.set(xscale="log", xlabel="change if left out: share of the larger value")
+        right.set_xlim(*_range([size for one in shown for size in one.errors.values()]))
+        figure.supxlabel("\n", fontsize=8.5)  # room for the machine
+
+
+def _range(errors: Sequence[float]) -> tuple[float, float]:
+    """Where the errors lie, with some room beside them."""
+    seen = [error for error in errors if error > 0.0] or [1e-3]
+    return 0.1 * min(seen), 10.0 * max(seen)

@@ -1,0 +1,268 @@
+"""What this machine can carry: how well it keeps time, what frames cost, which scenes would run VALID.
+
+A frame begins late when the wait before it ends late, or when the frames before it took too long together. So the share
+of late frames is estimated as P(wait > frame) + P(behind > frame). How far a frame is behind follows from what those
+before it cost, the bus and a reserve for the other processes of a run counted in. Short frames are judged by the pieces
+that they are carried in (rig.bench.frame_batches). The scene's own thresholds turn the
+share into a verdict, at pace 1 or at the largest pace that the scene allows. Where a plant may be scheduled in real
+time, others do not interrupt its frames: their costs are measured in processor time. Elsewhere they are measured by the
+wall clock, under the load of now: a busier hour will give another answer.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from rig import kernel, scenes
+from rig.bench import pace
+from rig.bench.frame_batches import length
+from rig.errors import RigError, SceneError, UsageError
+from rig.qualify import warmup
+from rig.qualify.frame_costs import Clock, Costs, behind, costs
+from rig.qualify.round_trip import round_trips
+from rig.scenes.scene import Scene
+from rig.scheduling import PLANT, ahead, come_first, cores
+
+Say = Callable[[str], object]
+FRAME_NS = 1_000_000
+RECORDINGS = Path("recordings/runs")
+LEAST_DISK = 5.0  # MB/s; a run of all sensors at 10 kHz writes less than 1 MB/s
+RESERVE = 1.5
+"""What a frame costs in a run over what it costs here. # measured: 1.2 to 1.5, since recorder and bus work beside it"""
+_MEGABYTES = 16
+ALONE = "measured in processor time: no other program interrupts a plant that is scheduled in real time"
+AMONG = "measured by the wall clock: other programs interrupt a plant that is not scheduled in real time"
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A duration measured many times, in us; `beyond`: share of them longer than a frame of 1 ms."""
+
+    count: int
+    p50: float
+    p95: float
+    p99: float
+    worst: float
+    beyond: float
+
+    @classmethod
+    def of(cls, found: NDArray[np.int64]) -> Spread:
+        """From nanoseconds."""
+        p50, p95, p99 = (float(v) / 1e3 for v in np.quantile(found, (0.5, 0.95, 0.99)))
+        return cls(len(found), p50, p95, p99, float(found.max()) / 1e3, float(np.mean(found > FRAME_NS)))
+
+    def __str__(self) -> str:
+        return f"p50 {self.p50:.0f}, p95 {self.p95:.0f}, p99 {self.p99:.0f}, worst {self.worst:.0f} us"
+
+
+@dataclass(frozen=True)
+class Fitness:
+    """Whether one scene would run VALID here. `frame`: what its frames cost; None where they were not measured."""
+
+    scene: str
+    verdict: str
+    reason: str
+    frame: Spread | None = None
+
+
+@dataclass(frozen=True)
+class Report:
+    """What `doctor` found. `waiting`: how frames would be paced here, of `sleep` and `hybrid`, and why.
+
+    `frames`: in what time the frames of the scenes are measured.
+    `bus`: plant -> controller -> plant over a private socket between two processes; None with the reason in `fault`.
+    """
+
+    machine: dict[str, Any]
+    warm: bool
+    sleep: Spread
+    hybrid: Spread
+    waiting: str
+    scheduling: str
+    frames: str
+    bus: Spread | None
+    put: Spread | None
+    fault: str
+    disk: float
+    scenes: tuple[Fitness, ...]
+    seconds: float
+
+    @property
+    def ok(self) -> bool:
+        """Whether every scene would run VALID."""
+        return all(one.verdict == "VALID" for one in self.scenes)
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        spreads = {n: None if (v := getattr(self, n)) is None else vars(v) for n in ("sleep", "hybrid", "bus", "put")}
+        fit = [{**vars(one), "frame": None if one.frame is None else vars(one.frame)} for one in self.scenes]
+        return {**vars(self), **spreads, "scenes": fit, "ok": self.ok}
+
+    def text(self) -> str:
+        """For a reader."""
+        m = self.machine
+        lines = [
+            f"machine     {m['processor']}, {m['cores']} cores usable, load {m['load']:.2f}, {m['system']}",
+            f"software    Python {m['python']}, numba {m['numba']}",
+            f"kernels     {'compiled' if self.warm else 'not all compiled yet: rig warmup'}",
+            f"waiting     sleep:  {self.sleep}; {100 * self.sleep.beyond:.2g} % beyond 1 ms",
+            f"            hybrid: {self.hybrid}; {100 * self.hybrid.beyond:.2g} % beyond 1 ms",
+            f"            {self.waiting}",
+            f"scheduling  {self.scheduling or 'in real time'}",
+            f"frames      {self.frames}",
+            f"bus         {f'round trip {self.bus}' if self.bus else self.fault}",
+            f"disk        {self.disk:.0f} MB/s where recordings go{'' if self.disk >= LEAST_DISK else ': too slow'}",
+            "",
+        ]
+        width = max(len(one.scene) for one in self.scenes)
+        lines += [f"{one.scene:<{width}}  {one.verdict:<9} {one.reason}" for one in self.scenes]
+        if any(one.verdict in ("DEGRADED", "INVALID") for one in self.scenes):
+            lines += [
+                "",
+                "frames are late where the machine is busy or wakes late: close other programs, or let them "
+                "be scheduled in real time (root, or a limit rtprio of 20)",
+            ]
+        return "\n".join(lines)
+
+
+def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str] = ()) -> Report:
+    """Measure waits and bus for about `seconds`, then the frames of the scenes `names`; all shipped ones take a minute.
+
+    `report` gets a line for each thing that is measured.
+    """
+    say = report or (lambda _: None)
+    begin = time.perf_counter()
+    loaded = [scenes.load(name) for name in names or scenes.names()]
+    say("waiting for frames of 1 ms")
+    come_first()
+    with ahead(PLANT) as scheduled:
+        waiting, slept, spun = _waits(0.6 * seconds)
+        scheduling, alone = scheduled.told, not scheduled.why
+    late = spun if waiting.spin_ns else slept
+    say("a round trip over the bus, between two processes")
+    trips, puts, fault = round_trips(0.3 * seconds)
+    trip, put = (Spread.of(found) if len(found) else None for found in (trips, puts))
+    say("writing where recordings go")
+    disk = _disk()
+    say("frames of every scene, over its whole protocol")
+    clock = time.thread_time_ns if alone else time.perf_counter_ns
+    ready = warmup.ready()
+    with pace.no_garbage():
+        fit = [_fitness(scene, ready, clock, late, put) for scene in loaded]
+    return Report(
+        machine=_machine(),
+        warm=all(one.verdict != "unknown" for one in fit),
+        sleep=Spread.of(slept),
+        hybrid=Spread.of(spun),
+        waiting=f"{waiting.method}: {waiting.why}",
+        scheduling=scheduling,
+        frames=ALONE if alone else AMONG,
+        bus=trip,
+        put=put,
+        fault=fault,
+        disk=disk,
+        scenes=tuple(fit),
+        seconds=time.perf_counter() - begin,
+    )
+
+
+def _fitness(
+    scene: Scene, ready: Collection[warmup.Shape], clock: Clock, late: NDArray[np.int64], put: Spread | None
+) -> Fitness:
+    """Measure and judge one scene; one that cannot run is told with the reason."""
+    try:
+        found = costs(scene, clock=clock) if warmup.shape(scene) in ready else None
+        return judge(scene, found, late, put)
+    except RigError as fault:
+        reason = "; ".join(fault.faults) if isinstance(fault, SceneError) else str(fault).partition("\n")[0]
+        return Fitness(scene.name, "refused", reason)
+
+
+def judge(scene: Scene, found: Costs | None, late: NDArray[np.int64], put: Spread | None) -> Fitness:
+    """Whether `scene` would run VALID, from what its frames cost and how late waits end [ns]; `put`: on the bus."""
+    if found is None:
+        return Fitness(scene.name, "unknown", "its kernels are not compiled yet: rig warmup, then rig doctor again")
+    if not found.size:
+        raise UsageError("its numerics stop within the first frame: rig simulate tells why")
+    clock = scene.clock
+    pace = min(clock.pace_limit or 1.0, 1.0)
+    each = length(scene, pace)
+    wall = each * scene.frame_ns / pace
+    puts = 2 + sum(s.period_ns >= FRAME_NS for s in scene.sensors.values())
+    whole = RESERVE * np.add.reduceat(found, np.arange(0, found.size, each)) + round(
+        1e3 * (put.p50 if put is not None else 0.0) * puts
+    )
+    share = min(float(np.mean(late > wall) + np.mean(behind(whole, wall) > wall)), 1.0)
+    mean, p99 = float(np.mean(whole)) / wall, float(np.quantile(whole, 0.99)) / wall
+    what = "frame" if each == 1 else "piece"
+    told = f"{100.0 * mean:.2g} % of a {what} busy, {100.0 * p99:.2g} % at p99; {100.0 * share:.2g} % of {what}s late"
+    if share <= clock.late_share_valid:
+        verdict = "VALID"
+    else:
+        verdict = "DEGRADED" if share <= clock.late_share_degraded else "INVALID"
+        if mean > 1.0:
+            told += ": a longer clock.frame, a looser clock.tolerance or a smaller --pace"
+    if scene.slow:
+        told += f"; {scene.slow}"
+    return Fitness(scene.name, verdict, told, Spread.of(found))
+
+
+def _waits(seconds: float) -> tuple[pace.Waiting, NDArray[np.int64], NDArray[np.int64]]:
+    """The choice between sleep and hybrid, and the lateness of both [ns], measured in turns."""
+    waiting = pace.choose(FRAME_NS)
+    spin = waiting.spin_ns or int(min(1.5 * waiting.sleep_p95, FRAME_NS / 5))
+    sleep, hybrid = pace.WallClock(), pace.WallClock(spin)
+    slept, spun = [], []
+    with pace.no_garbage():
+        for _ in range(max(int(seconds * 1e9 / FRAME_NS / 200), 1)):
+            slept.append(pace.lateness(sleep, FRAME_NS, 100))
+            spun.append(pace.lateness(hybrid, FRAME_NS, 100))
+    return waiting, np.concatenate(slept), np.concatenate(spun)
+
+
+def _disk() -> float:
+    """MB/s that reach the disk where recordings go, or, before there are any, where the user stands."""
+    where = next(path for path in (RECORDINGS, Path()) if path.is_dir())
+    block = os.urandom(1 << 20)
+    try:
+        with tempfile.TemporaryFile(dir=where) as file:
+            begin = time.perf_counter()
+            for _ in range(_MEGABYTES):
+                file.write(block)
+            file.flush()
+            os.fsync(file.fileno())
+            return _MEGABYTES * 1.048576 / (time.perf_counter() - begin)
+    except OSError:
+        return 0.0
+
+
+def _machine() -> dict[str, Any]:
+    return {
+        "processor": _processor(),
+        "cores": cores(),
+        "load": os.getloadavg()[0] if hasattr(os, "getloadavg") else math.nan,
+        "system": f"{platform.system()} {platform.release()}",
+        "python": platform.python_version(),
+        "numba": numba.__version__,
+        "kernels": str(kernel.FOLDER.path),
+    }
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()

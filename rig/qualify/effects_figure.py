@@ -1,0 +1,49 @@
+"""Effects of a scene as a picture: what each adds to a step, and what its absence, or its presence, would change."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+from rig.errors import UsageError
+from rig.qualify.cost.figure import sheet
+from rig.qualify.effects_measured import Part
+from rig.record.provenance import provenance
+from rig.scenes.scene import Scene
+
+ON, ABSENT = "#1d4f91", "#9aa5b1"
+
+
+def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
+    """Bars: ns of a step on the left, errors by measure on the right; absent effects are grey."""
+    measured = [(one, one.paired.closed or one.paired) for one in reversed(parts)]
+    shown = [(one, paired) for one, paired in measured if not math.isnan(paired.tick.value)]
+    if not shown:
+        raise UsageError("--figure: nothing to draw, none of its effects can be left out or added alone")
+    with sheet(f"{scene.name}: its effects, on or absent", provenance(scene.seed), path) as figure:
+        left, right = figure.subplots(1, 2, sharey=True)
+        for place, (one, paired) in enumerate(shown):
+            colour, tick = (ON if one.on else ABSENT), paired.told
+            left.barh(place, tick.value, color=colour)
+            spread = [[max(tick.value - tick.low, 0.0)], [max(tick.high - tick.value, 0.0)]]
+            left.errorbar(tick.value, place, xerr=spread, color="black", lw=0.8, capsize=2)
+            for change in paired.changes:
+                if change.told:
+                    right.plot(change.size, place, "o", ms=5, color=colour)
+            worst = paired.worst
+            if worst is not None:
+                at = (worst.size, place)
+                right.annotate(worst.measure, at, (0, 8), textcoords="offset points", ha="right", fontsize=8.5)
+            else:
+                right.annotate(
+                    "no change", (0.02, place), xycoords=("axes fraction", "data"), va="center", fontsize=8.5
+                )
+        handles = [left.barh(0, 0, color=colour) for colour in (ON, ABSENT)]
+        figure.legend(handles, ["on: if it is dropped", "absent: if it is added"], loc="outside lower left", ncols=2)
+        labels = [f"{one.name}\n{'on' if one.on else 'absent'}" for one, _ in shown]
+        left.set_yticks(range(len(shown)), labels)
+        whole = max((p.whole for one, p in shown if one.on), default=max(p.whole for _, p in shown))
+        noise = max(p.noise for _, p in shown)
+        left.set(xlabel=f"ns that it adds to a step of {whole:.0f} ns; noise up to {noise:.2g} ns")
+        right.set(xscale="log", xlabel="change if left out or added: share of the larger value")

@@ -1,0 +1,127 @@
+"""What a scene's effects cost and change, measured; which methods serve it; what is computed and for whom.
+
+An effect that the scene names is measured by plants with and without it, in turns (rig.qualify.cost.effects). One that
+its plant knows and the scene does not name is measured the other way round: added with the values that a shipped scene
+has for it, one of the same plant if there is one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from rig.bench.frame_batches import length
+from rig.errors import RigError
+from rig.model.method import chosen
+from rig.qualify.cost.effects import NO_CHANCE, ROUNDS, Paired, bare, compared, effects
+from rig.qualify.cost.problem import held
+from rig.qualify.cost.settings import eligible
+from rig.record.film_points import grouped
+from rig.scenes.effects import declared
+from rig.scenes.scene import Scene, controller_reads
+from rig.scenes.variants import absent, added
+
+BLOCKS = 50.0  # blocks of samples a second, from sensors faster than 1 kHz
+STATES = 200.0  # state messages a second, at most
+
+
+@dataclass(frozen=True)
+class Part:
+    """One effect. `why` it is on or absent; `paired`: what it costs, and what it changes if dropped or added."""
+
+    name: str
+    on: bool
+    why: str
+    paired: Paired
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {"name": self.name, "on": self.on, "why": self.why, **self.paired.to_json()}
+
+
+def parts(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], object] | None = None) -> list[Part]:
+    """Every effect that the plant of `scene` can be with or without; those that are on first."""
+    lacking, about = absent(scene), declared(scene.parameters)
+    total, done = 1 + len(lacking), 0
+
+    def say() -> None:
+        nonlocal done
+        done += 1
+        if report is not None:
+            report(done, total)
+
+    found = [Part(one.name, True, "the scene names it", one) for one in effects(scene, rounds)]
+    say()
+    base, values = bare(scene), held(scene, scene.assemble())
+    for name, keys in lacking.items():
+        why = f"the scene has no {', '.join(keys)}"
+        if about[name].random:
+            found.append(Part(name, False, why, Paired(name, fault=NO_CHANCE, on=False)))
+            say()
+            continue
+        try:
+            also = [key for other in about[name].needs for key in lacking.get(other, [])]
+            more, like = added(scene, [*also, *keys], of_others=True)
+            [paired] = compared(bare(more), {name: base}, values, rounds)
+            own = "with limits at twice the value" if name.endswith(" limits") else "as it is, for it has no numbers"
+            source = f"as in {like}" if like else own
+            found.append(Part(name, False, f"{why}; measured {source}", replace(paired, on=False)))
+        except RigError as error:
+            found.append(Part(name, False, why, Paired(name, fault=" ".join(str(error).split()), on=False)))
+        say()
+    return found
+
+
+def methods(scene: Scene) -> dict[str, str]:
+    """Every method -> "taken", "serves it too", or why it cannot serve this scene."""
+    system = scene.assemble().system()
+    why = {method: reason or "serves it too" for method, reason in eligible(system, scene.step_ns).items()}
+    return why | {chosen(scene.clock.method, system): "taken"}
+
+
+@dataclass(frozen=True)
+class Told:
+    """A quantity or a topic: how often [1/s] it is computed or sent, and who asked for it."""
+
+    name: str
+    rate: float
+    asked: str
+
+
+def signals(scene: Scene) -> Iterator[Told]:
+    """Outputs of the plant. One that no sensor reads and no limit watches is worked out only for the state message."""
+    readers: dict[str, list[str]] = {}
+    for name, section in scene.sensors.items():
+        readers.setdefault(section.reads, []).append(name)
+    frames = 1e9 / scene.frame_ns
+    groups = grouped(name for name in scene.assemble().outputs if name not in readers and name not in scene.limits)
+    for name in dict.fromkeys([*readers, *scene.limits, *groups]):
+        if name in readers:
+            yield Told(name, 1e9 / scene.step_ns, f"read by {', '.join(readers[name])}")
+        elif name in scene.limits:
+            yield Told(name, frames, "watched by a limit")
+        else:
+            points = f"{name} of {len(groups[name])} points" if len(groups[name]) > 1 else name
+            yield Told(points, 0.0, "nobody: only in state messages and in what rig simulate keeps")
+
+
+def topics(scene: Scene) -> Iterator[Told]:
+    """Topics of `rig run`."""
+    frames = 1e9 / scene.frame_ns
+    pieces = frames / length(scene, 1.0)
+    outside = {name: section for name, section in scene.controllers.items() if name not in scene.in_plant}
+    readers: dict[str, list[str]] = {}
+    for name, section in outside.items():
+        for sensor in controller_reads(section).values():
+            readers.setdefault(sensor, []).append(name)
+    yield Told("step", pieces, f"controllers {', '.join(outside)}" if outside else "whoever joins")
+    for name, section in scene.sensors.items():
+        rate = section.rate
+        used = f", and heard by {', '.join(readers[name])} in the step" if name in readers else ""
+        yield Told(f"meas/{name}", min(rate, BLOCKS), f"the recorder{used}")
+    yield Told("state", min(frames, STATES), "recorder and viewer")
+    for name, section in scene.controllers.items():
+        if name in outside:
+            yield Told(f"act/{name}", 1e9 / section.period, "the plant")
+        yield Told(f"applied/{name}", min(1e9 / section.period, pieces), "the recorder")

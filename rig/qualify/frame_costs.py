@@ -1,0 +1,92 @@
+"""What the frames of a scene cost, over its whole protocol."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.bench.experiment import Operation
+from rig.bench.job import Job
+from rig.bench.prepared_rigs import Upcoming
+from rig.bench.rehearsal import visited
+from rig.bench.simulate import begun, carry_on
+from rig.controllers import described, restored
+from rig.design.numbers import numbers
+from rig.errors import NumericsError
+from rig.scenes.scene import Scene
+
+Costs = NDArray[np.int64]
+Clock = Callable[[], int]
+LEAST = 2000
+"""Frames that are measured at least: the cost at p99 is then exceeded by twenty of them."""
+_ROW = 100  # frames that are measured one after the other: the lateness of one is carried into the next
+_ENDLESS_NS = 10_000_000_000  # measured of a protocol without an end
+
+
+def costs(scene: Scene, least: int = LEAST, clock: Clock = time.perf_counter_ns) -> Costs:
+    """What frames of protocol, plant and sensors take [ns], at least `least` of them, spread over the whole protocol.
+
+    Controllers that work in the plant's process are part of it, others are not. As in a paced run, a rehearsal has
+    built the mode sets before; a short protocol is carried out again and again. Of a long one the frames between the
+    measured rows are carried out in one piece. `clock`: that of the measurement [ns].
+    """
+    designed = numbers(scene)
+    job = Job(scene.to_json(), designed)
+    sets, found, count = visited(scene, job), list[int](), -1
+    while count < len(found) < least:
+        count = len(found)
+        found += _carried_through(scene, job, sets, least, clock)
+    return np.array(found, dtype=np.int64)
+
+
+def _carried_through(scene: Scene, job: Job, sets: tuple[int, ...], least: int, clock: Clock) -> list[int]:
+    """Frames of one run, in order."""
+    duration_ns = _ENDLESS_NS if scene.duration_ns is None else scene.duration_ns
+    working = {n: restored(described(section, job.numbers[n])) for n, section in scene.controllers.items()}
+
+    def prepare(operation: Operation) -> None:
+        operation.runner.motion.foresee(sets)
+        Upcoming(operation)
+
+    operation, answering = begun(scene, working, duration_ns, before=prepare)
+    runner, truth = operation.runner, operation.runner.truth
+    assert truth is not None
+    inside, outside = ([one for one in answering if (one.name in scene.in_plant) is here] for here in (True, False))
+    apart = _ROW * max(duration_ns // scene.frame_ns // least, 1)
+    found: list[int] = []
+    try:
+        while True:
+            tick = runner.tick
+            if tick % _ROW == 0:
+                truth.work_out(runner.motion)  # which a paced run does not keep: not within a measured frame
+            begin = clock()
+            if not operation.begin():
+                break
+            protocol = clock() - begin
+            if tick % apart >= _ROW:
+                carry_on(operation, answering, min(operation.until(), tick - tick % apart + apart))
+                continue
+            for one in outside:
+                one.answer()
+            begin = clock()
+            for one in inside:
+                one.answer()
+            operation.take_over()
+            runner.frame()
+            found.append(protocol + clock() - begin)
+    except NumericsError:  # the frames up to there count
+        pass
+    return found
+
+
+def behind(found: Costs, wall_ns: float) -> Costs:
+    """How late each frame begins [ns] because those before it took longer than their `wall_ns`; late ones catch up."""
+    late = np.empty(len(found), np.int64)
+    lag = 0.0
+    for i, cost in enumerate(found.tolist()):
+        late[i] = lag
+        lag = max(lag + cost - wall_ns, 0.0)
+    return late

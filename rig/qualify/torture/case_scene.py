@@ -1,0 +1,109 @@
+"""The scene of a case as the runner wants it: no instruments, one step, and contacts told by their own names."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any
+
+from pydantic import ValidationError
+
+from rig import scenes
+from rig.errors import SceneError
+from rig.model.assembly import Output
+from rig.qualify.torture.case import Case
+from rig.qualify.torture.rigs import RIGS
+from rig.quantities import Section
+from rig.scenes.scene import Clock, Scene
+
+
+@dataclass(frozen=True)
+class Watched(Scene):
+    """A scene whose outputs tell of every contact its friction (T:), slip speed (w:) and normal forces (N:)."""
+
+    rig: str = ""
+    drives: tuple[tuple[str, str], ...] = ()
+    step: int = 0
+
+    @cached_property
+    def step_ns(self) -> int:
+        """Sample step [ns]: that of the case, there are no sensors that would ask for one."""
+        return self.step
+
+    @cached_property
+    def moved(self) -> dict[str, str]:
+        """Actuators that the case moves, beside those of the scene."""
+        known = {} if self.rig else super().moved
+        return known | dict(self.drives)
+
+    def assemble(self, parameters: Section | None = None) -> Any:
+        """The rig, with the outputs that the invariants need."""
+        a = RIGS[self.rig][1](parameters or self.parameters, self.moved) if self.rig else super().assemble(parameters)
+        if a.film is not None:  # what its points do are states, which `Trial` looks at
+            return a
+        for name, *_ in a.patches:
+            a.outputs |= {f"T:{name}": Output({f"T:{name}": 1.0}, "N"), f"w:{name}": Output({f"w:{name}": 1.0}, "m/s")}
+        for name, *_ in a.normals:
+            a.outputs[f"N:{name}"] = Output({f"N:{name}": 1.0}, "N")
+        return a
+
+
+@lru_cache(maxsize=64)
+def _loaded(name: str, changes: str) -> Scene:
+    """A shipped scene with `changes`, as JSON; read once for all methods and steps of a case."""
+    return scenes.load(name, json.loads(changes))
+
+
+def watched(case: Case, method: str, step_ns: int, tolerance: float | None = None, unstable: str = "run") -> Watched:
+    """The scene of a case under a method and a step. Raises SceneError where the case asks for what cannot be."""
+    clock: dict[str, Any] = {
+        "frame": max((case.frame or 0) // step_ns, 1) * step_ns * 1e-9,
+        "method": method,
+        "rk4_step": step_ns * 1e-9,
+        "unstable": unstable,
+    }
+    if tolerance is not None:
+        clock["tolerance"] = tolerance
+    drives: dict[str, str] = {}
+    limits: dict[str, float] = {}
+    for act in case.acts:
+        if act.do in ("set", "command", "follow"):
+            drives[act.target] = "ramped" if act.over else drives.get(act.target, "held")
+    if case.rig:
+        if case.rig not in RIGS:
+            raise SceneError(case.name, [f"rig = {case.rig!r}: unknown; known: {', '.join(RIGS)}"])
+        try:
+            parameters = RIGS[case.rig][0].model_validate(case.set)
+        except ValidationError as error:
+            lines = [f"set.{'.'.join(map(str, f['loc']))}: {f['msg']}" for f in error.errors()]
+            raise SceneError(case.name, lines) from None
+        base: dict[str, Any] = {
+            "plant": case.rig,
+            "parameters": parameters,
+            "clock": Clock.model_validate(clock),
+            "seed": 1,
+        }
+    else:
+        scene = _loaded(case.scene, json.dumps(case.set))
+        if scene.assemble().film is not None:  # a tick has steps of its own
+            clock["rk4_step"] = min(step_ns, int(scene.clock.rk4_step)) * 1e-9
+        clock = scene.clock.model_dump(mode="json") | clock
+        limits = scene.limits if case.limited else {}
+        calm = scene.parameters.model_copy(
+            update={"noise": None}
+        )  # it would be another one in frames of another length
+        base = {"plant": scene.plant, "parameters": calm, "clock": Clock.model_validate(clock), "seed": 1}
+    return Watched(
+        name=case.name,
+        title=case.title,
+        about=case.about,
+        sensors={},
+        controllers={},
+        protocol=(),
+        limits=limits,
+        rig=case.rig,
+        drives=tuple(drives.items()),
+        step=step_ns,
+        **base,
+    )

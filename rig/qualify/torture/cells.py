@@ -1,0 +1,234 @@
+"""Hard cases by methods by steps: what is run, and what came of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+from rig.errors import NumericsError, RigError, SceneError, UsageError
+from rig.model.method import chosen, seen
+from rig.qualify.torture import case as cases
+from rig.qualify.torture import rk4_without_events
+from rig.qualify.torture.case import Case
+from rig.qualify.torture.case_scene import Watched, watched
+from rig.qualify.torture.outcome import Found, OutOfTime
+from rig.qualify.torture.test_result import Verdict, amber, judge, red, stopped
+from rig.qualify.torture.trial import Trial
+from rig.qualify.torture.wrong_methods import WRONG
+from rig.qualify.warmup import Shape, prepare, shape
+from rig.stability.report import verdict
+
+METHODS = ("exact", "dopri5", "rk4", "kick", "smooth", "sign", *WRONG)
+"""Of the solver, and those that are here for comparison: no scene can ask for these."""
+COMPARED: dict[str, Callable[[Case, Watched, int, float], Found]] = {"sign": rk4_without_events.run, **WRONG}
+FINER = 4  # times: the step of the reference
+TIGHT = 1e-10  # tolerance of the reference
+NEAR = 0.01  # of a growth rate: as well as sources state them
+QUICK = {
+    "rk4": (Shape(3, False, True, False), Shape(3, True, True, False), Shape(5, False, True, False)),
+    "smooth": (Shape(3, True, False, False), Shape(5, True, False, False)),
+    "kick": (Shape(0, True, True, True, True),),
+}
+"""Kernels that these are compiled for in the quick matrix; the full one compiles what it needs."""
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One case under one method and step. `default`: the method that a scene gets if it asks for none."""
+
+    case: str
+    method: str
+    step: float
+    default: bool
+    verdict: Verdict
+    seconds: float
+    counts: dict[str, float]
+
+    @property
+    def good(self) -> bool:
+        """Whether the default does what it should; other methods may fail."""
+        return not self.default or self.verdict.colour == "green"
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain values."""
+        return {**asdict(self), **asdict(self.verdict), "verdict": None}
+
+
+def matrix(names: Iterable[str], quick: bool, report: Callable[[str], object] | None = None) -> list[Cell]:
+    """All cells of the cases `names`, the reference of each run first; `report` gets a line for each case.
+
+    Kernels that are missing are compiled before the first of them.
+    """
+    say = report or (lambda _: None)
+    chosen_cases = [one for name in names for one in cases.each(cases.load(name), quick)]
+    prepare((scene for case in chosen_cases for scene in _kernels(case, quick)), report)
+    found: list[Cell] = []
+    for case in chosen_cases:
+        say(case.name)
+        found += cells(case, quick)
+    return found
+
+
+def needed() -> Iterator[Watched]:
+    """Scenes that have all the kernels of the quick matrix between them."""
+    for name in cases.names():
+        case = cases.load(name)
+        if case.quick:
+            for one in cases.each(case, True):
+                yield from _kernels(one, True)
+
+
+def _kernels(case: Case, quick: bool) -> Iterator[Watched]:
+    """The scenes of a case that are not refused."""
+    for _, scene in _planned(case, quick):
+        system = scene.assemble().system()
+        try:
+            seen(system, chosen(scene.clock.method, system), scene.clock.smoothing)
+        except ValueError:
+            continue
+        yield scene
+
+
+def _planned(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator[tuple[str, Watched]]:
+    """The methods of a case, each with its scene, step by step; the default is always among them."""
+    if _by_name(case):
+        return
+    for step in case.steps[: 2 if quick else None]:
+        system = watched(case, "auto", step).assemble().system()
+        default = chosen("auto", system)
+        for method in METHODS:
+            if method not in methods and method != default:
+                continue
+            if method in ("exact", "dopri5") and method != default and (system.linear or not quick):
+                continue  # dopri5 leaves what is linear to exact; exact refuses the rest
+            if method == "sign" and step != case.steps[0]:
+                continue
+            if method in WRONG and method not in case.wrong:
+                continue
+            scene = watched(case, "auto" if method in (*COMPARED, default) else method, step)
+            if quick and not _quickly(method, scene):
+                continue
+            yield method, scene
+
+
+def _quickly(method: str, scene: Watched) -> bool:
+    """Whether a method has its kernel for the quick matrix: the number of compiled variants is bounded."""
+    return method not in QUICK or shape(scene) in QUICK[method]
+
+
+def _by_name(case: Case) -> bool:
+    return case.expect.growth is not None or case.expect.jams or bool(case.expect.refused)
+
+
+def cells(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator[Cell]:
+    """The cells of one case, of the default and of `methods`."""
+    until = case.quick_duration if quick and case.quick_duration is not None else case.duration
+    seconds = case.seconds if quick else 20.0 * case.seconds
+    if _by_name(case):
+        yield Cell(case.name, "verdict", case.steps[0] * 1e-9, True, _named(case), 0.0, {})
+        return
+    if case.expect.stops:
+        yield Cell(case.name, "stop", case.steps[0] * 1e-9, True, _stops(case, until, seconds), 0.0, {})
+        return
+    reference, fault = _reference(case, until, seconds)
+    for method, scene in _planned(case, quick, methods):
+        default = scene.clock.method == "auto" and method not in COMPARED
+        yield _cell(case, method, scene, default, until, seconds, fault or reference)
+
+
+def _named(case: Case) -> Verdict:
+    """Where physics or the step makes a case unstable: whether the verdict before the run names it."""
+    expect = case.expect
+    scene = watched(case, "auto", case.steps[0])
+    system = scene.assemble().system()
+    told = [one for one in verdict(system, chosen("auto", system), scene.step_ns * 1e-9) if one.level == "error"]
+    if not told:
+        return red("missed event", "physics makes this unstable, and nobody is told")
+    for one in told:
+        named = expect.refused or ("jam" if expect.jams else "")
+        right = named in one.what if named else abs(one.number / (expect.growth or 1.0) - 1.0) < NEAR
+        if right:
+            return Verdict("green", "", f"named: {one.what}")
+    wanted = expect.refused or ("jamming" if expect.jams else f"a growth of {expect.growth:g} 1/s")
+    return red("refused", f"{told[0].what}; expected {wanted}")
+
+
+def _stops(case: Case, until: int, seconds: float) -> Verdict:
+    """Where a run cannot go on to its end: whether it stops with a word on why."""
+    try:
+        Trial(case, watched(case, "auto", case.steps[0]), until, seconds).run()
+    except NumericsError as error:
+        found = stopped(error)
+        return Verdict("green", "", f"stopped {found.told}") if case.expect.stops in error.what else found
+    except OutOfTime:
+        return amber("cost", f"longer than its time box of {seconds:g} s")
+    return red("missed event", f"goes on where it should stop: {case.expect.stops}")
+
+
+def _reference(case: Case, until: int, seconds: float) -> tuple[Found | None, Verdict | None]:
+    """A run at a finer step and a tight tolerance, and what is wrong with it, if anything is."""
+    finest = min(case.steps)
+    step = finest // FINER if finest % FINER == 0 else finest
+    try:
+        found = Trial(case, watched(case, "auto", step, TIGHT), until, 4.0 * seconds).run()
+    except NumericsError as error:
+        return None, stopped(error)
+    except OutOfTime:
+        return None, amber("cost", "the reference takes longer than its time box")
+    except (SceneError, ValueError) as error:
+        return None, red("refused", _line(error))
+    if case.expect.events is not None and until == case.duration and found.count != case.expect.events:
+        few = found.count < case.expect.events
+        told = f"the reference itself has {found.count} events; {case.expect.source} says {case.expect.events}"
+        return found, red("missed event" if few else "chatter", told)
+    return found, None
+
+
+def _cell(
+    case: Case,
+    method: str,
+    scene: Watched,
+    default: bool,
+    until: int,
+    seconds: float,
+    reference: Found | Verdict | None,
+) -> Cell:
+    counts: dict[str, float] = {}
+    spent = 0.0
+    try:
+        if isinstance(reference, Verdict):
+            found_is = reference
+        else:
+            found = (
+                COMPARED[method](case, scene, until, seconds)
+                if method in COMPARED
+                else Trial(case, scene, until, seconds).run()
+            )
+            found_is = judge(case, found, _told(reference, method), until * 1e-9, scene.step_ns * 1e-9)
+            spent = found.seconds
+            counts = {"events": found.count, "ticks": found.ticks, "opened": found.opened, "trials": found.trials}
+            counts |= {"energy": found.energy, "stuck": found.stuck}
+    except OutOfTime:
+        found_is, spent = amber("cost", f"longer than its time box of {seconds:g} s"), seconds
+    except NumericsError as error:
+        found_is = stopped(error)
+    except UsageError as error:
+        found_is = amber("refused", str(error))
+    except (RigError, ValueError) as error:
+        found_is = (red if default else amber)("refused", _line(error))
+    return Cell(case.name, method, scene.step_ns * 1e-9, default, found_is, spent, counts)
+
+
+def _told(reference: Found | None, method: str) -> Found | None:
+    """The reference as far as a method tells of it: under kick, contacts open and close without an event."""
+    if reference is None or method != "kick":
+        return reference
+    events = [event for event in reference.events if not event[1].endswith(" open")]
+    return replace(reference, events=events, count=len(events))
+
+
+def _line(error: Exception) -> str:
+    """What an error says, in one line."""
+    lines = error.faults if isinstance(error, SceneError) else str(error).splitlines()
+    return str(lines[0]) if lines else str(error)

@@ -1,0 +1,48 @@
+"""What the matrix leaves behind: JSON for a program, JUnit for a build server."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+from rig.qualify.torture import figure
+from rig.qualify.torture.cells import Cell
+from rig.record.provenance import provenance
+
+
+def keep(cells: Sequence[Cell], folder: Path, quick: bool) -> None:
+    """Write matrix.json, matrix.png, matrix.svg and junit.xml into `folder`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    machine = provenance(0, ())
+    told = {"quick": quick, "machine": machine, "cells": [cell.to_json() for cell in cells]}
+    (folder / "matrix.json").write_text(json.dumps(told, indent=1, ensure_ascii=False, default=str))
+    junit(cells, folder / "junit.xml")
+    line = f"{machine['processor']}, {machine['cores']} cores, Python {machine['python']}, numba {machine['numba']}"
+    for ending in ("png", "svg"):
+        figure.draw(cells, folder / f"matrix.{ending}", line)
+
+
+def junit(cells: Sequence[Cell], path: Path) -> None:
+    """A test for each cell. Only the default can fail; what another method came to is told where it is skipped."""
+    suite = ElementTree.Element("testsuite", name="rig torture")
+    failures = skipped = 0
+    for cell in cells:
+        one = ElementTree.SubElement(
+            suite,
+            "testcase",
+            classname=cell.case,
+            name=f"{cell.method} {cell.step:g} s",
+            time=f"{cell.seconds:.3f}",
+        )
+        verdict = cell.verdict
+        told = f"{verdict.colour}: {verdict.reason}"
+        if not cell.good:
+            failures += 1
+            ElementTree.SubElement(one, "failure", message=told).text = verdict.told
+        elif verdict.colour != "green":
+            skipped += 1
+            ElementTree.SubElement(one, "skipped", message=f"{told}: {verdict.told}")
+    suite.attrib |= {"tests": str(len(cells)), "failures": str(failures), "skipped": str(skipped)}
+    ElementTree.ElementTree(suite).write(path, encoding="utf-8", xml_declaration=True)

@@ -1,0 +1,155 @@
+"""What a run is worth: green, amber or red, and one reason."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from rig.bench.pace import PAUSE
+from rig.errors import Chatter, Diverged, Jammed, NumericsError
+from rig.qualify.torture.case import Case
+from rig.qualify.torture.outcome import Found
+
+Colour = Literal["green", "amber", "red"]
+Reason = Literal[
+    "",
+    "NaN",
+    "energy",
+    "creep",
+    "chatter",
+    "iteration cap",
+    "missed event",
+    "order lost",
+    "refused",
+    "overrun",
+    "cost",
+]
+SMOOTH, WITH_EVENTS, RIDDEN = 1e-9, 1e-6, 1e-2
+"""What the energy ledger may leave over, relative to its largest term; the last of a film of points."""
+ROUND = 1e-9
+"""Relative size of what counts as rounding in forces, powers and the slip of a stuck contact."""
+LATE = 1e-3
+"""Of the mean distance of events: how late one may come."""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A colour, a reason ("" where it is green), and a line of text with the number that decided."""
+
+    colour: Colour
+    reason: Reason = ""
+    told: str = ""
+
+
+def red(reason: Reason, told: str) -> Verdict:
+    """A failure."""
+    return Verdict("red", reason, told)
+
+
+def amber(reason: Reason, told: str) -> Verdict:
+    """No failure, but no result either, or a dear one."""
+    return Verdict("amber", reason, told)
+
+
+def stopped(error: NumericsError) -> Verdict:
+    """What a run that the numerics had to stop is worth."""
+    told = str(error).splitlines()[0]
+    where = f"at {error.time:.6g} s: {told}"
+    if isinstance(error, Chatter):
+        return red("chatter", where)
+    if isinstance(error, Jammed):
+        return red("iteration cap", where)
+    finite = isinstance(error, Diverged) and all(np.isfinite(list(error.state.values())))
+    return red("energy" if finite else "NaN", where)
+
+
+def judge(case: Case, found: Found, reference: Found | None, simulated: float, step: float = 1e-3) -> Verdict:
+    """The verdict on a run of `simulated` seconds in steps of `step` that came to its end."""
+    for one in (_numbers(found), _contact(found), _stick(case, found, reference), _energy(case, found)):
+        if one is not None:
+            return one
+    for one in (_expected(case, found), _events(found, reference)):
+        if one is not None:
+            return one
+    if found.burst * step > PAUSE * 1e-9:
+        return red("overrun", f"{found.burst} frames in one burst after a pause")
+    if found.carrying * found.pace > simulated:
+        return amber("overrun", f"{found.carrying / simulated:.3g} times slower than the clock")
+    return Verdict("green", "", ", ".join(found.notes))
+
+
+def _numbers(found: Found) -> Verdict | None:
+    return red("NaN", "a state is not finite") if found.not_finite else None
+
+
+def _energy(case: Case, found: Found) -> Verdict | None:
+    bound = RIDDEN if found.ridden else WITH_EVENTS if found.count or case.acts else SMOOTH
+    if found.energy > bound:
+        return red("energy", f"the ledger leaves {found.energy:.2g} over, {bound:g} is allowed")
+    if found.negative_power > ROUND:
+        return red("energy", f"friction gives back {found.negative_power:.2g} of its largest power")
+    for name, most in case.expect.largest.items():
+        if not found.largest.get(name, 0.0) <= most:
+            return red("energy", f"{name} comes to {found.largest[name]:.4g}, {most:g} is the most")
+    return None
+
+
+def _contact(found: Found) -> Verdict | None:
+    if found.outside_cone > ROUND:
+        return red("missed event", f"friction is {found.outside_cone:.2g} outside of its cone")
+    if found.pulling > ROUND:
+        return red("missed event", f"a contact pulls with {found.pulling:.2g} of its load")
+    return None
+
+
+def _stick(case: Case, found: Found, reference: Found | None) -> Verdict | None:
+    if found.slips and reference is not None and reference.stuck > 1e-3:
+        slips = np.concatenate(found.slips)
+        creeping = float(np.quantile(slips, 0.5 * reference.stuck))
+        if creeping > ROUND * max(float(slips.max()), 1e-30):
+            share = 100.0 * reference.stuck
+            return red(
+                "creep", f"never sticks; slips by {creeping:.2g} m/s where it should stick {share:.0f} % of the time"
+            )
+    if found.creep > ROUND:
+        return red("creep", f"slips by {found.creep:.2g} of its speed in stick")
+    for name in case.expect.still:
+        if name in found.ended and found.ended[name] != found.began[name]:
+            return red("creep", f"{name} has moved by {found.ended[name] - found.began[name]:.3g}")
+    return None
+
+
+def _expected(case: Case, found: Found) -> Verdict | None:
+    for name, most in case.expect.ends.items():
+        if name in found.ended and not abs(found.ended[name]) <= most:
+            return red("energy", f"{name} ends at {found.ended[name]:.4g}, {most:g} is the most")
+    if case.expect.stuck is not None and found.ended and found.stuck_now != case.expect.stuck:
+        wanted = "stuck" if case.expect.stuck else "sliding"
+        return red("missed event", f"is not {wanted} at the end")
+    return None
+
+
+def _events(found: Found, reference: Found | None) -> Verdict | None:
+    if reference is None:
+        return None
+    if found.count != reference.count:
+        told = f"{found.count} events, the reference has {reference.count}"
+        return red("missed event" if found.count < reference.count else "chatter", told)
+    for number, (ours, theirs) in enumerate(zip(found.events, reference.events), 1):
+        if ours[1] != theirs[1] and not _tie(found, reference, number - 1):
+            return red("order lost", f"event {number} is {ours[1]!r}, that of the reference {theirs[1]!r}")
+    if len(found.events) > 1:
+        apart = (reference.events[-1][0] - reference.events[0][0]) / (len(reference.events) - 1)
+        late = max(abs(a[0] - b[0]) for a, b in zip(found.events, reference.events))
+        if late > LATE * max(apart, 1e-30):
+            return amber("order lost", f"events are up to {late / apart:.2g} of their mean distance late")
+    return None
+
+
+def _tie(found: Found, reference: Found, at: int) -> bool:
+    """Whether both have the same events at that instant, in whatever order: they come together."""
+    t = found.events[at][0]
+    ours, theirs = (sorted(what for time, what in one.events if abs(time - t) < 1e-9) for one in (found, reference))
+    return ours == theirs

@@ -1,0 +1,290 @@
+"""One run of a case: the plant carried through what the case does to it, every step looked at."""
+
+from __future__ import annotations
+
+import itertools
+import time
+from collections.abc import Iterator
+from functools import cache
+
+import numpy as np
+
+from rig.bench.exchange import Exchange
+from rig.bench.journal import Journal
+from rig.bench.pace import Pacer
+from rig.bench.plant_truth import ROWS
+from rig.bench.runner import PlantRunner
+from rig.qualify.torture import film_checks
+from rig.qualify.torture.case import Act, Case
+from rig.qualify.torture.case_scene import Watched
+from rig.qualify.torture.outcome import Found, OutOfTime
+from rig.solve.state_codes import OPEN, STICK
+
+CHUNK = 4096
+KEPT = 20_000  # events that are remembered one by one
+
+
+class _Left(Exception):
+    """The motion has left a limit of its scene, where a run would end."""
+
+
+class _Leaping:
+    """A clock that a test moves."""
+
+    def __init__(self) -> None:
+        self.time = 0
+
+    def now(self) -> int:
+        """Nanoseconds."""
+        return self.time
+
+    def until(self, deadline: int) -> int:
+        """It is then."""
+        self.time = max(self.time, deadline)
+        return self.time
+
+
+class Trial:
+    """A case under one method and step. Raises SceneError for a rig, ValueError for a method that is refused."""
+
+    def __init__(self, case: Case, scene: Watched, until_ns: int, seconds: float) -> None:
+        self.case, self.until_ns = case, until_ns
+        self.found = Found(pace=scene.clock.pace_limit or 1.0)
+        self._stop = seconds
+        self._begin = time.process_time()
+        self.runner = PlantRunner(scene, truthful=True)
+        self.runner.truth = None  # it would keep every output; here each is looked at once
+        self.motion = self.runner.motion
+        self._step = self.runner.step_ns
+        self._blocks: Iterator[int] = itertools.repeat(CHUNK)
+        self._set()
+        self._stuck_ticks = 0
+        values = self.runner.output_values()
+        self.found.began = dict(zip(self.runner.outputs, values.tolist()))
+        self._exchange: Exchange | None = None
+        self._key, self._seen = self.motion.key, 0
+        self._last = 1  # ticks of the last frame
+
+    def _set(self) -> None:
+        """Columns of what the invariants look at."""
+        at = {name: i for i, name in enumerate(self.runner.outputs)}
+        self._changes = cache(self._between)
+        self.found.ridden = (film := self.motion.system.film) is not None
+        self._patches, self._normals, self._opens, self._of = [], [], [], []
+        if film is not None:
+            return
+        system = (
+            self.runner.scene.assemble().system()
+        )  # with every contact, also where the method makes one force of many
+        self._patches = [(at[f"T:{p.name}"], at[f"w:{p.name}"]) for p in system.patches]
+        self._normals = [at[f"N:{k.name}"] for k in system.normals]
+        self._opens = [k.opens for k in system.normals]
+        self._of = [[i for i, k in enumerate(system.normals) if k.patch == p] for p in range(len(system.patches))]
+
+    def run(self) -> Found:
+        """Carry the case to its end. Raises NumericsError where it must stop, OutOfTime."""
+        found = self.found
+        try:
+            for at_ns, act, turn in self._schedule():
+                self._carry(at_ns)
+                self._do(act, turn)
+            self._carry(self.until_ns)
+        except _Left as left:
+            found.notes.append(str(left))
+        finally:
+            self._look()
+            counts = self.motion.counts()
+            found.trials, found.opened = counts["trial_steps"], counts["opened_ticks"]
+            found.ticks, found.seconds = self.motion.tick, time.process_time() - self._begin
+            found.stuck = self._stuck_ticks / max(self.motion.tick, 1)
+            with np.errstate(over="ignore", invalid="ignore"):  # of a state that has left the range of numbers
+                found.energy = abs(self.motion.energy()["error"])
+            found.stuck_now = self._sticks(self.motion.key)
+            found.ended = dict(zip(self.runner.outputs, self.runner.output_values().tolist()))
+        if self._exchange is not None:
+            self._tell_commands()
+        if found.held:
+            found.notes.append(f"a contact that cannot open pulls by {found.held:.3g} N")
+        return found
+
+    def _schedule(self) -> list[tuple[int, Act, int]]:
+        """All that is done, in order of time: (time [ns], act, which turn of it)."""
+        out = []
+        for act in self.case.acts:
+            turns = 1
+            if act.do == "command":
+                turns = len(act.values)
+            elif act.do == "follow":
+                turns = (self.until_ns - act.at) // act.every
+            out += [(act.at + turn * act.every, act, turn) for turn in range(turns)]
+        return sorted((one for one in out if one[0] < self.until_ns), key=lambda one: one[0])
+
+    def _do(self, act: Act, turn: int) -> None:
+        runner = self.runner
+        if act.do == "set" and act.over is not None:
+            runner.ramp(act.target, act.to, act.over // self._step)
+        elif act.do == "set":
+            runner.apply(act.target, act.to)
+        elif act.do == "change":
+            self._look()
+            runner.set_parameter(act.target, act.to)
+            self._set()
+        elif act.do == "pause":
+            self._pause(round(act.to * 1e9))
+        elif act.do == "knock":
+            runner.knock(act.to)
+        elif act.do == "blocks":
+            self._blocks = itertools.cycle([int(value) for value in act.values])
+        elif act.do == "follow":
+            one = runner.inputs[act.target]
+            wanted = act.to + act.gain * runner.output(act.of)
+            runner.apply(act.target, min(max(wanted, one.low), one.high))
+        else:
+            self._command(act, turn)
+
+    def _command(self, act: Act, turn: int) -> None:
+        if self._exchange is None:
+            journal = Journal(self._step, lambda: self.runner.tick)
+            self._exchange = Exchange(self.runner, self._step, 1 << 40, journal)
+            drives = tuple(self.runner.inputs) if act.target == "*" else (act.target,)
+            self._exchange.admit("wild", drives, act.every)
+        drives = self._exchange.lines["wild"].drives
+        self._exchange.receive("wild", self.runner.tick, (float(act.values[turn]),) * len(drives))
+        self._exchange.take_over()
+
+    def _tell_commands(self) -> None:
+        assert self._exchange is not None
+        told = {k: v for k, v in self._exchange.counters()["wild"].items() if v and k in ("not_finite", "clamped")}
+        self.found.notes.append("commands: " + ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in told.items()))
+
+    def _pause(self, length_ns: int) -> None:
+        """Pace a second of frames by a clock that leaps after the first of them."""
+        clock = _Leaping()
+        pacer = Pacer(self._step, 1.0, self.runner.scene.clock.overrun, clock)
+        pacer.anchor()
+        for frame in range(1_000_000_000 // self._step):
+            pacer.wait()
+            if frame == 0:
+                clock.time += length_ns
+            self.found.burst += not pacer.waited and frame > 0
+            self._carry((self.motion.tick + 1) * self._step)
+        self.found.notes.append(f"{pacer.frames_given_up} frames given up, {self.found.burst} caught up")
+
+    def _carry(self, until_ns: int) -> None:
+        motion, until = self.motion, until_ns // self._step
+        while motion.tick < until:
+            if motion.kept >= ROWS - CHUNK:
+                self._look()
+            ticks = min(next(self._blocks), until - motion.tick)
+            begin, kept = time.process_time(), motion.kept
+            motion.advance(ticks, keep=True)
+            self.found.carrying += time.process_time() - begin
+            self._last = (motion.kept - kept - 1) % self.runner.steps + 1
+            self.runner.tick = motion.tick // self.runner.steps
+            if motion.event_count:
+                self._note()
+            if motion.beyond >= 0:
+                name, at = self.runner.outputs[motion.beyond], motion.tick * self._step * 1e-9
+                raise _Left(f"ends at {at:.3g} s: {name} leaves the limit of its scene")
+            if time.process_time() - self._begin > self._stop:
+                raise OutOfTime
+
+    def _note(self) -> None:
+        """Every change of a mode, at the instant of its event; two that come at one instant are two."""
+        found, motion = self.found, self.motion
+        found.most_events = max(found.most_events, motion.event_count)
+        events = motion.events()
+        afterwards = [*(e.before for e in events[1:]), motion.key]
+        changes = self._settled(events[0].before)
+        for event, key in zip(events, afterwards):
+            at = (event.tick + event.place) * self._step * 1e-9
+            changes += [(at, what) for what in self._changes(event.before, key)]
+        self._key, self._seen = motion.key, motion.kept
+        self._remember(changes)
+
+    def _remember(self, changes: list[tuple[float, str]]) -> None:
+        """Count changes of modes, and keep them as far as there is room."""
+        found = self.found
+        found.count += len(changes)
+        if len(found.events) < KEPT:
+            found.events += changes
+
+    def _settled(self, key: int) -> list[tuple[float, str]]:
+        """The changes up to mode set `key` that came at the start of a frame and were no event: a command, a tie."""
+        motion, changes = self.motion, []
+        if key != self._key or motion.kept - self._seen > 1:
+            ended = (
+                motion.kept - self._last if motion.event_count else motion.kept
+            )  # events change modes within a frame
+            mode_sets = motion.log.modes[self._seen : max(ended, self._seen)]
+            keys = [one.key for one in motion.mode_sets.sets]
+            for at in np.flatnonzero(
+                np.diff(mode_sets, prepend=motion.mode_sets.tables.mode_set_of[self._key])
+            ).tolist():
+                began = (motion.tick - motion.kept + self._seen + at) * self._step * 1e-9
+                changes += [(began, what) for what in self._changes(self._key, keys[mode_sets[at]])]
+                self._key = keys[mode_sets[at]]
+            began = (motion.tick - self._last) * self._step * 1e-9
+            changes += [(began, what) for what in self._changes(self._key, key)]
+        return changes
+
+    def _between(self, before: int, after: int) -> tuple[str, ...]:
+        """What differs between two mode sets, in words."""
+        if before == after:
+            return ()
+        words = (self.motion.system.describe(key).split(", ") for key in (before, after))
+        old, new = (set(said) for said in words)
+        return tuple(sorted(new - old)) or tuple(sorted(f"no longer {said}" for said in old - new))
+
+    def _sticks(self, key: int) -> bool:
+        """Whether every contact sticks; one that is open does not."""
+        patches, normals, *_ = self.motion.system.modes(key)
+        of = [k.patch for k in self.motion.system.normals]
+        loaded = [any(mode != OPEN for mode, patch in zip(normals, of) if patch == p) for p in range(len(patches))]
+        return bool(patches) and all(m == STICK and on for m, on in zip(patches, loaded))
+
+    def _look(self) -> None:
+        """Check what every step has left, and forget it."""
+        motion, found, rows = self.motion, self.found, self.motion.kept
+        if not rows:
+            return
+        self._remember(self._settled(motion.key))
+        self._key = motion.key
+        states, mode_sets = motion.log.out[:rows], motion.log.modes[:rows]
+        values = motion.outputs_at(states, mode_sets)
+        motion.kept = 0
+        self._seen = 0
+        found.not_finite += int(np.count_nonzero(~np.isfinite(states)))
+        for name, column in zip(self.runner.outputs, np.abs(values).max(axis=0).tolist()):
+            found.largest[name] = max(found.largest.get(name, 0.0), column)
+        sets = motion.mode_sets.sets
+        modes = [motion.system.modes(one.key) for one in sets]
+        self._stuck_ticks += int(np.array([self._sticks(one.key) for one in sets])[mode_sets].sum())
+        if motion.system.film is not None:
+            film_checks.look(motion.system, states, found)
+        N = values[:, self._normals]
+        forces = N.sum(axis=1) if N.size else np.zeros(rows)
+        for k, opens in enumerate(self._opens):
+            if opens:
+                found.pulling = max(found.pulling, -float(N[:, k].min()) / max(float(np.abs(forces).max()), 1e-30))
+        if self.motion.method == "smooth":
+            found.slips.append(np.abs(values[:, [slip for _, slip in self._patches]]).max(axis=1, initial=0.0))
+        for p, (force, slip) in enumerate(self._patches):
+            T, w, load = values[:, force], values[:, slip], N[:, self._of[p]].sum(axis=1)
+            if not any(self._opens[k] for k in self._of[p]) and load.min() < 0.0:
+                found.held = max(found.held, -float(load.min()))  # it can pull, and no law of friction says what then
+                T, load = np.where(load < 0.0, 0.0, T), np.maximum(load, 0.0)
+            size = max(float(np.abs(T).max() * np.abs(w).max()), 1e-30)
+            found.negative_power = max(found.negative_power, -float((T * w).min()) / size)
+            stuck = np.array([one[0][p] == STICK for one in modes])[mode_sets]
+            law = [motion.system.law(p, one[3]) for one in modes]
+            most = np.array([one.static for one in law])[mode_sets]
+            for mode_set, one in enumerate(law):
+                if not one.constant:  # a film bears more the faster it slides
+                    here = np.flatnonzero(~stuck & (mode_sets == mode_set))
+                    most[here] = np.maximum(one.static, one.over(np.abs(w[here])))
+            outside = np.abs(T) - most * np.maximum(load, 0.0)
+            found.outside_cone = max(found.outside_cone, float(outside.max()) / max(float(np.abs(T).max()), 1e-30))
+            if stuck.any():
+                speed = max(float(np.abs(values[:, slip]).max()), float(np.abs(states).max()))
+                found.creep = max(found.creep, float(np.abs(w[stuck]).max()) / max(speed, 1e-30))

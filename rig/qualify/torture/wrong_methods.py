@@ -1,0 +1,150 @@
+"""Contact forces in ways that fail without a sign of it: how not to do it either.
+
+held      the structure moves exactly over a step, under the contact forces of its begin (zero-order hold). A contact
+          that is felt a step late is a negative damper, w^2 h / 2 of its own frequency w: energy grows at every step.
+clipped   T = mu(|w|) N clip(w / scale, -1, 1), classical Runge-Kutta. The slope is stiff: beyond a step of about
+          2 m scale / (mu N) a contact that should stick is thrown across it, to and fro, and nothing blows up.
+stale     a film whose rows follow the slider every 50 us, not at every step: each time it is jolted, and a quiet slide
+          gets lines at 20 and 40 kHz.
+
+Neither is a method of the rig; they are here so that everybody sees them fail.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import scipy.linalg
+from numpy.typing import NDArray
+
+from rig.errors import UsageError
+from rig.model.formulation import assemble
+from rig.model.system import System
+from rig.motion.motion import Motion
+from rig.qualify.torture.case import Case
+from rig.qualify.torture.case_scene import Watched
+from rig.qualify.torture.outcome import Found, OutOfTime
+from rig.solve.state_codes import OPEN, STICK
+
+Array = NDArray[np.float64]
+STALE_NS = 50_000
+Step = Callable[[Array], Array]
+
+
+class _Free:
+    """A rig without its contacts, x' = A x + B f, and the contact forces f at x; friction rises over `scale` [m/s]."""
+
+    def __init__(self, system: System, scale: float) -> None:
+        if system.products or system.sectors or system.switches or system.limiters:
+            raise UsageError("knows friction and contact only")
+        if any(np.any(k.inertia) for k in system.normals):
+            raise UsageError("needs normal forces that know no acceleration")
+        self.system, self.scale = system, scale
+        free = system.key([STICK] * len(system.patches), [OPEN] * len(system.normals), [])
+        self.A = assemble(system, free).A
+        pushes = [*(k.direction for k in system.normals), *(patch.direction for patch in system.patches)]
+        nq = len(system.coordinates)
+        self.B = np.zeros((system.n, len(pushes)))
+        self.B[nq : 2 * nq] = np.linalg.solve(system.mass, np.array(pushes).T)
+
+    def forces(self, x: Array) -> Array:
+        """Normal forces, then friction forces."""
+        system, loads = self.system, np.zeros(len(self.system.patches))
+        normal = np.array([k.row @ x for k in system.normals])
+        normal = np.where([k.opens for k in system.normals], np.maximum(normal, 0.0), normal)
+        for k, force in zip(system.normals, normal.tolist()):
+            loads[k.patch] += force
+        speeds = system.slip_rows @ x
+        mu = [patch.law.mu(abs(w)) for patch, w in zip(system.patches, speeds.tolist())]
+        return np.concatenate((normal, mu * loads * np.clip(speeds / self.scale, -1.0, 1.0)))
+
+
+def _held(free: _Free, step: float) -> Step:
+    """One step under the forces of its begin."""
+    n, m = free.B.shape
+    both = np.zeros((n + m, n + m))
+    both[:n, :n], both[:n, n:] = free.A, free.B
+    carried = scipy.linalg.expm(step * both)[:n]
+    return lambda x: np.asarray(carried @ np.concatenate((x, free.forces(x))))
+
+
+def _clipped(free: _Free, step: float) -> Step:
+    """One step of the classical Runge-Kutta method."""
+
+    def rate(x: Array) -> Array:
+        return np.asarray(free.A @ x + free.B @ free.forces(x))
+
+    def on(x: Array) -> Array:
+        k1 = rate(x)
+        k2 = rate(x + 0.5 * step * k1)
+        k3 = rate(x + 0.5 * step * k2)
+        return np.asarray(x + step / 6.0 * (k1 + 2.0 * (k2 + k3) + rate(x + step * k3)))
+
+    return on
+
+
+@np.errstate(over="ignore", invalid="ignore")  # it may run away, and is told so
+def _run(way: Callable[[_Free, float], Step], case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
+    """The case in one of these ways. Raises UsageError where the rig is beyond it, OutOfTime."""
+    if case.acts:
+        raise UsageError("follows no commands")
+    assembly = scene.assemble()
+    system = assembly.system()
+    begin, step, ticks = time.process_time(), scene.step_ns * 1e-9, until_ns // scene.step_ns
+    on = way(_Free(system, scene.clock.smoothing), step)
+    states = np.zeros((ticks + 1, system.n))
+    states[0] = system.start
+    found = Found()
+    for tick in range(ticks):
+        states[tick + 1] = on(states[tick])
+        if not np.all(np.isfinite(states[tick + 1])):
+            found.not_finite, states = 1, states[: tick + 1]
+            break
+        if tick % 256 == 0 and time.process_time() - begin > seconds:
+            raise OutOfTime
+    found.slips = [np.abs(states @ system.slip_rows.T).max(axis=1, initial=0.0)]
+    for name in case.expect.largest:
+        row = assembly.outputs[name].row
+        found.largest[name] = float(np.abs(states @ [row.get(state, 0.0) for state in system.names]).max())
+    found.ticks, found.seconds = ticks, time.process_time() - begin
+    found.carrying = found.seconds
+    return found
+
+
+def _stale(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
+    """The case with rows of its film that stand still for STALE_NS. Raises UsageError without a film, OutOfTime."""
+    if case.acts:
+        raise UsageError("follows no commands")
+    assembly = scene.assemble()
+    system = assembly.system()
+    if system.film is None:
+        raise UsageError("needs a film under a slider that travels")
+    rows = [assembly.outputs[name].row for name in case.expect.ends]
+    motion = Motion(system, scene.step_ns, "kick", rows, substeps=scene.clock.substeps(scene.step_ns))
+    motion.advance(1)
+    own, travel = motion.mode_sets.tables.film, system.names.index(system.film.travel)
+    given = [(side.rows, side.rows.copy()) for side in (own.alike, own.against)]
+    begin, ticks, pause = time.process_time(), until_ns // scene.step_ns, max(STALE_NS // scene.step_ns, 1)
+    while motion.tick < ticks:
+        place = float(motion.x[travel]) / system.film.pitch
+        low = min(int(place), len(system.film.rows) - 2)
+        for held, moving in given:
+            held[:] = moving[low] + (place - low) * (moving[low + 1] - moving[low])
+        own.below[0] = -1
+        motion.advance(min(pause, ticks - motion.tick))
+        if time.process_time() - begin > seconds:
+            raise OutOfTime
+    found = Found(ticks=motion.tick, seconds=time.process_time() - begin)
+    found.ended = dict(zip(case.expect.ends, motion.outputs_now().tolist()))
+    found.carrying = found.seconds
+    return found
+
+
+WRONG: dict[str, Callable[[Case, Watched, int, float], Found]] = {
+    "held": partial(_run, _held),
+    "clipped": partial(_run, _clipped),
+    "stale": _stale,
+}

@@ -1,0 +1,263 @@
+"""Walks through the bytes of an MCAP file from front to back, past whatever is damaged.
+
+A record counts as one when the lengths inside it add up to its own. Where they do not, the walk goes on at the next
+place at which they do; what lies between is a hole. A chunk in a hole whose content is proved by its checksum is found
+all the same: only its frame was damaged.
+"""
+
+from __future__ import annotations
+
+import mmap
+import re
+import struct
+import zlib
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    ChunkIndex,
+    DataEnd,
+    Footer,
+    Header,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
+
+from rig.record.mcap_file import MAGIC
+
+Data = bytes | mmap.mmap
+
+_HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_LARGEST = 1 << 28  # bytes of a chunk's content; a damaged length must not claim the memory of the machine
+_START = re.compile(rb"[\x01-\x0f](?=....\x00{4})", re.DOTALL)
+_FRAME = b"\x28\xb5\x2f\xfd"  # every zstd frame begins so
+
+# What each kind of record is made of: a number of bytes, or the size of the length of what follows it.
+_LAYOUT: dict[int, tuple[int | str, ...]] = {
+    Opcode.HEADER: ("I", "I"),
+    Opcode.FOOTER: (20,),
+    Opcode.SCHEMA: (2, "I", "I", "I"),
+    Opcode.CHANNEL: (4, "I", "I", "I"),
+    Opcode.CHUNK: (28, "I", "Q"),
+    Opcode.MESSAGE_INDEX: (2, "I"),
+    Opcode.CHUNK_INDEX: (32, "I", 8, "I", 16),
+    Opcode.ATTACHMENT: (16, "I", "I", "Q", 4),
+    Opcode.ATTACHMENT_INDEX: (40, "I", "I"),
+    Opcode.STATISTICS: (42, "I"),
+    Opcode.METADATA: ("I", "I"),
+    Opcode.METADATA_INDEX: (16, "I"),
+    Opcode.SUMMARY_OFFSET: (17,),
+    Opcode.DATA_END: (4,),
+}
+_KINDS: dict[int, Any] = {
+    Opcode.HEADER: Header,
+    Opcode.FOOTER: Footer,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.CHUNK_INDEX: ChunkIndex,
+    Opcode.ATTACHMENT: Attachment,
+    Opcode.ATTACHMENT_INDEX: AttachmentIndex,
+    Opcode.STATISTICS: Statistics,
+    Opcode.METADATA: Metadata,
+    Opcode.METADATA_INDEX: MetadataIndex,
+    Opcode.DATA_END: DataEnd,
+}
+_NAMES = {
+    Opcode.CHUNK: "a chunk of messages",
+    Opcode.MESSAGE_INDEX: "an index",
+    Opcode.CHUNK_INDEX: "an index",
+    Opcode.ATTACHMENT: "an attachment",
+    Opcode.METADATA: "metadata",
+}
+
+
+class Found(NamedTuple):
+    """A record from byte `begin` to `end`; `body`: what mcap makes of it, the content of a chunk; None if of no use."""
+
+    begin: int
+    end: int
+    opcode: int
+    body: Any
+
+
+class Hole(NamedTuple):
+    """Bytes that are no record, or a damaged one; `cut` where the file ends within it."""
+
+    begin: int
+    end: int
+    what: str
+    cut: bool = False
+
+
+class Message(NamedTuple):
+    """A message as it stands in a chunk."""
+
+    channel_id: int
+    sequence: int
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+def walk(data: Data, at: int = 0) -> Iterator[Found | Hole]:
+    """Every record of `data` from byte `at` on and every hole between them, in order; the magics are no records."""
+    size = len(data)
+    if at == 0:
+        if data[: len(MAGIC)] == MAGIC:
+            at = len(MAGIC)
+        else:
+            at = _next(data, 0)
+            yield from _hole(data, 0, at, "its first bytes")
+    while at < size:
+        if data[at : at + len(MAGIC)] == MAGIC and at + len(MAGIC) == size:
+            return
+        opcode, end = _extent(data, at)
+        if _fits(data, at, opcode, end):
+            made = _read(data, at, opcode, end)
+            yield made if made is not None else Hole(at, end, _NAMES.get(Opcode(opcode), "a record"))
+        elif _starts(data, end):  # of its proper length, but damaged; also a kind that we never write
+            what = _NAMES.get(Opcode(opcode), "a record") if opcode in _LAYOUT else ""
+            yield from _hole(data, at, end, what)
+        else:
+            end = _next(data, at + 1)
+            yield from _hole(data, at, end, "", cut=end == size)
+        at = end
+
+
+def _extent(data: Data, at: int) -> tuple[int, int]:
+    """Opcode and end of the record that begins at `at`; an end of 0 if it cannot be one."""
+    if at + _HEAD.size > len(data):
+        return 0, 0
+    opcode, length = _HEAD.unpack_from(data, at)
+    end = at + _HEAD.size + length
+    return opcode, end if end <= len(data) else 0
+
+
+def _fits(data: Data, at: int, opcode: int, end: int) -> bool:
+    """Whether the lengths inside a record add up to its own."""
+    layout, place = _LAYOUT.get(opcode), at + _HEAD.size
+    if layout is None or not end:
+        return False
+    for part in layout:
+        if isinstance(part, str):
+            size = struct.calcsize(f"<{part}")
+            if place + size > end:
+                return False
+            (part,) = struct.unpack_from(f"<{part}", data, place)
+            place += size
+        place += part
+    return place == end
+
+
+def _starts(data: Data, at: int) -> bool:
+    """Whether a record begins at `at`, or the file ends there as it should."""
+    if not at or at >= len(data):
+        return False
+    return (at + len(MAGIC) == len(data) and data[at:] == MAGIC) or _fits(data, at, *_extent(data, at))
+
+
+def _next(data: Data, at: int) -> int:
+    """The first place from `at` on where a record begins; the end of the data if there is none."""
+    for match in _START.finditer(data, at):
+        if _fits(data, match.start(), *_extent(data, match.start())):
+            return match.start()
+    return len(data)
+
+
+def _hole(data: Data, begin: int, end: int, what: str, cut: bool = False) -> Iterator[Found | Hole]:
+    """What is damaged between two places, and the chunks in it whose content is whole."""
+    at = begin
+    while (at := data.find(_FRAME, at, end)) >= 0:
+        if (content := _content(data, at, end)) is not None:
+            yield Hole(begin, end, what or "the frame of a chunk")
+            yield Found(begin, end, Opcode.CHUNK, content)
+            return
+        at += 1
+    yield Hole(begin, end, what, cut)
+
+
+def _read(data: Data, at: int, opcode: int, end: int) -> Found | None:
+    """A record that fits; None where its own checksum or its text says that it is damaged."""
+    body = at + _HEAD.size
+    if opcode == Opcode.CHUNK:
+        content = _chunk(data, body, end)
+        return None if content is None else Found(at, end, opcode, content)
+    kind = _KINDS.get(opcode)
+    if kind is None:
+        return Found(at, end, opcode, None)
+    raw = data[body:end]
+    if opcode == Opcode.ATTACHMENT:
+        (crc,) = struct.unpack_from("<I", raw, len(raw) - 4)
+        if crc not in (0, zlib.crc32(raw[:-4])):
+            return None
+    try:
+        return Found(at, end, opcode, kind.read(_Stream(raw)))
+    except (UnicodeDecodeError, struct.error, EOFError):
+        return None
+
+
+class _Stream(ReadDataStream):
+    """What mcap reads records from, over bytes that are there already; a short read is an error at once."""
+
+    def __init__(self, raw: bytes) -> None:
+        self._raw, self._count = raw, 0
+
+    def read(self, length: int) -> bytes:
+        found = self._raw[self._count : self._count + length]
+        if len(found) < length:
+            raise EOFError
+        self._count += length
+        return found
+
+
+def _chunk(data: Data, body: int, end: int) -> bytes | None:
+    """The content of a chunk record; None if its checksum does not prove it."""
+    size, crc, length = struct.unpack_from("<QII", data, body + 16)
+    kind = data[body + 32 : body + 32 + length]
+    begin = body + 40 + length
+    if kind:  # we compress with zstd; whatever else the damaged name says
+        return _content(data, begin, end)
+    return data[begin:end] if crc in (0, zlib.crc32(data[begin:end])) and size == end - begin else None
+
+
+def _content(data: Data, at: int, end: int) -> bytes | None:
+    """The content of the zstd frame at `at`; None if neither its own checksum nor that of its chunk proves it."""
+    try:
+        about = zstandard.get_frame_parameters(data[at : min(at + 32, end)])
+        if about.content_size > _LARGEST:
+            return None
+        inflate = zstandard.ZstdDecompressor(max_window_size=_LARGEST).decompressobj()
+        content: bytes = inflate.decompress(data[at:end])
+    except (zstandard.ZstdError, MemoryError):
+        return None
+    if not inflate.eof or len(content) != about.content_size:
+        return None
+    if not about.has_checksum:
+        before = data[at - 20 : at - 16]  # the CRC in the record of the chunk; 0: it has none
+        if len(before) < 4 or struct.unpack("<I", before)[0] not in (0, zlib.crc32(content)):
+            return None
+    return content
+
+
+def inside(content: bytes) -> Iterator[Message | Schema | Channel]:
+    """What the content of a chunk holds, in order."""
+    at, size = 0, len(content)
+    while at + _HEAD.size <= size:
+        opcode, length = _HEAD.unpack_from(content, at)
+        begin, at = at + _HEAD.size, at + _HEAD.size + length
+        if opcode == Opcode.MESSAGE:
+            channel, seq, log_ns, t_ns = _MESSAGE.unpack_from(content, begin)
+            yield Message(channel, seq, log_ns, t_ns, content[begin + _MESSAGE.size : at])
+        elif opcode == Opcode.SCHEMA:
+            yield Schema.read(_Stream(content[begin:at]))
+        elif opcode == Opcode.CHANNEL:
+            yield Channel.read(_Stream(content[begin:at]))

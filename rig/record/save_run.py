@@ -1,0 +1,123 @@
+"""A Run of this process as a recording: the same file that the recorder would have made, in longer blocks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rig.bus import encode, messages
+from rig.bus.run_setup import Setup
+from rig.record.run import Integers, Reals, Run
+from rig.record.writer import PLOT_NS, Writer
+
+_SLICE_NS = 250_000_000
+
+Stamped = tuple[int, str, bytes]
+"""Simulated time, topic, payload."""
+
+
+def save(
+    run: Run,
+    path: Path,
+    name: str = "simulate",
+    controllers: Mapping[str, Any] | None = None,
+    replace: bool = True,
+) -> None:
+    """Write `run` to `path`; simulated time stands for the clock, so that equal runs make equal messages.
+
+    A file that is there is overwritten only to `replace` it, else LogError is raised. `controllers`: what the process
+    of each would need (`controllers.described`), for a replay into them.
+    """
+    setup = Setup(
+        run=name,
+        scene=run.scene,
+        frame_ns=run.frame_ns,
+        step_ns=run.step_ns,
+        outputs={signal: run.units.get(signal, "") for signal in run.signals},
+        sensors={s: (run.units.get(f"meas/{s}", ""), _period(t_ns)) for s, (t_ns, _) in run.measurements.items()},
+        controllers=dict(controllers or {name: {} for name in run.commands}),
+        provenance=run.provenance,
+        models=run.models,
+    )
+    writer = Writer(path, setup, "saved", replace)
+    try:
+        sequence: dict[str, int] = {}
+        for t_ns, topic, payload in _messages(run, writer):
+            seq = sequence[topic] = sequence.get(topic, -1) + 1
+            writer.write(topic, payload, t_ns, seq, t_ns)
+        writer.close({"messages": writer.messages}, {**run.summary, "energy": run.energy, "fault": run.fault})
+    finally:
+        writer.abandon()
+
+
+def _period(t_ns: Integers) -> int:
+    return round(float(np.median(np.diff(t_ns)))) if t_ns.size > 1 else 0
+
+
+def _messages(run: Run, writer: Writer) -> Iterator[Stamped]:
+    """All messages in the order of time, slice by slice."""
+    time_ns = np.rint(run.time * 1e9).astype(np.int64)
+    series = {f"truth/{name}": (time_ns, v) for name, v in run.signals.items()}
+    if run.mode.size:
+        series["truth/mode"] = (time_ns, run.mode.astype(np.float64))
+    series |= {f"meas/{name}": (t_ns, v) for name, (t_ns, v) in run.measurements.items()}
+    ticks = [commands.tick for commands in run.commands.values()]
+    ends = [t_ns[-1] for t_ns, _ in series.values() if t_ns.size] + [
+        tick[-1] * run.frame_ns for tick in ticks if tick.size
+    ]
+    end = max(map(int, ends), default=0)
+    events = sorted(run.events, key=lambda event: event["t_ns"])
+    done = 0
+    for begin in range(0, end + 1, _SLICE_NS):
+        stop = begin + _SLICE_NS
+        found: list[Stamped] = []
+        for topic, (t_ns, v) in series.items():
+            found += _blocks(topic, t_ns, v, run.frame_ns, begin, stop)
+        for name, commands in run.commands.items():
+            first, last = np.searchsorted(commands.tick * run.frame_ns, (begin, stop))
+            for i in range(first, last):
+                tick = int(commands.tick[i])
+                packed = encode.applied(
+                    tick, tick * run.frame_ns, int(commands.answered[i]), int(commands.status[i]), commands.values[i]
+                )
+                found.append((tick * run.frame_ns, f"applied/{name}", packed))
+        found += _points(run, writer, time_ns, begin, stop)
+        while done < len(events) and (events[done]["t_ns"] < stop or stop > end):
+            found.append(_event(events[done]))
+            done += 1
+        yield from sorted(found, key=lambda message: message[0])
+
+
+def _blocks(topic: str, t_ns: Integers, v: Reals, frame_ns: int, begin: int, stop: int) -> Iterator[Stamped]:
+    first, last = np.searchsorted(t_ns, (begin, stop))
+    if first == last:
+        return
+    times, values = t_ns[first:last], np.ascontiguousarray(v[first:last], np.float64)
+    gaps = np.diff(times)
+    changes = np.abs(np.diff(gaps)) > 1  # by more than rounding to whole nanoseconds: a new block begins
+    for low, high in pairwise([0, *(np.flatnonzero(changes) + 2), times.size]):
+        tick = -(-int(times[high - 1]) // frame_ns)
+        yield int(times[low]), topic, encode.samples(tick, times[low:high], values[low:high])
+
+
+def _points(run: Run, writer: Writer, time_ns: Integers, begin: int, stop: int) -> Iterator[Stamped]:
+    """The thinned-out channel for plotting programs."""
+    grid = np.arange(-(-begin // PLOT_NS) * PLOT_NS, stop, PLOT_NS)
+    rows = np.searchsorted(time_ns, grid)
+    for row in np.unique(rows[rows < time_ns.size]):
+        now = int(time_ns[row])
+        if now >= stop:
+            return
+        values = [float(v[row]) for v in run.signals.values()]
+        for t_ns, v in run.measurements.values():
+            latest = np.searchsorted(t_ns, now, "right") - 1
+            values.append(float(v[latest]) if latest >= 0 else float("nan"))
+        yield now, "plot", writer.point(now, values)
+
+
+def _event(event: dict[str, Any]) -> Stamped:
+    return int(event["t_ns"]), f"event/{event['source']}", messages.event(**event)

@@ -1,0 +1,44 @@
+"""Instruments: a physical quantity in, sampled measurements out, with the flaws of the real thing.
+
+kind                reads               delivers  filter
+laser_vibrometer    velocity      m/s   m/s       third-order Bessel; drop-outs, slew limit
+displacement_laser  displacement  m     m         mean over one sample period, one sample of processing
+strain_gauge        force         N     strain    second-order amplifier; zero drift
+accelerometer       acceleration  m/s^2 m/s^2     resonance and high-pass; warming
+normal_force        force         N     N         second-order; charge drift
+disc_speed          speed         rad/s rad/s     first-order pickup (m/s on a belt's roller)
+microphone          velocity      m/s   Pa        diaphragm and vent; way through the air, echoes, background
+voltmeter           voltage       V     V         second-order
+
+Signal model:  y = Q{ sat[ (1+g) H(s) x e^{-s tau} + offset + drift + noise ] }, then drop-outs.
+Noise is white from 0 to half the sample rate, with exactly the stated density there (the card's anti-aliasing is taken
+as ideal for noise). With `ideal = true` every flaw that is not stated is absent; without any, a sample is the value at
+its instant. Flaws that are stated hold (`Instrument.perfect`).
+At an instant where a signal jumps the value before the jump is read: a measurement never knows the command it causes.
+
+The package `chain` holds what all instruments are made of.
+What runs them in every frame is compiled: rig.solve.sampling, rig.solve.pole_response.
+"""
+
+from __future__ import annotations
+
+from rig.sensors.accelerometer import Accelerometer
+from rig.sensors.chain.instrument import Instrument
+from rig.sensors.disc_speed import DiscSpeed
+from rig.sensors.displacement_laser import DisplacementLaser
+from rig.sensors.laser_vibrometer import LaserVibrometer
+from rig.sensors.microphone import Microphone
+from rig.sensors.normal_force import NormalForce
+from rig.sensors.strain_gauge import StrainGauge
+from rig.sensors.voltmeter import Voltmeter
+
+KINDS: dict[str, type[Instrument]] = {
+    "laser_vibrometer": LaserVibrometer,
+    "displacement_laser": DisplacementLaser,
+    "strain_gauge": StrainGauge,
+    "accelerometer": Accelerometer,
+    "normal_force": NormalForce,
+    "disc_speed": DiscSpeed,
+    "microphone": Microphone,
+    "voltmeter": Voltmeter,
+}

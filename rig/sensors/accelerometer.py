@@ -1,0 +1,83 @@
+"""Piezo accelerometer: mounted resonance, high-pass of the charge amplifier, warming."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar, Literal
+
+from rig.quantities import Hertz, PositiveSecond
+from rig.sensors.chain import filters
+from rig.sensors.chain.front_end import FrontEnd, deviation
+from rig.sensors.chain.instrument import Instrument
+from rig.sensors.chain.units import (
+    Acceleration,
+    AccelerationDensity,
+    AccelerationPerKelvin,
+    AccelerationSpan,
+    AccelerationStep,
+    Kelvin,
+    Quality,
+)
+
+
+class Accelerometer(Instrument):
+    """Acceleration of the point it is mounted on [m/s^2]; blind to what lasts longer than the high-pass.
+
+    resonance   40 kHz, quality 30 [public: B&K 4391, 40 kHz; quality calibrated]
+    highpass    0.1 Hz, first order [public: B&K 4391, from 0.1 Hz]
+    span        +-100 m/s^2: setting of the charge amplifier [calibrated]; the pickup bears 20000 m/s^2 [public]
+    noise       7e-5 m/s^2/sqrt(Hz): 10 mm/s^2 rms over 1 Hz to 22 kHz [calibrated, from memory]
+    resolution  3.1 mm/s^2: 16 bit over the span [calibrated]
+    temperature_sensitivity   .2 m/s^2 per K [public: B&K 4391]; it warms by `warming` = 1 K with the time constant
+                `warm_up` = 300 s [calibrated], and the high-pass lets through
+                sensitivity warming b/(w_h - b) (e^{-b t} - e^{-w_h t}),  b = 1/warm_up, w_h = 2 pi highpass
+    """
+
+    delivers: ClassVar[str] = "m/s^2"
+    accepts: ClassVar[str] = "m/s^2"
+    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
+        "resonance": math.inf,
+        "highpass": 0.0,
+        "span": math.inf,
+        "resolution": 0.0,
+        "noise": 0.0,
+        "temperature_sensitivity": 0.0,
+    }
+    part_of: ClassVar[dict[str, str]] = {
+        "quality": "resonance",
+        "warming": "temperature_sensitivity",
+        "warm_up": "temperature_sensitivity",
+    }
+
+    kind: Literal["accelerometer"] = "accelerometer"
+    reads: str = "acceleration"
+    resonance: Hertz = 40e3
+    quality: Quality = 30.0
+    highpass: Hertz = 0.1
+    span: AccelerationSpan = 100.0
+    resolution: AccelerationStep = 3.1e-3
+    noise: AccelerationDensity = 7e-5
+    offset: Acceleration = 0.0
+    temperature_sensitivity: AccelerationPerKelvin = 0.2
+    warming: Kelvin = 1.0
+    warm_up: PositiveSecond = 300.0
+
+    def flawed(self) -> FrontEnd:
+        """Resonance behind a high-pass, and what the warming leaves of it."""
+        corner, b = 2.0 * math.pi * self.highpass, 1.0 / self.warm_up
+        if math.isclose(corner, b, rel_tol=1e-6):  # the limit is a double pole; this is within 1e-6 of it
+            b *= 1.0 - 1e-6
+        return FrontEnd(
+            self.instants,
+            self.delay,
+            *filters.resonance(self.resonance, self.quality, self.highpass),
+            gain=self.gain,
+            offset=self.offset,
+            warmth=self.temperature_sensitivity * self.warming * b / (corner - b),
+            fade=b,
+            rise=corner,
+            noise=deviation(self.noise, self.rate),
+            low=-self.span,
+            high=self.span,
+            resolution=self.resolution,
+        )

@@ -1,0 +1,68 @@
+"""The one description that every instrument compiles to; what `sampling` runs."""
+
+from __future__ import annotations
+
+import cmath
+import math
+from dataclasses import dataclass
+
+from rig.sensors.chain.instants import Instants
+
+
+@dataclass(frozen=True)
+class FrontEnd:
+    """y = Q{ sat[ gain H(s) x e^{-s delay} + offset + drift + noise ] }, sampled at `instants`, then drop-outs.
+
+    H(s) = direct + sum_i residues_i / (s - poles_i), where a pole with positive imaginary part stands for its pair.
+    `echoes` are (share, seconds later): the same again, to the nearest sample, of H x alone.
+    With `averages`, H is instead the mean over the sample period that ends at the sample instant.
+    Drift in t [s]:  slope t + warmth (e^{-fade t} - e^{-rise t}).  The defaults are a perfect instrument.
+    """
+
+    instants: Instants
+    delay_ns: int = 0
+    poles: tuple[complex, ...] = ()
+    residues: tuple[complex, ...] = ()
+    direct: float = 1.0
+    averages: bool = False
+    echoes: tuple[tuple[float, float], ...] = ()
+    gain: float = 1.0  # output unit per input unit
+    offset: float = 0.0
+    slope: float = 0.0  # per second
+    warmth: float = 0.0
+    fade: float = 0.0  # 1/s
+    rise: float = 0.0  # 1/s
+    noise: float = 0.0  # standard deviation of one sample
+    low: float = -math.inf
+    high: float = math.inf
+    resolution: float = 0.0  # least significant bit; 0: not quantised
+    slew: float = math.inf  # largest change per second
+    dropout_rate: float = 0.0  # 1/s
+    dropout_shortest: float = 0.0  # s
+    dropout_longest: float = 0.0  # s
+    holds: bool = False  # a lost sample repeats the last one; otherwise it is 0
+
+    @property
+    def period_ns(self) -> float:
+        """Time between two samples [ns]."""
+        return self.instants.period_ns
+
+    def response(self, s: complex) -> complex:
+        """What becomes of a vibration exp(s t), within all limits."""
+        if self.averages:
+            turn = s * 1e-9 * self.period_ns
+            found = (1.0 - cmath.exp(-turn)) / turn
+        else:
+            found = self.direct + sum(_pole(r, p, s) for p, r in zip(self.poles, self.residues))
+        echoes = sum(share * cmath.exp(-s * later) for share, later in self.echoes)
+        return self.gain * found * (1.0 + echoes) * cmath.exp(-s * 1e-9 * self.delay_ns)
+
+
+def _pole(residue: complex, pole: complex, s: complex) -> complex:
+    own = residue / (s - pole)
+    return own + residue.conjugate() / (s - pole.conjugate()) if pole.imag else own
+
+
+def deviation(density: float, rate: float) -> float:
+    """Standard deviation of samples of white noise with one-sided `density` [unit/sqrt(Hz)] up to rate/2 [Hz]."""
+    return density * math.sqrt(0.5 * rate)

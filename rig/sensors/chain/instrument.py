@@ -1,0 +1,94 @@
+"""What all instruments declare: what they read, how often, how late, and what an ideal one is free of."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from typing import Any, ClassVar, Self
+
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
+
+from rig.quantities import Section
+from rig.sensors.chain.front_end import FrontEnd
+from rig.sensors.chain.instants import Instants
+from rig.sensors.chain.units import Delay, GainError, Rate
+
+
+class Instrument(Section):
+    """An instrument on the rig. Subclasses add their numbers and compile to a `FrontEnd`.
+
+    rate     1 kHz [calibrated]: the rate of the loop; 25 and 100 Hz are those of a slow acquisition card
+             [public: LabJack U12, at most 25 Hz in a command/response loop]. Any rate from 1 Hz to 100 kHz: sample k is
+             taken at k / rate, to the nearest nanosecond
+    delay    0 [calibrated]: transport and conversion beside the lag of the filter
+    gain_error, offset   0 [calibrated]: a specimen after calibration
+
+    With `ideal`, a flaw that is not stated is absent: it takes its value from `perfect`. A stated flaw holds, with the
+    defaults of the keys that are `part_of` it; one of these keys without its flaw is a fault.
+    """
+
+    delivers: ClassVar[str]  # unit of the measurement
+    accepts: ClassVar[str]  # unit of what is read
+    perfect: ClassVar[dict[str, Any]] = {"delay": 0, "gain_error": 0.0, "offset": 0.0}  # flaw -> value without it
+    part_of: ClassVar[dict[str, str]] = {}  # key -> the flaw that it describes further
+
+    reads: str = Field(min_length=1)
+    rate: Rate = 1000.0
+    delay: Delay = 0
+    gain_error: GainError = 0.0
+    ideal: bool = False
+
+    @model_validator(mode="after")
+    def _whole_flaws(self) -> Self:
+        stated = self.model_fields_set
+        alone = [(key, flaw) for key, flaw in self.part_of.items() if key in stated and flaw not in stated]
+        if self.ideal and alone:
+            told = "; ".join(f"{key} describes {flaw}, which is not stated" for key, flaw in alone)
+            raise ValueError(f"ideal = true: {told}. State it too, or leave out {', '.join(key for key, _ in alone)}")
+        return self
+
+    @model_serializer(mode="wrap")
+    def _as_stated(self, plain: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without the flaws that an ideal instrument does not have, so that it is read back as it was."""
+        absent = (self.perfect.keys() | self.part_of.keys()) - self.model_fields_set if self.ideal else set()
+        return {key: value for key, value in plain(self).items() if key not in absent}
+
+    @property
+    def unit(self) -> str:
+        """Unit of the measurement."""
+        return self.delivers
+
+    @property
+    def reads_unit(self) -> str:
+        """Unit that the plant's output `reads` must have."""
+        return self.accepts
+
+    @property
+    def instants(self) -> Instants:
+        """When it samples."""
+        return Instants.of(self.rate)
+
+    @property
+    def period_ns(self) -> int:
+        """Sample period, to the nearest whole nanosecond [ns]."""
+        return round(self.instants.period_ns)
+
+    @property
+    def sensitivity(self) -> float:
+        """Output per input of a perfect specimen."""
+        return 1.0
+
+    @property
+    def gain(self) -> float:
+        """Output per input of this specimen."""
+        return float(self.sensitivity * (1.0 + self.gain_error))
+
+    @abstractmethod
+    def flawed(self) -> FrontEnd:
+        """The front end with all its flaws."""
+
+    def front_end(self) -> FrontEnd:
+        """What the bank runs: all flaws, or with `ideal` those that are stated."""
+        if not self.ideal:
+            return self.flawed()
+        absent = {key: value for key, value in self.perfect.items() if key not in self.model_fields_set}
+        return self.model_copy(update=absent).flawed()

@@ -1,0 +1,103 @@
+"""Microphone in a room: the sound of a vibrating surface, late, with its echoes, over the noise of the laboratory."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar, Literal, Self
+
+from pydantic import model_validator
+
+from rig.quantities import Hertz, PositiveMetre, PositiveMetrePerSecond
+from rig.sensors.chain import filters
+from rig.sensors.chain.front_end import FrontEnd, deviation
+from rig.sensors.chain.instrument import Instrument
+from rig.sensors.chain.units import (
+    Paths,
+    Pressure,
+    PressureDensity,
+    PressureOffset,
+    PressurePerSpeed,
+    PressureSpan,
+    Quality,
+    Share,
+)
+
+
+class Microphone(Instrument):
+    """Sound pressure [Pa] at `distance` from a surface whose velocity is read.
+
+    radiation   11 Pa per m/s at that distance: 2 Pa at the pad speed of a squealing brake [calibrated to figure 29]
+    distance    0.5 m, 1.46 ms at a sound_speed of 343 m/s [paper: Kroeger, Neubauer, Popp (2008), section 4d]
+    echoes      paths of 1.4, 2.6 and 4.1 m, each weaker by path and by `reflection` = 0.5; to the nearest sample
+                [calibrated]
+    resonance   23 kHz, quality 0.7; highpass 4 Hz [public: 1/2 inch, 6.3 Hz to 20 kHz within 2 dB]
+    noise       7.8e-7 Pa/sqrt(Hz): 15 dB(A) [calibrated, from memory]
+    background  0.03 Pa rms from 0 to half the sample rate: the motor [calibrated: 0.02 to 0.05 Pa in figure 29]
+    span        +-400 Pa, 146 dB [calibrated, from memory]
+    resolution  4.8e-5 Pa: 24 bit over the span [calibrated]
+    """
+
+    delivers: ClassVar[str] = "Pa"
+    accepts: ClassVar[str] = "m/s"
+    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
+        "distance": 0.0,
+        "paths": (),
+        "resonance": math.inf,
+        "highpass": 0.0,
+        "span": math.inf,
+        "resolution": 0.0,
+        "noise": 0.0,
+        "background": 0.0,
+    }
+    part_of: ClassVar[dict[str, str]] = {
+        "sound_speed": "distance",
+        "paths": "distance",
+        "reflection": "paths",
+        "quality": "resonance",
+    }
+
+    kind: Literal["microphone"] = "microphone"
+    reads: str = "velocity"
+    radiation: PressurePerSpeed = 11.0
+    distance: PositiveMetre = 0.5
+    sound_speed: PositiveMetrePerSecond = 343.0
+    paths: Paths = (1.4, 2.6, 4.1)
+    reflection: Share = 0.5
+    resonance: Hertz = 23e3
+    quality: Quality = 0.7
+    highpass: Hertz = 4.0
+    noise: PressureDensity = 7.8e-7
+    background: Pressure = 0.03
+    offset: PressureOffset = 0.0
+    span: PressureSpan = 400.0
+    resolution: Pressure = 4.8e-5
+
+    @model_validator(mode="after")
+    def _longer(self) -> Self:
+        short = [f"{path:g} m" for path in self.paths if path <= self.distance]
+        if short:
+            raise ValueError(f"paths: {', '.join(short)} no longer than the direct way of {self.distance:g} m")
+        return self
+
+    @property
+    def sensitivity(self) -> float:
+        """Pressure per velocity."""
+        return float(self.radiation)
+
+    def flawed(self) -> FrontEnd:
+        """Diaphragm and vent, after the way through the air; each echo the same again, later and weaker."""
+        return FrontEnd(
+            self.instants,
+            self.delay + round(1e9 * self.distance / self.sound_speed),
+            *filters.resonance(self.resonance, self.quality, self.highpass),
+            gain=self.gain,
+            offset=self.offset,
+            echoes=tuple(
+                (self.reflection * self.distance / path, (path - self.distance) / self.sound_speed)
+                for path in self.paths
+            ),
+            noise=math.hypot(deviation(self.noise, self.rate), self.background),
+            low=-self.span,
+            high=self.span,
+            resolution=self.resolution,
+        )

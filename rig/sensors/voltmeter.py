@@ -1,0 +1,53 @@
+"""Voltmeter: the voltage of a piezo stack through a divider and an amplifier."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, ClassVar, Literal
+
+from rig.quantities import Hertz, PositiveVolt, Volt
+from rig.sensors.chain import filters
+from rig.sensors.chain.front_end import FrontEnd, deviation
+from rig.sensors.chain.instrument import Instrument
+from rig.sensors.chain.units import Voltage, VoltageDensity
+
+
+class Voltmeter(Instrument):
+    """Voltage of the electrodes [V]; its divider of 100 Mohm is none beside the leak of a stack.
+
+    bandwidth   100 kHz, second order, Butterworth [calibrated]
+    span        +-100 V: a divider 10 to 1 in front of +-10 V [calibrated]
+    noise       1e-6 V/sqrt(Hz) before the divider [calibrated]
+    resolution  3.1 mV: 16 bit over the span [calibrated]
+    """
+
+    delivers: ClassVar[str] = "V"
+    accepts: ClassVar[str] = "V"
+    perfect: ClassVar[dict[str, Any]] = Instrument.perfect | {
+        "bandwidth": math.inf,
+        "span": math.inf,
+        "resolution": 0.0,
+        "noise": 0.0,
+    }
+
+    kind: Literal["voltmeter"] = "voltmeter"
+    reads: str = "stack_voltage"
+    bandwidth: Hertz = 100e3
+    span: PositiveVolt = 100.0
+    resolution: Voltage = 3.1e-3
+    noise: VoltageDensity = 1e-6
+    offset: Volt = 0.0
+
+    def flawed(self) -> FrontEnd:
+        """Second-order low-pass."""
+        return FrontEnd(
+            self.instants,
+            self.delay,
+            *filters.second_order(self.bandwidth, math.sqrt(0.5)),
+            gain=self.gain,
+            offset=self.offset,
+            noise=deviation(self.noise, self.rate),
+            low=-self.span,
+            high=self.span,
+            resolution=self.resolution,
+        )

@@ -1,0 +1,151 @@
+"""Carrying a state through ticks: the compiled loop that hands it from method to method."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rig.kernel import inlined, inner, kernel
+from rig.solve import film_steps
+from rig.solve.column_blocks import multiply
+from rig.solve.contact_state import CHATTER, DONE, LOST, OVERFULL, READY, SETTLE, digit, of_sector, settle
+from rig.solve.forces import inputs
+from rig.solve.records import BEYOND, EVENTS, KEY, PAST, PENDING, PLACE, REACHED, REPEAT, TICK
+from rig.solve.rows import dot
+from rig.solve.segment_output import crowded
+from rig.solve.specialised import any_shape, call
+from rig.solve.state_codes import G_NEXT
+
+TALLIED = 256
+_FLUSH = 1e-150
+
+
+@kernel
+def advance(tables, loan, begin, origin, ticks):
+    """Carry the state from row `origin` of the log up to row `ticks`; returns a status.
+
+    `tables`, `loan`: Tables and Carried, lent. To be called again, no longer with `begin`, when that asks for a mode
+    set or for more room for segments.
+    """
+    state = loan.state
+    if begin:
+        start(tables, loan.work, state, loan.segments, origin)
+    shape = any_shape(state.x.shape[0])
+    return call(loan.plan.carry, shape, tables, loan.work, state, loan.log, loan.segments, loan.plan, ticks)
+
+
+@inner
+def start(t, w, state, seg, origin):
+    """Begin a block at row `origin` of the log: no event and no segment was yet.
+
+    Modes are settled first, unless the state is the one that the block before has ended with.
+    """
+    for g in range(t.swing.shape[0]):
+        for i in range(2):
+            w.swung[g, i] = state.x[t.swing[g, i]]
+    state.ic[REACHED] = state.ic[TICK] = origin
+    state.ic[EVENTS] = 0
+    same = state.ic[PENDING] == READY
+    for i in range(state.x.shape[0]):
+        same = same and state.x[i] == w.ended[i]
+        w.size[i] = max(w.size[i], abs(state.x[i]))
+    if not same:
+        state.ic[PENDING] = max(state.ic[PENDING], SETTLE)
+    seg.count[0] = 0
+
+
+@inner
+def carry(shape, t, w, state, log, seg, plan, ticks):
+    """Part: one block, begun, up to row `ticks`; the rest as in `advance`."""
+    ic, fc, x = state.ic, state.fc, state.x
+    while True:
+        if ic[PENDING] != READY:
+            status = settle(t, w, state)
+            if status != DONE:
+                return status
+        if ic[TICK] >= ticks:
+            break
+        mode_set = t.mode_set_of[ic[KEY]]
+        if plan.emitting and crowded(t, mode_set, seg, ticks - ic[TICK]):
+            return OVERFULL
+        before, first = ic[KEY], ic[TICK]
+        if plan.fixed or t.curved[mode_set]:
+            guard = call(plan.stretch, shape, t, w, state, log, seg, plan, ticks)
+            fc[PLACE] = min(fc[PLACE], 1.0 - 1.2e-16)
+            if guard == -2:
+                return LOST
+        else:
+            guard = call(plan.linear, shape, t, w, state, log, seg, plan, ticks)
+        state.tally[min(mode_set, TALLIED - 1)] += ic[TICK] - first
+        if guard >= 0:
+            if t.change.shape[0] and t.kind[mode_set, guard] >= G_NEXT:
+                state.edges[0] += gained(t, t.owner[mode_set, guard], before, ic[KEY], x)
+            e = ic[EVENTS]
+            if e >= log.event.shape[0]:
+                return CHATTER
+            same = e > 0 and log.event[e - 1, 0] == ic[TICK] and abs(log.place[e - 1] - fc[PLACE]) < 1e-12
+            ic[REPEAT] = ic[REPEAT] + 1 if same else 0
+            log.event[e, 0], log.event[e, 1] = ic[TICK], t.kind[mode_set, guard]
+            log.event[e, 2], log.event[e, 3] = t.owner[mode_set, guard], before
+            log.place[e] = fc[PLACE]
+            ic[EVENTS] = e + 1
+    ic[PAST] += ic[EVENTS]
+    for i in range(x.shape[0]):
+        if abs(x[i]) < _FLUSH:
+            x[i] = 0.0
+        if not (abs(x[i]) <= plan.limit):
+            return LOST
+        w.ended[i] = x[i]
+    ic[BEYOND] = beyond(t, t.mode_set_of[ic[KEY]], x, w, state.watched, state.bound)
+    ic[REACHED] = ticks
+    return DONE
+
+
+@inlined
+def gained(t, sector, before, after, x):
+    """What the stiffness stores more at x when the mode set `after` follows on `before` at an edge of a sector."""
+    base, places = of_sector(t, sector), t.sectors[sector]
+    old, new = t.change[sector, digit(before, base, places)], t.change[sector, digit(after, base, places)]
+    s = 0.0
+    for i in range(old.shape[0]):
+        for j in range(old.shape[0]):
+            s += 0.5 * x[i] * (new[i, j] - old[i, j]) * x[j]
+    return s
+
+
+@inlined
+def beyond(t, mode_set, x, w, watched, bound):
+    """The first watched output whose size is beyond its bound; -1 if none is."""
+    if watched.shape[0]:
+        asked = False
+        for i in range(watched.shape[0]):
+            asked = asked or t.asks[mode_set, watched[i]] != 0
+        if asked:
+            inputs(t, mode_set, x, w.T, w.scratch)
+        for i in range(watched.shape[0]):
+            value = dot(t.signals[mode_set, watched[i]], x)
+            if t.asks[mode_set, watched[i]]:
+                value += dot(t.signals_t[mode_set, watched[i]], w.T)
+            if not abs(value) <= bound[i]:
+                return watched[i]
+    return -1
+
+
+@kernel
+def evaluate(tables, loan, states, mode_sets, values):
+    """values[i, output] = every output of the rig at states[i] in mode set mode sets[i]."""
+    t, w = tables, loan.work
+    for i in range(states.shape[0]):
+        s, x = np.int32(mode_sets[i]), states[i]  # as mode sets are elsewhere
+        if t.film.begins.shape[0]:
+            film_steps.read(t.film, x, values[i])
+            continue
+        asked = False
+        for k in range(values.shape[1]):
+            asked = asked or t.asks[s, k] != 0
+        if asked:
+            inputs(t, s, x, w.T, w.scratch)
+        if loan.plan.wide:
+            multiply(t.wide.output[s], x, 0, t.wide.output.shape[1], t.wide.product)
+        for k in range(values.shape[1]):
+            value = t.wide.product[k] if loan.plan.wide else dot(t.signals[s, k], x)
+            values[i, k] = value + dot(t.signals_t[s, k], w.T) if t.asks[s, k] else value

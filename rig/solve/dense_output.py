@@ -1,0 +1,191 @@
+"""The quartic through a step of dopri5, and the first fall of a guard along it.
+
+A guard that is a row over the state is a quartic too. One that needs the inputs is fitted by one; what the fit tells is
+held against the guard itself, before and after it is believed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rig.kernel import inlined, inner
+from rig.solve.forces import refill
+from rig.solve.roots import NONE, first_fall
+from rig.solve.rows import dot, rounding
+from rig.solve.segment_output import quartic
+from rig.solve.specialised import any_shape, states
+
+_EARLY = 0.5  # share of a step
+_PROBE = 0.9  # of a step, where a quartic through its quarters is off by most
+_OFF = 4.0  # times what it is off there: more than anywhere
+_FAINT = 0.03  # of the bound on the rounding of a guard: its own
+
+
+@inlined
+def dense(shape, k, x, y, h, d):
+    """Coefficients d[0..4] of the quartic through the step, in powers of theta."""
+    n = states(shape)
+    for i in range(n):
+        difference = y[i] - x[i]
+        bulge = h * k[0, i] - difference
+        r3 = difference - h * k[6, i] - bulge
+        r4 = h * (
+            k[0, i] * (-12715105075.0 / 11282082432.0)
+            + k[2, i] * (87487479700.0 / 32700410799.0)
+            - k[3, i] * (10690763975.0 / 1880347072.0)
+            + k[4, i] * (701980252875.0 / 199316789632.0)
+            - k[5, i] * (1453857185.0 / 822651844.0)
+            + k[6, i] * (69997945.0 / 29380423.0)
+        )
+        # x + th (difference + (1 - th)(bulge + th (r3 + (1 - th) r4)))
+        d[0, i] = x[i]
+        d[1, i] = difference + bulge
+        d[2, i] = -bulge + r3 + r4
+        d[3, i] = -r3 - 2.0 * r4
+        d[4, i] = r4
+
+
+@inlined
+def at(shape, d, theta, x):
+    """X = dense output at theta."""
+    for i in range(states(shape)):
+        x[i] = d[0, i] + theta * (d[1, i] + theta * (d[2, i] + theta * (d[3, i] + theta * d[4, i])))
+
+
+@inner
+def actual(t, mode_set, w, f, g, theta):
+    """Guard g, which needs the inputs, at the state that the dense output has at theta."""
+    at(any_shape(w.y2.shape[0]), w.derivatives, theta, w.y2)
+    refill(f, w.y2)
+    return dot(t.G[mode_set, g], w.y2) + dot(t.GT[mode_set, g], w.T)
+
+
+@inlined
+def located(t, mode_set, w, f, g, theta, noise):
+    """Where guard g, whose fit falls at `theta`, has itself fallen by no more than `noise`; NONE if it does not fall.
+
+    The state that is handed on has to say the same as the event: a contact let go by the error of the fit alone would
+    not move off, but stick again at once.
+    """
+    low, high = theta, theta
+    above = below = actual(t, mode_set, w, f, g, theta)
+    if above > 0.0:  # the fit was early: the guard falls before its next place, where both agree
+        if theta >= 1.0:
+            return NONE
+        high = min(0.25 * (np.floor(4.0 * theta) + 1.0), 1.0)
+        below = actual(t, mode_set, w, f, g, high)
+        if below > 0.0:
+            return NONE
+    elif theta > 0.0:
+        low = 0.25 * (np.ceil(4.0 * theta) - 1.0)
+        above = actual(t, mode_set, w, f, g, low)
+    kept = 0  # the end that stayed at the last secant; the value of one that stays twice is halved (Illinois)
+    while above > 0.0 and below < -noise:
+        u = low + (high - low) * above / (above - below)
+        if not low < u < high:
+            u = 0.5 * (low + high)
+            if not low < u < high:
+                break
+        value = actual(t, mode_set, w, f, g, u)
+        if value > 0.0:
+            low, above = u, value
+            if kept == 1:
+                below *= 0.5
+            kept = 1
+        else:
+            high, below = u, value
+            if kept == -1:
+                above *= 0.5
+            kept = -1
+    return high
+
+
+@inlined
+def sampled(t, mode_set, w, f):
+    """w.fits[g] = guard g, if it needs the inputs, at five places and at `_PROBE`; the bound on its rounding."""
+    found, fits = False, w.fits
+    for g in range(t.guards[mode_set]):
+        if t.needs[mode_set, g]:
+            found = True
+            fits[g, 6] = 0.0
+    if found:
+        for q in range(6):
+            at(any_shape(w.y2.shape[0]), w.derivatives, 0.25 * q if q < 5 else _PROBE, w.y2)
+            refill(f, w.y2)
+            for g in range(t.guards[mode_set]):
+                if t.needs[mode_set, g]:
+                    fits[g, q] = dot(t.G[mode_set, g], w.y2) + dot(t.GT[mode_set, g], w.T)
+                    fits[g, 6] = max(fits[g, 6], rounding(t.GT[mode_set, g], w.T))
+
+
+@inlined
+def fitted(t, mode_set, w, f, g, noise):
+    """First fall (theta or NONE) of guard g, which needs the inputs, and whether the step is too long to tell.
+
+    A quartic through five places, which a sixth one tells the error of: where the guard might fall within that error
+    in a quarter before the one in which it does, it has not been seen well enough.
+    """
+    fit, poly = w.fits[g], w.poly
+    poly[0], poly[1], poly[2], poly[3], poly[4] = quartic(fit[0], fit[1], fit[2], fit[3], fit[4])
+    value = poly[0] + _PROBE * (poly[1] + _PROBE * (poly[2] + _PROBE * (poly[3] + _PROBE * poly[4])))
+    off = _OFF * abs(value - fit[5])
+    if off <= noise:
+        off = 0.0
+    poly[0] -= off
+    early = theta = first_fall(poly, 4, noise, w.roots)
+    poly[0] += off
+    if early < NONE:
+        if off > 0.0:
+            theta = first_fall(poly, 4, noise, w.roots)
+        if theta < NONE:
+            theta = located(t, mode_set, w, f, g, theta, _FAINT * noise)
+    return theta, int(4.0 * early) < int(4.0 * theta)
+
+
+@inlined
+def fall(t, mode_set, w, f):
+    """First fall of any guard along the dense output in w.derivatives.
+
+    Returns theta or NONE, the guard, and whether the step is too long to tell.
+
+    So it is also where a guard begins at zero, as when a contact has just been let go, and falls early without having
+    begun to fall: the error of the step, which does not shrink towards its begin as the guard does, may be all of it.
+    """
+    first, guard, doubtful = NONE, -1, False
+    sampled(t, mode_set, w, f)
+    poly = w.poly
+    for g in range(t.guards[mode_set]):
+        noise = rounding(t.G[mode_set, g], w.size)
+        unseen = False
+        if t.needs[mode_set, g]:
+            noise = max(noise, w.fits[g, 6])
+            theta, unseen = fitted(t, mode_set, w, f, g, noise)
+        else:
+            for c in range(5):
+                poly[c] = dot(t.G[mode_set, g], w.derivatives[c])
+            theta = first_fall(poly, 4, noise, w.roots)
+        if theta < first:
+            first, guard = theta, g
+            unseen = unseen or (abs(poly[0]) <= noise and poly[1] >= -noise and theta < _EARLY)
+        doubtful = doubtful or unseen
+    return first, guard, doubtful
+
+
+@inlined
+def clear(shape, f, d, size):
+    """Whether it is plain from the coefficients that no guard falls along the dense output; else `fall` is asked."""
+    for g in range(f.G.shape[0]):
+        if f.needs[g]:
+            return False
+        begin, lowest = 0.0, 0.0
+        for c in range(5):
+            value = 0.0
+            for j in range(states(shape)):
+                value += f.G[g, j] * d[c, j]
+            if c == 0:
+                begin = lowest = value
+            else:
+                lowest += min(value, 0.0)
+        if not (lowest > 0.0 and begin > rounding(f.G[g], size)):
+            return False
+    return True

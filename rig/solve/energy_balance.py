@@ -1,0 +1,55 @@
+"""The energy balance: where the energy of structure and network comes from and where it goes, each term on its own.
+
+    stored'  = v.M a + q.K v + (x.H x / 2)' = drive - friction - damper + forces + normal - resistor - switch + edges
+    drive    = sum_p T_p V_p      supplied by the belt or disc; V_p = w_p + t_p.v
+    friction = sum_p T_p w_p      turned into heat at the contacts, never negative
+    damper   = v.D v
+    forces   = v.(F x + F_t T)    supplied by external forces and products
+    normal   = sum_k N_k n_k.v    supplied through normal forces
+    resistor = sum i^2 R          heat of the network's resistors
+    edges    = q.dK q / 2         comes in with the stiffness of the next sector, at once
+    switch                        what the network stores less after a switch was thrown: a current interrupted
+
+Every power is a quadratic form x.Q x of the mode set; its integral over a cell is x.W x with W from the same ladder as
+the propagator, W(2h) = W(h) + Phi(h)^T W(h) Phi(h). No term is the difference of the others, so that their sum is a
+check. For laws over speed the forms hold the part that is linear in x; the rest is summed on the dense output.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.kernel import inner
+
+Array = NDArray[np.float64]
+NAMES = ("drive", "friction", "damper", "forces", "normal", "resistor", "switch")
+SIGNS = np.array([1.0, -1.0, -1.0, 1.0, 1.0, -1.0, -1.0])
+TERMS = len(NAMES)
+RESISTOR, SWITCH = TERMS - 2, TERMS - 1
+NODES, WEIGHTS = (0.5 * (a + o) for a, o in zip(np.polynomial.legendre.leggauss(8), (1.0, 0.0)))
+
+
+@inner
+def held(H, x):
+    """Energy stored in the network, from twice its form."""
+    s = 0.0
+    for i in range(x.shape[0]):
+        for j in range(x.shape[0]):
+            s += x[i] * H[i, j] * x[j]
+    return 0.5 * s
+
+
+@inner
+def add_energy(W, active, x, energy):
+    """energy[term] += x.W[term] x for the terms that are active."""
+    n = x.shape[0]
+    for term in range(energy.shape[0]):
+        if active[term]:
+            s = 0.0
+            for i in range(n):
+                r = 0.0
+                for j in range(n):
+                    r += W[term, i, j] * x[j]
+                s += x[i] * r
+            energy[term] += s

@@ -1,0 +1,348 @@
+"""Steps of the method kick where the contacts are a film under a slider that travels (rig.model.film).
+
+    v += h/2 M^-1 F;   (q, v) <- exact flow of the structure, s <- s + travel;   F of the film there;   v += h/2 M^-1 F
+
+Between two kicks each coordinate moves on its own: a damped turn of its place and velocity. What the points press with
+rests on where they are, and their friction on how far they were carried since the step before, so that the composition
+is of second order (compare rig.solve.kick). Its largest error is that of the stiff film under the light slider. The
+film is therefore looked at h^2/12 further along the acceleration that its pressure gives the slider, which takes that
+error out of the potential of the two (Takahashi and Imada) and costs no product with the rows. The compression speed of
+a damped film is taken from the last three places, for the velocity at the end of a step is not known before its kick. A
+force that is held over the step instead feeds the vibration at any step.
+
+Energy: the friction of a step is the mean of its ends, so that what a point is given by the drive, f times the travel,
+is exactly what it loses in sliding, what its shear stores and what the structure gets. What does not close is what the
+kicks do beside the work of the springs, by the square of the step.
+
+What a step costs is the interpolation of the rows with the product that says where the points are, and the product that
+says what they push (rig.solve.column_blocks).
+"""
+
+from __future__ import annotations
+
+import math
+
+from rig.kernel import inlined, inner
+from rig.solve.column_blocks import across, blend
+from rig.solve.film_records import (
+    DAMPED,
+    DAMPING,
+    DIRECTIONS,
+    FIRST,
+    FRICTIONAL,
+    GROUP,
+    LONGEST,
+    PITCH,
+    POINTS,
+    SHEAR,
+    SLID,
+    STIFFNESS,
+    TRAVEL,
+)
+from rig.solve.film_sums import CENTRE_X, CENTRE_Y, COUNTED, FRACTION, FRICTION, NORMAL, OPENINGS, SUMS
+from rig.solve.records import PLACE, REACHED, TICK
+from rig.solve.segment_output import crowded
+
+_EDGE = 1e-11
+"""What rounding may leave of a slider that has come to the edge [m]."""
+
+
+@inner
+def _climb(side, low):
+    """Put the rise from one place to the next into side.rise."""
+    here, there = side.rows[low], side.rows[low + 1]
+    for j in range(here.shape[0]):
+        for lane in range(here.shape[1]):
+            side.rise[j, lane] = there[j, lane] - here[j, lane]
+
+
+@inlined
+def _felt(side, x, base, share):
+    """What the coordinates of one side do at the points, in side.felt."""
+    which, values = side.which, side.values
+    for j in range(which.shape[0]):
+        values[j] = x[which[j]]
+    blend(base, side.rise, share, values, side.now, side.felt)
+
+
+@inlined
+def _pushed(side, forces):
+    """forces[coordinate] of one side = what side.felt comes to."""
+    which, values = side.which, side.values
+    across(side.now, side.felt, values)
+    for j in range(which.shape[0]):
+        forces[which[j]] = values[j]
+
+
+@inlined
+def look(own, x, anew):
+    """Where the points are, in own.seen, and the rows there; false where the slider is off the structure.
+
+    Rows are those of the step before and a bit of the rise, which stay in the processor's nearest cache; `anew`: made
+    from those of the place, as at the begin of every tick, so that they know nothing of the past.
+    """
+    travel = x[own.where[TRAVEL]]
+    place = travel / own.numbers[PITCH]
+    low = min(int(max(place, 0.0)), own.alike.rows.shape[0] - 2)
+    if low != own.below[0]:
+        _climb(own.alike, low)
+        _climb(own.against, low)
+        own.below[0] = low
+        anew = True
+    share = place - low
+    part = share if anew else share - own.share[0]
+    _felt(own.alike, x, own.alike.rows[low] if anew else own.alike.now, part)
+    _felt(own.against, x, own.against.rows[low] if anew else own.against.now, part)
+    own.share[0] = share
+    pairs = own.seen.shape[1] // 2
+    for direction in range(own.seen.shape[0]):
+        side = -1.0 if direction == 2 else 1.0
+        seen, lanes = own.seen[direction], slice(direction * pairs, (direction + 1) * pairs)
+        both, other = own.alike.felt[lanes], own.against.felt[lanes]
+        for i in range(pairs):
+            seen[i] = both[i] + other[i]
+            seen[pairs + i] = side * (both[i] - other[i])
+    return travel >= -_EDGE and travel <= own.numbers[LONGEST] + _EDGE
+
+
+@inlined
+def push(own, forces):
+    """forces[coordinate] = what own.gives comes to."""
+    pairs = own.seen.shape[1] // 2
+    for direction in range(own.seen.shape[0]):
+        side = -1.0 if direction == 2 else 1.0
+        gives, lanes = own.gives[direction], slice(direction * pairs, (direction + 1) * pairs)
+        both, other = own.alike.felt[lanes], own.against.felt[lanes]
+        for i in range(pairs):
+            one, image = gives[i], side * gives[pairs + i]
+            both[i], other[i] = one + image, one - image
+    _pushed(own.alike, forces)
+    _pushed(own.against, forces)
+
+
+@inlined
+def flow(own, x, one):
+    """Kick the coordinates by half a step, carry them and the signals over a whole one without the film.
+
+    What the dampers take goes to own.damped. Returns the work of what signals push.
+    """
+    nq, m, work = own.kick.shape[0], own.moved.shape[0], 0.0
+    places, speeds, forces = x[:nq], x[nq : 2 * nq], x[one + m : one + m + nq]
+    kick, taken = own.kick, own.damped  # locals: read from the record once, not at every store
+    qq, qv, vv = own.loss[0], own.loss[1], own.loss[2]
+    by_place, by_speed, turned, slowed = own.turn[0], own.turn[1], own.turn[2], own.turn[3]
+    for p in range(own.pushed.shape[0]):
+        own.held[p] = places[own.pushed[p]]
+    before = own.before
+    for i in range(nq):  # a loop that writes one array is compiled to vectors
+        before[i] = speeds[i] + kick[i] * forces[i]
+    for i in range(nq):
+        taken[i] += qq[i] * places[i] * places[i] + qv[i] * places[i] * before[i] + vv[i] * before[i] * before[i]
+    for i in range(nq):
+        speeds[i] = before[i] + (turned[i] * places[i] + slowed[i] * before[i])
+    for i in range(nq):
+        places[i] += by_place[i] * places[i] + by_speed[i] * before[i]
+    signals, moved = x[one : one + m], own.moved
+    for j in range(m):
+        rate, s = own.signal[j], 0.0
+        for k in range(m):
+            s += rate[k] * signals[k]
+        moved[j] = s
+    for p in range(own.pushed.shape[0]):
+        i, mean, further, faster = own.pushed[p], 0.0, 0.0, 0.0
+        moves, push = own.column[p], own.push[p]
+        for j in range(m):
+            further += moves[0, j] * signals[j]
+            faster += moves[1, j] * signals[j]
+            mean += push[j] * (signals[j] + 0.5 * moved[j])
+        work += mean * (places[i] + further - own.held[p])
+        places[i] += further
+        speeds[i] += faster
+    for j in range(m):
+        signals[j] += moved[j]
+        own.begun[1, j] += moved[j]
+    return work
+
+
+@inner
+def press(own, x, travelled, h):
+    """What every point presses with and what its friction is, after a step in which the slider has travelled so far.
+
+    Returns how many have opened.
+    """
+    points, directions = own.where[POINTS], own.where[DIRECTIONS]
+    first = own.where[FIRST] + own.kick.shape[0] + len(SUMS)
+    k, shear, mu = own.numbers[STIFFNESS], own.numbers[SHEAR], own.numbers[FRICTIONAL]
+    give = 1.0 / shear
+    normal, friction = x[first : first + points], x[first + points : first + 2 * points]
+    deep, place, carried, was = own.pressed, own.seen[0], own.seen[1], own.last[1]
+    up, along, given, slid_off = own.gives[0], own.gives[1], own.lost[0], own.lost[1]
+    for i in range(points):
+        deep[i] = max(place[i], 0.0)
+    across(own.riders, deep, own.ahead)
+    for i in range(points):
+        deep[i] = place[i]
+    for r in range(own.ahead.shape[0]):
+        rider, by = own.riders[r], k * own.advance[r] * own.ahead[r]
+        for i in range(points):
+            deep[i] -= by * rider[i]
+    opened = 0
+    if own.where[DAMPED] == 0:
+        for i in range(points):
+            force = k * max(deep[i], 0.0)
+            opened += int((normal[i] > 0.0) & (force == 0.0))
+            normal[i] = force
+    else:
+        c, kept = own.numbers[DAMPING] / (2.0 * h), first + points * directions
+        compressed, older = x[kept : kept + points], x[kept + points : kept + 2 * points]
+        old, dashed = own.last[0], own.lost[2]
+        for i in range(points):
+            force, before = k * max(deep[i], 0.0), normal[i]
+            resisted = max(force + c * (3.0 * place[i] - 4.0 * old[i] + older[i]), 0.0) if deep[i] > 0.0 else 0.0
+            dashed[i] += 0.5 * (before - k * compressed[i] + resisted - force) * (place[i] - old[i])
+            opened += int((before > 0.0) & (resisted == 0.0))
+            normal[i], compressed[i], older[i] = resisted, max(deep[i], 0.0), old[i]
+    for i in range(points):
+        up[i] = -normal[i]
+    if directions == 2:
+        for i in range(points):
+            most = mu * normal[i]
+            along[i] = min(max(friction[i] + shear * (travelled - (carried[i] - was[i])), -most), most)
+        for i in range(points):
+            given[i] += 0.5 * (friction[i] + along[i]) * travelled
+        for i in range(points):
+            slid = travelled - (carried[i] - was[i]) - give * (along[i] - friction[i])
+            slid_off[i] += 0.5 * (friction[i] + along[i]) * slid
+        for i in range(points):
+            friction[i] = along[i]
+    else:
+        lateral = x[first + 2 * points : first + 3 * points]
+        aside, was_aside, across_it = own.seen[2], own.last[2], own.gives[2]
+        for i in range(points):
+            most, slid, f = mu * normal[i], travelled - (carried[i] - was[i]), friction[i]
+            slid_aside, g = was_aside[i] - aside[i], lateral[i]
+            new, new_aside = f + shear * slid, g + shear * slid_aside
+            size = math.sqrt(new * new + new_aside * new_aside)
+            part = most / size if size > most else 1.0
+            new, new_aside = part * new, part * new_aside
+            given[i] += 0.5 * (f + new) * travelled
+            slid_off[i] += 0.5 * (f + new) * (slid - give * (new - f))
+            slid_off[i] += 0.5 * (g + new_aside) * (slid_aside - give * (new_aside - g))
+            friction[i], lateral[i], along[i], across_it[i] = new, new_aside, new, new_aside
+    return opened
+
+
+@inlined
+def total(own, x, opened):
+    """Sums over the points."""
+    first, points = own.where[FIRST] + own.kick.shape[0], own.where[POINTS]
+    normal, friction, closed, along, aside = 0.0, 0.0, 0, 0.0, 0.0
+    for i in range(points):
+        force = x[first + len(SUMS) + i]
+        normal += force
+        friction += x[first + len(SUMS) + points + i]
+        closed += int(force > 0.0)
+        along += own.places[0, i] * force
+        aside += own.places[1, i] * force
+    x[first + NORMAL], x[first + FRICTION], x[first + FRACTION] = normal, friction, closed / points
+    x[first + CENTRE_X] = along / normal if normal > 0.0 else 0.0
+    x[first + CENTRE_Y] = aside / normal if normal > 0.0 else 0.0
+    x[first + OPENINGS] += COUNTED * opened
+
+
+@inlined
+def read(own, x, values):
+    """values[output] = the first outputs at x."""
+    begins, entry, value = own.begins, own.entry, own.value
+    for s in range(values.shape[0]):
+        total = 0.0
+        for e in range(begins[s], begins[s + 1]):
+            total += value[e] * x[entry[e]]
+        values[s] = total
+
+
+@inlined
+def emit(own, values, steps, start, length, seg):
+    """One segment over so many steps: the polynomial through what was read at their ends."""
+    at, fit = seg.count[0], own.fits[steps - 1]
+    seg.count[0] = at + 1
+    for s in range(values.shape[1]):
+        coef = seg.coef[at, s]
+        for k in range(coef.shape[0]):
+            c = 0.0
+            if k <= steps:
+                for j in range(steps + 1):
+                    c += fit[k, j] * values[j, s]
+            coef[k] = c
+    seg.start[at], seg.length[at] = start, length
+
+
+@inlined
+def add_energy(own, energy):
+    """Add what dampers have taken, what points have been given and have lost in this stretch."""
+    for i in range(own.damped.shape[0]):
+        energy[2] += own.damped[i]
+        own.damped[i] = 0.0
+    for i in range(own.where[POINTS]):
+        energy[0] += own.lost[0, i]
+        energy[1] += own.lost[1, i]
+        energy[2] += own.lost[2, i]
+        for part in range(3):
+            own.lost[part, i] = 0.0
+
+
+@inner
+def stretch(shape, t, w, state, log, seg, plan, ticks):
+    """Part: carry the state until the end of the ticks asked for. Returns -1; -2 where the slider leaves the rig."""
+    own, ic, fc, x, energy = t.film, state.ic, state.fc, state.x, state.energy
+    substeps, emitting, origin = plan.substeps, plan.emitting, ic[REACHED]
+    n, nq, h = x.shape[0], own.kick.shape[0], t.step[0] / substeps
+    slid, first, one = own.where[SLID], own.where[FIRST], own.where[FIRST] - own.moved.shape[0]
+    speeds, forces, kick = x[nq : 2 * nq], x[first : first + nq], own.kick
+    values, gathered = own.values, 0
+    tick, done, opened = ic[TICK], int(fc[PLACE] * substeps + 0.5), 0
+    within = look(own, x, True)
+    if emitting:
+        read(own, x, values[0])
+    while within and tick < ticks and not (emitting and crowded(t, 0, seg, ticks - tick)):
+        if done == 0:
+            for j in range(own.moved.shape[0]):
+                own.begun[0, j], own.begun[1, j] = x[one + j], 0.0
+        travelled = x[slid]
+        energy[3] += flow(own, x, one)
+        travelled = x[slid] - travelled
+        for direction in range(own.seen.shape[0]):
+            seen, last = own.seen[direction], own.last[direction]
+            for i in range(seen.shape[0]):
+                last[i] = seen[i]
+        within = look(own, x, done == 0)
+        opened += press(own, x, travelled, h)
+        push(own, forces)
+        for i in range(nq):
+            speeds[i] += kick[i] * forces[i]
+        done += 1
+        if done == substeps:  # signals are rounded once a tick: millions of steps in one direction would add up
+            for j in range(own.moved.shape[0]):
+                x[one + j] = own.begun[0, j] + own.begun[1, j]
+        if done == substeps or (emitting and own.summed[0]):
+            total(own, x, opened)
+            opened = 0
+        if emitting:
+            gathered += 1
+            read(own, x, values[gathered])
+            if gathered == GROUP or done == substeps:
+                emit(own, values, gathered, (tick - origin) * t.step[0] + (done - gathered) * h, gathered * h, seg)
+                for s in range(values.shape[1]):
+                    values[0, s] = values[gathered, s]
+                gathered = 0
+        if done == substeps:
+            row = log.out[tick]
+            for i in range(n):
+                row[i] = x[i]
+            log.modes[tick] = 0
+            tick, done = tick + 1, 0
+    if opened:
+        total(own, x, opened)
+    add_energy(own, energy)
+    ic[TICK], fc[PLACE] = tick, done / substeps
+    return -1 if within else -2

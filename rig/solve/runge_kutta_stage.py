@@ -1,0 +1,145 @@
+"""A stage of a Runge-Kutta method, written so that the next one waits for little but the law of friction.
+
+Stages are a chain: force, derivative, state, slip speed, law, force. All between two laws is linear in the force F, so
+that the slip speed and the load can be summed without it, by the stage before, and F is added last: from one law to
+the next there is one multiplication. That is for rigs of one patch; with more, or with products, the derivative is
+asked as it is.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.kernel import fused, inlined, inner
+from rig.solve.column_blocks import multiply
+from rig.solve.exponential import factors
+from rig.solve.forces import inputs, lend, rate
+from rig.solve.friction_coefficient import STRIBECK, coefficient
+from rig.solve.records import KEY
+from rig.solve.specialised import call, local, multiplies, states
+
+Array = NDArray[np.float64]
+
+
+class Rub(NamedTuple):
+    """What the only patch rubs with. `alone`: there is no other, it has a law over speed, there are no products.
+
+    ask . x: what the law is asked at, the exponent of STRIBECK, else the slip speed; bear . x: the load. *_x [n] and
+    *_f: their rates of change with the state and with the force of the patch.
+    """
+
+    alone: bool
+    ask: Array
+    ask_x: Array
+    ask_f: float
+    bear: Array
+    bear_x: Array
+    bear_f: float
+    at: Array  # scratch [n]: where `whole` is asked for the derivative, and
+    rates: Array  # what it answers
+    t: Any  # what it is lent, as all parts are (rig.solve.specialised)
+    w: Any
+    state: Any
+    log: Any
+    seg: Any
+    plan: Any
+
+
+@inlined
+def rubbing(shape, f, t, w, state, log, seg, plan):
+    """The patch of field f; the others as parts are lent them."""
+    n = states(shape)
+    ask, bear = local(shape, w.ask), local(shape, w.bear)
+    ask_x, bear_x = local(shape, w.ask_x), local(shape, w.bear_x)
+    ask_f, bear_f = 0.0, 0.0
+    single = not multiplies(shape) and f.sigma.shape[0] == 1 and not f.coupled
+    alone = single and f.sigma[0] != 0.0 and f.code[0] != 0
+    if alone:
+        scale = -f.numbers[0, 2] if f.code[0] == STRIBECK else 1.0
+        for i in range(n):
+            ask[i], bear[i] = scale * f.pace[0, i], f.bear[0, i]
+            ask_x[i] = bear_x[i] = 0.0
+        for j in range(n):
+            ask_f += ask[j] * f.b[j, 0]
+            bear_f += bear[j] * f.b[j, 0]
+            for i in range(n):
+                ask_x[i] += ask[j] * f.A[j, i]
+                bear_x[i] += bear[j] * f.A[j, i]
+    return Rub(alone, ask, ask_x, ask_f, bear, bear_x, bear_f, w.at, w.rates, t, w, state, log, seg, plan)
+
+
+@inner
+def whole(shape, t, w, state, log, seg, plan, ticks):
+    """Part: the derivative w.rates at w.at, whatever the rig. A rig of one patch does not ask for it."""
+    mode_set = t.mode_set_of[state.ic[KEY]]
+    if plan.wide:
+        inputs(t, mode_set, w.at, w.T, w.scratch)
+        multiply(t.wide.field[mode_set], w.both, 0, t.wide.field.shape[1], t.wide.product)
+        for i in range(w.rates.shape[0]):
+            w.rates[i] = t.wide.product[i]
+    else:
+        rate(shape, lend(t, mode_set, w.T, w.scratch), True, w.at, w.rates)
+    return 0
+
+
+@inlined
+def begin(shape, rub, k):
+    """What `stage` takes as `late`, where k[0] is complete: no force, and how what is asked and the load change."""
+    asked, borne = 0.0, 0.0
+    if rub.alone:
+        for i in range(states(shape)):
+            asked += rub.ask[i] * k[0, i]
+            borne += rub.bear[i] * k[0, i]
+    return 0.0, asked, borne
+
+
+@inlined
+def complete(shape, f, rub, k, last, late):
+    """Add to derivative k[last] the force that it is without."""
+    if rub.alone:
+        for i in range(states(shape)):
+            k[last, i] += f.b[i, 0] * late[0]
+
+
+@fused
+def stage(shape, f, rub, reach, z, k, last, late):
+    """Z += reach times derivative k[last], which is completed; k[last + 1] = the derivative there, to be completed.
+
+    `late`: the force that k[last] is without, the rates without it of what the law is asked at and of the load.
+    Returns the same for k[last + 1].
+    """
+    n = states(shape)
+    force, asked, borne = 0.0, 0.0, 0.0
+    if rub.alone:
+        u, N = 0.0, 0.0
+        for i in range(n):
+            u += rub.ask[i] * z[i]
+            N += rub.bear[i] * z[i]
+        u = (u + reach * late[1]) + (reach * rub.ask_f) * late[0]
+        N = (N + reach * late[2]) + (reach * rub.bear_f) * late[0]
+        for i in range(n):
+            z[i] = (z[i] + reach * k[last, i]) + (reach * f.b[i, 0]) * late[0]
+        complete(shape, f, rub, k, last, late)
+        if f.code[0] == STRIBECK:
+            coarse, fine = factors(u)
+            force = N * f.numbers[0, 0] + ((N * f.numbers[0, 1]) * coarse) * fine
+        else:
+            force = coefficient(f.code[0], f.numbers[0], u) * N
+        for i in range(n):
+            asked += rub.ask_x[i] * z[i]
+            borne += rub.bear_x[i] * z[i]
+            s = 0.0
+            for j in range(n):
+                s += f.A[i, j] * z[j]
+            k[last + 1, i] = s
+    else:  # what is in registers is lent to nobody
+        for i in range(n):
+            z[i] += reach * k[last, i]
+            rub.at[i] = z[i]
+        call(rub.plan.whole, shape, rub.t, rub.w, rub.state, rub.log, rub.seg, rub.plan, 0)
+        for i in range(n):
+            k[last + 1, i] = rub.rates[i]
+    return force, asked, borne

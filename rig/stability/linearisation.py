@@ -1,0 +1,321 @@
+"""Small motions about steady sliding: the equilibrium of a mode set and its linearisation, from the run's own matrices.
+
+    0 = A x + b T(x),   dx' = (A + b dT/dx) dx
+    T_p = sigma mu(sigma w_p) N_p,   dT_p = sigma mu dN_p + N_p mu' dw_p,   N = load x + load_t T
+    products by the product rule (rig.solve.product_inputs)
+
+Signals that nothing settles (commands, generators) are held at their values; lags settle. Eigenvalues are those of the
+states that structure and network move: what only drives them (the exosystem) has a spectrum of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import Singular
+from rig.model import product_terms
+from rig.model.formulation import ModeSet
+from rig.model.singular import JAMS, assembled
+from rig.model.system import System
+from rig.solve.state_codes import CLOSED, SLIP_MINUS, SLIP_PLUS, STICK
+
+Array = NDArray[np.float64]
+Contact = Callable[[int, float, float], tuple[float, float, float]]
+"""(patch, slip speed w, normal force N) -> friction force T, dT/dw, dT/dN."""
+
+_ROUNDS = 60
+_WIDE = 20  # of full steps: where they lead to an equilibrium at all they need a few
+_FAR = 1e12  # times the rest of the step before: the full step leads nowhere
+_TOLERANCE = 1e-12
+_REST = 1e-9
+_LEAST = 1e-3
+_ROUNDING = 2.0**-52
+
+
+@dataclass(frozen=True)
+class Steady:
+    """Steady sliding in one mode set, and the matrix of small motions about it.
+
+    `exists`: the equilibrium was found, agrees with the modes and does not jam; if not, `x` is where the search ended.
+    `moving`: states whose eigenvalues count. Of each patch: slip `speed`, `load` and `friction` force. `T`: the inputs.
+    `inertia`: determinant of the mass matrix with friction in it, over that without; at zero and below the rig jams.
+    `balanced`: whether all forces balance at `x`.
+    """
+
+    system: System
+    modes: ModeSet
+    exists: bool
+    x: Array
+    A: Array
+    moving: NDArray[np.int64]
+    speed: Array
+    load: Array
+    friction: Array
+    T: Array
+    inertia: float
+    balanced: bool
+
+    @property
+    def slides(self) -> bool:
+        """Whether every contact slips in the direction of its mode."""
+        return bool(np.all(self.modes.sigma * self.speed > 0.0))
+
+    @property
+    def counts(self) -> bool:
+        """Whether the eigenvalues say something.
+
+        Under constant friction coefficients the matrix is the same wherever the equilibrium lies: they count also where
+        that would pull the contact open, as it does beyond a divergence. They never count where the rig jams.
+        """
+        same = not bool(self.modes.nonlinear.any()) and (self.balanced or not self.system.products)
+        return self.exists or (self.inertia > 0.0 and self.slides and same)
+
+    def eigenvalues(self) -> NDArray[np.complex128]:
+        """Of the moving states, the least stable first [1/s]."""
+        found = np.linalg.eigvals(self.A[np.ix_(self.moving, self.moving)]).astype(np.complex128)
+        return found[np.lexsort((-found.imag, -found.real))]
+
+    def eigenvectors(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
+        """Eigenvalues [i], the least stable first, and shapes [state, i] over all states."""
+        values, vectors = np.linalg.eig(self.A[np.ix_(self.moving, self.moving)])
+        order = np.lexsort((-values.imag, -values.real))
+        shapes = np.zeros((self.system.n, len(values)), dtype=np.complex128)
+        shapes[self.moving] = vectors[:, order]
+        return values[order].astype(np.complex128), shapes
+
+
+def sliding_key(system: System, x: Array | None = None) -> int:
+    """The mode set in which every contact slides the way its surface runs, closed and unclamped.
+
+    `x`: a state with the signals in force; the start by default.
+    """
+    x = system.start if x is None else x
+    held = _settled(system, x)
+    speeds = [float(p.surface @ held) for p in system.patches]
+    slip = [SLIP_MINUS if speed < 0.0 else SLIP_PLUS for speed in speeds]
+    return system.key(
+        slip,
+        [CLOSED] * len(system.normals),
+        [0] * len(system.limiters),
+        switches=[switch.at(x) for switch in system.switches],
+    )
+
+
+def _settled(system: System, x: Array) -> Array:
+    """`x` at rest, with the lags among its signals settled, limiters in their range."""
+    stick = system.key([STICK] * len(system.patches), [1] * len(system.normals), [0] * len(system.limiters))
+    A = assembled(system, stick).A
+    out = x.copy()
+    out[: system.one] = 0.0
+    free = settling(system, A, moving_states(system, A))
+    held = np.setdiff1d(np.arange(system.one, system.n), free)
+    if len(free):
+        out[free] = np.linalg.solve(A[np.ix_(free, free)], -A[np.ix_(free, held)] @ x[held])
+    for limiter in system.limiters:  # a lag behind a clamp ends where the clamp does
+        if limiter.state < system.one:
+            continue
+        value = float(limiter.row @ out)
+        rate = -float(system.signals[limiter.state - system.one, limiter.state])
+        if rate > 0.0:
+            out[limiter.state] += limiter.gain / rate * (min(max(value, limiter.low), limiter.high) - value)
+    return out
+
+
+def moving_states(system: System, A: Array) -> NDArray[np.int64]:
+    """Structure, network, and every signal that these drive."""
+    moving = np.zeros(system.n, dtype=bool)
+    moving[: system.one] = True
+    for _ in range(system.n):
+        more = moving | np.any(A[:, moving] != 0.0, axis=1)
+        if np.array_equal(more, moving):
+            break
+        moving = more
+    return np.flatnonzero(moving)
+
+
+def settling(system: System, A: Array, moving: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Signals outside of `moving` that come to rest by themselves: lags and filters, not commands or generators."""
+    rest = np.setdiff1d(np.arange(system.one, system.n), moving)
+    own = A[np.ix_(rest, rest)]
+    linked = np.eye(len(rest), dtype=bool) | (own != 0.0)
+    for _ in range(max(len(rest).bit_length(), 1)):
+        steps = linked.astype(np.float64)  # a product of booleans is slow
+        linked = steps @ steps > 0.0
+    loops = linked & linked.T
+    stable = [
+        (own[i, i] if loop.sum() == 1 else np.linalg.eigvals(own[np.ix_(loop, loop)]).real.max()) < 0.0
+        for i, loop in enumerate(loops)  # the loop that the signal is in
+    ]
+    return np.asarray(rest[np.array(stable, dtype=bool)], dtype=np.int64)
+
+
+def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
+    """Steady sliding in mode set `key`, by Newton's method from the unloaded structure at rest.
+
+    In a stuck mode set only the matrix counts. `contact`: the friction force of patches with a law over speed, where
+    it is not the law's own (an average over a fast vibration). Raises rig.errors.Singular.
+    """
+    modes = assembled(system, key)
+    moving = moving_states(system, modes.A)
+    free = np.union1d(moving, settling(system, modes.A, moving))
+    stuck = STICK in system.modes(key)[0]
+    law = contact if contact is not None else own_law(system, modes)
+    found = _newton(system, modes, law, free, 0 if stuck else _WIDE, False)
+    if not (stuck or (found.balanced and _agrees(system, modes, found))):  # another way may lead to another place
+        other = _newton(system, modes, law, free, _ROUNDS, True)
+        if not found.balanced or (other.balanced and _agrees(system, modes, other)):
+            found = other
+    x, A, T, load, balanced = found
+    speed = system.slip_rows @ x
+    friction = modes.friction @ x + modes.friction_t @ T
+    inertia = _inertia(system, modes, speed, load, law)
+    exists = not stuck and balanced and _agrees(system, modes, found) and inertia > 0.0
+    return Steady(system, modes, exists, x, A, moving, speed, load, friction, T, inertia, balanced)
+
+
+class _Found(NamedTuple):
+    """Where the search has ended: x, the matrix, inputs and normal forces there, and whether all forces balance."""
+
+    x: Array
+    A: Array
+    T: Array
+    load: Array
+    balanced: bool
+
+
+def _agrees(system: System, modes: ModeSet, at: _Found) -> bool:
+    """Whether every contact slips the way of its mode, and presses."""
+    slips = np.all(modes.sigma * (system.slip_rows @ at.x) > 0.0)
+    return bool(slips) and bool(np.all(at.load[modes.sigma != 0.0] > 0.0))
+
+
+def _newton(
+    system: System, modes: ModeSet, law: Contact, free: NDArray[np.int64], rounds: int, falling: bool
+) -> _Found:
+    """Where the rates of the states `free` vanish.
+
+    Full steps need two rounds in most cases, and find equilibria on the way to which the residual grows first.
+    `falling`: steps are halved until it falls, for near a speed at which the structure gives way full steps lead
+    astray.
+    """
+    nq = len(system.coordinates)
+    rows, columns = free[free >= nq], free[(free < nq) | (free >= 2 * nq)]  # q' = v is solved by v = 0
+    x = system.start.copy()
+    x[: system.one] = 0.0
+    A, T, load = linearised(system, modes, x, law)
+    residual, scale = _rest(system, modes, free, x, T)
+    for _ in range(rounds):
+        if residual <= _TOLERANCE * scale:
+            break
+        step = np.linalg.lstsq(A[np.ix_(rows, columns)], (modes.A @ x + modes.b @ T)[rows], rcond=1e-14)[0]
+        before, share = residual, 1.0
+        while share > (_LEAST if falling else 0.5):
+            y = x.copy()
+            y[columns] -= share * step
+            found = linearised(system, modes, y, law)
+            residual, scale = _rest(system, modes, free, y, found[1])
+            if residual < before:
+                break
+            share *= 0.5
+        if not residual < (before if falling else _FAR * before):
+            residual = before
+            break
+        x, (A, T, load) = y, found
+    x[columns[np.abs(x[columns]) <= _ROUNDING * np.linalg.norm(x[columns])]] = 0.0  # lstsq tells them no further apart
+    return _Found(x, A, T, load, residual <= _REST * scale)
+
+
+def _inertia(system: System, modes: ModeSet, speed: Array, load: Array, contact: Contact) -> float:
+    """det(M with friction)/det(M): what constant coefficients leave of it, and those over speed."""
+    P, by_force = len(system.patches), loads(system, modes)[1][:, : len(system.patches)]
+    if not np.any(by_force):
+        return modes.jam
+    by_load = np.array(
+        [contact(p, float(speed[p]), float(load[p]))[2] if modes.nonlinear[p] else 0.0 for p in range(P)]
+    )
+    return modes.jam * float(np.linalg.det(np.eye(P) - by_load[:, None] * by_force))
+
+
+def _rest(system: System, modes: ModeSet, free: NDArray[np.int64], x: Array, T: Array) -> tuple[float, float]:
+    """Largest rate of the states `free` at x, and the largest sum of the sizes of its terms.
+
+    Preloads are among the terms, each by itself: in the matrix they have met the contact forces that they balance.
+    """
+    rate = modes.A @ x + modes.b @ T
+    terms = np.abs(modes.A) @ np.abs(x) + np.abs(modes.b) @ np.abs(T)
+    nq = len(system.coordinates)
+    if nq:
+        terms[nq : 2 * nq] += np.abs(np.linalg.inv(system.mass)) @ np.abs(system.force) @ np.abs(x)
+    return float(np.abs(rate[free]).max(initial=0.0)), float(terms[free].max(initial=0.0)) or 1.0
+
+
+def own_law(system: System, modes: ModeSet) -> Contact:
+    """The friction of a patch in slip by its own law, continued to rest where w has the other sign."""
+    sectors = system.modes(modes.key)[3]
+    laws = [system.law(p, sectors) for p in range(len(system.patches))]
+
+    def contact(p: int, w: float, N: float) -> tuple[float, float, float]:
+        sigma, law = float(modes.sigma[p]), laws[p]
+        v = max(sigma * w, 0.0)
+        mu = law.mu(v)
+        return sigma * mu * N, law.slope(v) * N, sigma * mu
+
+    return contact
+
+
+def linearised(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[Array, Array, Array]:
+    """Matrix of small motions at x, inputs T and normal forces [patch] there."""
+    T, dT = inputs(system, modes, x, contact)
+    load, load_t = loads(system, modes)
+    return modes.A + modes.b @ dT, T, load @ x + load_t @ T
+
+
+def loads(system: System, modes: ModeSet) -> tuple[Array, Array]:
+    """Rows of the closed normal forces of each patch: over x [patch, n] and over the inputs [patch, inputs]."""
+    P, closed = len(system.patches), system.modes(modes.key)[1]
+    load, load_t = np.zeros((P, system.n)), np.zeros((P, system.inputs))
+    for k, normal in enumerate(system.normals):
+        if closed[k] == CLOSED:
+            load[normal.patch] += modes.normal[k]
+            load_t[normal.patch] += modes.normal_t[k]
+    return load, load_t
+
+
+def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[Array, Array]:
+    """The inputs T at x and their slopes over x [input, n]: what rig.solve.forces does, with the chain rule."""
+    P, n = len(system.patches), system.n
+    T, dT = np.zeros(system.inputs), np.zeros((system.inputs, n))
+    closed = np.array([mode == CLOSED for mode in system.modes(modes.key)[1]], dtype=bool).reshape(-1, 1)
+
+    def multiply(level: int) -> None:
+        pressed = closed[:, 0] * (modes.normal @ x + modes.normal_t @ T), closed * (modes.normal + modes.normal_t @ dT)
+        rubbed = modes.friction @ x + modes.friction_t @ T, modes.friction + modes.friction_t @ dT
+        values, slopes = product_terms.tangent(system.products, level, x, (pressed, rubbed))
+        T[P:] += values
+        dT[P:] += slopes
+
+    multiply(0)
+    multiply(1)
+    load, load_t = loads(system, modes)
+    slipping = np.flatnonzero(modes.nonlinear)
+    w = system.slip_rows @ x
+    by_speed, by_load = np.zeros(P), np.zeros(P)
+    for _ in range(_ROUNDS if np.any(load_t[:, :P]) else 1):  # N depends on T where the inertia of an absorber bears it
+        N = load @ x + load_t @ T
+        before = T.copy()
+        for p in slipping:
+            T[p], by_speed[p], by_load[p] = contact(int(p), float(w[p]), float(N[p]))
+        if np.allclose(T, before, rtol=1e-14, atol=0.0):
+            break
+    change = by_speed[:, None] * system.slip_rows + by_load[:, None] * (load + load_t[:, P:] @ dT[P:])
+    try:
+        dT[:P] = np.linalg.solve(np.eye(P) - by_load[:, None] * load_t[:, :P], change) if P else change
+    except np.linalg.LinAlgError:
+        raise Singular(JAMS, system.describe(modes.key), jams=True) from None
+    multiply(2)
+    return T, dT

@@ -1,0 +1,376 @@
+"""What the matrices say before a run starts: growth in every mode set, jamming, steps that a method cannot take.
+
+Friction rigs are built to be unstable: a sliding equilibrium that flutters into stick-slip is what one wants to see and
+is told as information. An error is what no part of the rig would ever stop: the run would only reach the limit of its
+state (rig.stability.growth).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import product
+
+import numpy as np
+
+from rig.errors import Singular
+from rig.model import film
+from rig.model.build_checks import Finding
+from rig.model.friction_law import Law
+from rig.model.singular import assembled, bearing_mass
+from rig.model.system import Normal, Patch, Sector, System
+from rig.quantities import at_most
+from rig.solve.state_codes import CLOSED, LINEAR, OPEN, SLIP_MINUS, SLIP_PLUS, STICK
+from rig.stability.growth import stopped
+from rig.stability.linearisation import Steady, moving_states, steady
+
+MOST = 27
+"""Mode sets looked at one by one; of more contacts only those in which all are alike, or one is stuck."""
+RK4_LIMIT = 2.785
+"""|lambda| h on the negative real axis up to which rk4 is stable; 2.828 on the imaginary one."""
+KICK_LIMIT = 2.0
+"""|lambda| h up to which a contact that stays closed is stable under kicks."""
+FILM_LIMIT = 1.6
+"""The same for a film: beyond, points that open and close feed the vibration (1.7 % of the work at 1.87). # derived"""
+FILM_COARSE = 1.0
+"""Up to this, the film's flutter grows as fast as it should to 4 %, and opens to 1 % when it should. # derived"""
+_FINE = 1e-4  # of the width of a law: errors of slip speeds that leave its events right
+_COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4, kick's (1/2)^3/24 = 5e-3
+_STIFF = 50.0  # |lambda| step: dopri5 takes more than 15 steps for stability alone
+_ZERO = 1e-6  # of the largest eigenvalue: what a stuck contact carries along comes out as a rounded zero
+_NEUTRAL = 1e-10
+_FAST = 10.0  # times the speed of the surface: as fast as a rig is expected to slip
+_SPEEDS = 41
+_KINDS = (SLIP_PLUS, SLIP_MINUS, STICK)
+
+
+def verdict(system: System, method: str, step: float, substeps: int = 1, tolerance: float = 0.0) -> list[Finding]:
+    """Everything that can be said of `system` before it is run by `method` with sample step `step` [s]; gravest first.
+
+    `substeps`: steps of rk4 or kick in a sample step. `tolerance`: of dopri5.
+    """
+    broken = list(_matrices(system))
+    if broken:
+        return broken
+    found = list(_drivers(system))
+    for judge in system.judges:
+        found += judge(system, step)
+    sets: list[tuple[float, str, Steady]] = []
+    for key in mode_sets(system):
+        name = system.describe(key)
+        jam = list(_jamming(system, key, name))
+        found += jam
+        if any(one.level == "error" for one in jam):
+            continue
+        try:
+            at = steady(system, key)
+        except Singular as error:
+            found.append(_jammed(name, 0.0) if error.jams else _undefined(error, name))
+            continue
+        sets.append((float(np.abs(np.linalg.eigvals(at.modes.A)).max()), name, at))
+    fastest, where, _ = max(sets, key=lambda one: one[0], default=(0.0, "", None))
+    for _, name, at in sets:
+        found += _growth(at, name, fastest)
+    if system.film is not None:
+        found += _riding(system, step, substeps)
+    else:
+        found += _steps(fastest, where, method, step, substeps)
+    if method == "rk4":
+        found += _bends(system, step, substeps)
+    if method == "dopri5":
+        found += _narrow(system, tolerance)
+    return sorted(found, key=lambda one: ("error", "warning", "info").index(one.level))
+
+
+def part(step: float, most: float) -> str:
+    """The longest step up to `most` s that the sample step of `step` s is a whole number of, with its unit."""
+    whole = round(step * 1e9)
+    count = max(1, math.ceil(step / most * (1.0 - 1e-12)))
+    count = next((n for n in range(count, whole) if whole % n == 0), whole)
+    return f"{whole // count * 1e-9:.12g} s"
+
+
+def blame(system: System, method: str, step: float, substeps: int) -> str:
+    """What the steps have to do with a run by rk4 or kick that has diverged, and what would help; see `verdict`."""
+    h = step / substeps
+    if system.film is not None:
+        fastest, limit, coarse = film.fastest(system, h), FILM_LIMIT, FILM_COARSE
+    else:
+        fastest = max(float(np.abs(np.linalg.eigvals(assembled(system, key).A)).max()) for key in mode_sets(system))
+        fastest, limit = max(fastest, steepest(system)), RK4_LIMIT if method == "rk4" else KICK_LIMIT
+        coarse = _COARSE
+    size = fastest * h
+    told = f"{method} took steps of {h:g} s: |lambda| h = {size:.3g}"
+    if size <= coarse:
+        return f"{told}, which is short enough; what grows is the motion itself"
+    why = f"unstable beyond {limit}" if size > limit else f"coarse beyond {coarse}"
+    least = 0.1 / fastest if system.film is None else FILM_COARSE / fastest
+    return f"{told}, {why}. Set clock.rk4_step to {part(step, least)} or less" + (
+        ", or clock.method to dopri5" if method == "rk4" else ""
+    )
+
+
+def steepest(system: System) -> float:
+    """The fastest eigenvalue [1/s] where a law over speed is steepest, with the load at the start; 0 without one."""
+    found = 0.0
+    speeds = [0.0, *np.geomspace(1e-9, 1.0, _SPEEDS).tolist()]
+    for key in mode_sets(system):
+        modes, sectors = assembled(system, key), system.modes(key)[3]
+        for p in np.flatnonzero(modes.sigma).tolist():
+            law = system.law(p, sectors)
+            if law.constant:
+                continue
+            slope = max((law.slope(speed) for speed in speeds), key=abs)
+            load = sum(max(float(n.row @ system.start), 0.0) for n in system.normals if n.patch == p)
+            bent = modes.A + np.outer(modes.b[:, p], slope * load * system.slip_rows[p])
+            found = max(found, float(np.abs(np.linalg.eigvals(bent)).max()))
+    return found
+
+
+def mode_sets(system: System) -> Iterator[int]:
+    """The mode sets to look at: contacts closed in slip and stick, in every sector, and all open; limiters free.
+
+    Of the many positions of a switch its first two, its last and the one at the start.
+    """
+    P, K, free = len(system.patches), len(system.normals), [LINEAR] * len(system.limiters)
+    ways = [_ways(system, p) for p in range(P)]
+    few = math.prod(map(len, ways)) <= MOST
+    patches: list[tuple[int, ...]] = list(product(*ways)) if few else [(k,) * P for k in _KINDS]
+    if not few:
+        patches += [(SLIP_PLUS,) * p + (STICK,) + (SLIP_PLUS,) * (P - p - 1) for p in range(P)]
+    places = list(product(*(_places(sector) for sector in system.sectors)))
+    ends = [{0, 1, len(s.positions) - 1, s.at(system.start)} for s in system.switches]
+    for thrown in product(*(sorted(positions) for positions in ends)):
+        for modes, where in product(patches, places):
+            yield system.key(modes, [CLOSED] * K, free, where, thrown)
+        if any(k.opens for k in system.normals):
+            lifted = [OPEN if k.opens else CLOSED for k in system.normals]
+            yield system.key([SLIP_PLUS] * P, lifted, free, switches=thrown)
+
+
+def _ways(system: System, p: int) -> tuple[int, ...]:
+    """The modes of patch p: all, but where no coordinate moves along it, it slips as it is driven."""
+    nq = len(system.coordinates)
+    row = system.slip_rows[p]
+    if np.any(row[nq : 2 * nq]):
+        return _KINDS
+    return (SLIP_PLUS if row @ system.start >= 0.0 else SLIP_MINUS,)
+
+
+def _places(sector: Sector) -> Sequence[int]:
+    """The sectors to look at: all of a friction; of a structure the first and the one in the middle of the turn."""
+    return (0, len(sector.edges) // 2) if sector.changes else range(len(sector.edges))
+
+
+def _matrices(system: System) -> Iterator[Finding]:
+    names = ("mass", "damping", "stiffness", "force", "coupling", "network", "signals", "start")
+    bad = [name for name in names if not np.all(np.isfinite(getattr(system, name)))]
+    parts: list[Patch | Normal] = [*system.patches, *system.normals]
+    for part in parts:
+        if not all(np.all(np.isfinite(v)) for v in vars(part).values() if isinstance(v, np.ndarray)):
+            bad.append(part.name)
+    if bad:
+        yield Finding("error", f"not a number in {', '.join(bad)}", math.nan, "look for a division by zero upstream")
+        return
+    if not len(system.mass):
+        return
+    lowest = float(np.linalg.eigvalsh(0.5 * (system.mass + system.mass.T)).min())
+    if lowest <= 0.0:
+        yield Finding(
+            "error",
+            "the mass matrix is not positive definite: some motion has no inertia",
+            lowest,
+            "give every coordinate a mass",
+        )
+    skew = float(np.abs(system.mass - system.mass.T).max())
+    if skew > 1e-12 * float(np.abs(system.mass).max()):
+        yield Finding("error", "the mass matrix is not symmetric", skew, "write each coupling into both places")
+
+
+def _drivers(system: System) -> Iterator[Finding]:
+    """Growth among the signals that nothing of the rig drives."""
+    A = assembled(
+        system, system.key([STICK] * len(system.patches), [OPEN] * len(system.normals), [0] * len(system.limiters))
+    ).A
+    driven = set(moving_states(system, A).tolist())
+    rest = np.array([state for state in range(system.one, system.n) if state not in driven], dtype=np.intp)
+    values, vectors = np.linalg.eig(A[np.ix_(rest, rest)])
+    scale = float(np.abs(values).max())
+    for value, shape in zip(values, vectors.T):
+        if value.real > _ZERO * scale > 0.0 and value.imag >= 0.0:
+            name = system.names[rest[int(np.abs(shape).argmax())]]
+            yield Finding("error", f"the signal {name} grows by itself{_at(value)}", float(value.real), "check its row")
+
+
+def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
+    """det(Me)/det(M) with the coefficients from rest to fast sliding, whichever is worst."""
+    sectors, M, worst = system.modes(key)[3], system.mass, 1.0
+    if not len(M) or not any(np.any(k.inertia) for k in system.normals):
+        return
+    speeds = [abs(float(patch.surface @ system.start)) for patch in system.patches]
+    for share in np.linspace(0.0, _FAST, _SPEEDS).tolist():
+        mu = [float(system.law(p, sectors).mu(share * speed)) for p, speed in enumerate(speeds)]
+        Me = bearing_mass(system, key, mu.__getitem__)
+        worst = min(worst, float(np.linalg.det(Me) / np.linalg.det(M)))
+    if worst <= 0.0:
+        yield _jammed(name, worst)
+    elif worst < 0.1:
+        yield Finding(
+            "warning",
+            f"close to jamming in {name}: friction takes up {100.0 * (1.0 - worst):.0f} % of the inertia",
+            worst,
+            "lower the friction coefficient or the tilt of the absorber",
+        )
+
+
+def _jammed(name: str, jam: float) -> Finding:
+    return Finding(
+        "error",
+        f"jams in {name}: friction grows faster with the acceleration than inertia does (Painleve)",
+        jam,
+        "lower the friction coefficient or the tilt, or give the body that slides more mass",
+    )
+
+
+def _undefined(error: Singular, name: str) -> Finding:
+    remedy = "give every body a mass, and every contact a coordinate that moves along it"
+    return Finding("error", f"no motion is defined in {name}: {error.why}", 0.0, remedy)
+
+
+def _growth(at: Steady, name: str, fastest: float) -> Iterator[Finding]:
+    """The growing motions of one mode set, each with what stops it."""
+    stuck = STICK in at.system.modes(at.modes.key)[0]
+    if at.modes.nonlinear.any() and not (stuck or at.exists):
+        return  # passed through, never settled in: there is nothing to linearise about
+    values, shapes = at.eigenvectors()
+    least = (_ZERO if stuck else _NEUTRAL) * fastest
+    for value, shape in zip(values, shapes.T):
+        if value.real <= least or value.imag < 0.0:
+            continue
+        kind = "flutter" if value.imag > 0.0 else "divergence"
+        told = f"{kind} in {name}{_at(value)}"
+        level, stop, remedy = stopped(at, value, shape, least)
+        if level != "info" or stuck or at.exists:
+            yield Finding(level, f"{told}: {stop}", float(value.real), remedy)
+
+
+def _at(value: complex) -> str:
+    hertz = f" at {abs(value.imag) / (2.0 * math.pi):.4g} Hz" if value.imag else ""
+    return f", growth {value.real:+.4g} 1/s{hertz}"
+
+
+def _narrow(system: System, tolerance: float) -> Iterator[Finding]:
+    """Whether the tolerance of dopri5 resolves the slip speeds over which friction laws change.
+
+    A contact that was let go moves off along the steep part of its law. With an error that is not far below the width
+    of that part it turns back, and sticks and slips again where the motion itself goes on.
+    """
+    for p, patch in enumerate(system.patches):
+        speed = abs(float(patch.surface @ system.start))
+        widths = [_width(law) for law in system.laws(p) if not law.constant and law.sticks]
+        error = tolerance * speed
+        if widths and error > _FINE * min(widths):
+            yield Finding(
+                "warning",
+                f"tolerance {tolerance:g} is too coarse for the friction law of {patch.name}, which changes within "
+                f"{min(widths):.3g} m/s: errors of {error:.2g} m/s may count as events of stick and slip",
+                error / min(widths),
+                f"clock.tolerance of {at_most(0.5 * _FINE * min(widths) / speed, 1)} or less",
+            )
+
+
+def _width(law: Law) -> float:
+    """The slip speed [m/s] over which a law changes from its value at rest, where it is steepest."""
+    speeds = np.array([0.0, *np.geomspace(1e-9, 1.0, 10 * _SPEEDS).tolist()])
+    change = float(np.ptp(law.over(speeds)))
+    slope = max(abs(law.slope(speed)) for speed in speeds.tolist())
+    return change / slope if slope > 0.0 else math.inf
+
+
+def _bends(system: System, step: float, substeps: int) -> Iterator[Finding]:
+    """Whether rk4 can follow a law over speed where it is steepest."""
+    fastest, h = steepest(system), step / substeps
+    if fastest * h > _COARSE:
+        yield Finding(
+            "warning",
+            f"rk4 is coarse at a step of {h:g} s: |lambda| h = {fastest * h:.3g} where the friction law is steepest",
+            fastest * h,
+            f"rk4_step of {part(step, 0.1 / fastest)} or less, or method dopri5",
+        )
+
+
+def _riding(system: System, step: float, substeps: int) -> Iterator[Finding]:
+    """Whether kicks can follow the fastest motion of a film with all of its points closed and stuck."""
+    h = step / substeps
+    size = film.fastest(system, h) * h
+    if size > FILM_LIMIT:
+        yield Finding(
+            "error",
+            f"kick is unstable at a step of {h:g} s: omega h = {size:.3g} with every point closed and stuck, "
+            f"at most {FILM_LIMIT}",
+            size,
+            f"rk4_step of {part(step, _short(system, h, FILM_LIMIT))} or less",
+        )
+    elif size > FILM_COARSE:
+        yield Finding(
+            "warning",
+            f"kick is coarse at a step of {h:g} s: omega h = {size:.3g} with every point closed and stuck; flutter of "
+            "the film grows more slowly than it should",
+            size,
+            f"rk4_step of {part(step, _short(system, h, FILM_COARSE))} or less",
+        )
+
+
+def _short(system: System, h: float, most: float) -> float:
+    """A step [s] of no more than `most` radians of a film; a damped one is the stiffer, the shorter the step."""
+    while (size := film.fastest(system, h) * h) > most:
+        h *= max(0.999 * most / size, 0.1)
+    return h
+
+
+def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -> Iterator[Finding]:
+    """Whether `method` can follow the fastest eigenvalue of all mode sets, that of the mode set `name`."""
+    h = step / substeps if method in ("rk4", "kick") else step
+    size = fastest * h
+    if method == "rk4" and size > RK4_LIMIT:
+        yield Finding(
+            "error",
+            f"rk4 is unstable at a step of {h:g} s: |lambda| h = {size:.3g} in {name}, at most {RK4_LIMIT}",
+            size,
+            f"rk4_step of {part(step, 0.9 * RK4_LIMIT / fastest)} or less, or method exact or dopri5",
+        )
+    elif method == "kick" and size > KICK_LIMIT:
+        yield Finding(
+            "error",
+            f"kick is unstable at a step of {h:g} s: |lambda| h = {size:.3g} in {name}, at most {KICK_LIMIT}",
+            size,
+            f"rk4_step of {part(step, 0.9 * KICK_LIMIT / fastest)} or less",
+        )
+    elif method == "smooth":
+        yield Finding(
+            "warning",
+            "friction is smoothed: a stuck contact creeps, and static friction above kinetic is lost",
+            size,
+            "method auto; smooth is there to be compared with",
+        )
+    elif method in ("rk4", "kick") and size > _COARSE:
+        yield Finding(
+            "warning",
+            f"{method} is coarse at a step of {h:g} s: |lambda| h = {size:.3g} in {name}",
+            size,
+            f"rk4_step of {part(step, 0.1 / fastest)} or less",
+        )
+    elif method == "dopri5" and size > _STIFF:
+        yield Finding(
+            "warning",
+            f"stiff for dopri5: |lambda| step = {size:.3g} in {name}; stability, not accuracy, sets its steps",
+            size,
+            "drop what is so fast from the network at assembly (R = 0, L = 0), or use friction that exact can take",
+        )
+    elif method == "exact" and size > 1.0:
+        yield Finding(
+            "info",
+            f"the fastest motion in {name} is shorter than the step: |lambda| step = {size:.3g}; most ticks are opened",
+            size,
+            "results stay exact; a finer frame or a faster sensor is quicker",
+        )

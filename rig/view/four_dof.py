@@ -1,0 +1,85 @@
+"""The rig four_dof as a moving picture, from the side: body 2 on the belt, body 1 beside it, body 3 above it.
+
+Springs join them to each other and to the frame; the inclined one leads from body 2 up to a post. Motion across the
+belt is drawn smaller than motion along it, as in `rig.view.lumped`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.view.lumped import ACROSS, GAP, Lifting
+from rig.view.picture import Scale, round_down
+from rig.view.shapes import SPRING, STEEL, Columns, Integers, Reals, along, coloured, load, word, zigzag
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+_SIDE = np.array((-0.72, 0.0, GAP + 0.19))
+"""Where the middle of body 1 rests."""
+_TOP = np.array((0.0, 0.0, GAP + 0.8))
+"""Where the middle of body 3 rests."""
+_HALF = 0.12
+_WALL = np.array((-1.22, 0.0, _SIDE[2]))
+_CEILING = np.array((0.0, 0.0, 1.5))
+_POST = np.array((-0.62, 0.3, 0.9))
+
+
+class ThreeBodies(Lifting):
+    """Three bodies and five springs; the load presses on body 2 from beside body 3."""
+
+    eye = (0.1, -3.1, 1.5)
+    target = (-0.1, 0.0, 0.5)
+
+    def __init__(self, scale: Scale) -> None:
+        """Half of the usual magnification: bodies 1 and 2 swing towards each other."""
+        super().__init__(scale._replace(motion=round_down(0.5 * scale.motion)))
+
+    def static(self, rec: rr.RecordingStream) -> None:
+        """See `Picture.static`."""
+        import rerun as rr
+
+        super().static(rec)
+        for name, half, place in (
+            ("body_1", (_HALF, _HALF, _HALF), _SIDE),
+            ("body_3", (_HALF, _HALF, _HALF), _TOP),
+            ("ceiling", (0.35, 0.35, 0.03), _CEILING),
+            ("post", (0.03, 0.03, 0.45), _POST - (0.0, 0.0, 0.45)),
+        ):
+            box = rr.Boxes3D(half_sizes=[half], centers=[place], colors=[STEEL], fill_mode="solid")
+            rec.log(f"rig/{name}", box, static=True)
+
+    def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
+        import rerun as rr
+
+        drawn = {one.path: one for one in super()._frames(t_ns, s, modes, ran)}
+        slider = self._placed(s)["translation"] + (0.0, 0.0, 0.19)
+        side = along(0, self.scale.motion * s["body_1_displacement"])
+        top = along(2, self.scale.motion * ACROSS * s["body_3_height"])
+        count = len(t_ns)
+
+        def still(place: Reals) -> Reals:
+            return np.broadcast_to(place, (count, 3))
+
+        along_x, upright = np.array((1.0, 0.0, 0.0)), np.array((0.0, 0.0, 1.0))
+        ends = (
+            (still(_WALL), _SIDE + side - _HALF * along_x, False),
+            (_SIDE + side + _HALF * along_x, slider - 0.2 * along_x, False),
+            (slider + np.array((-0.15, 0.2, 0.1)), still(_POST), False),
+            (slider + 0.17 * upright, _TOP + top - _HALF * upright, False),
+            (_TOP + top + _HALF * upright, still(_CEILING), False),
+        )
+        springs = [zigzag(begin, end, flat) for begin, end, flat in ends]
+        strips = [strip for frame in zip(*springs) for strip in frame]
+        lines = rr.LineStrips3D.columns(strips=strips, colors=[SPRING] * len(strips), radii=[0.009] * len(strips))
+        drawn["rig/spring"] = Columns("rig/spring", t_ns, lines.partition([len(ends)] * count))
+        for name, moved in (("body_1", side), ("body_3", top)):
+            drawn[f"rig/{name}"] = Columns(f"rig/{name}", t_ns, rr.Transform3D.columns(translation=moved))
+        drawn["rig/load"] = load(
+            t_ns, slider + np.array((0.15, 0.0, 0.18)), s["normal_force"] / self.scale.force * 0.25
+        )
+        drawn["rig/word"] = word(t_ns, (0.55, 0.0, 1.2), self._said(modes, s), coloured(modes))
+        return list(drawn.values())

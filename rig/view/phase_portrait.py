@@ -1,0 +1,90 @@
+"""The phase portrait while it moves: the last seconds of velocity over displacement, stick and slip in their colours.
+
+rerun's plane has no axes with numbers, so the curve is drawn in units of a round scale that grows when needed, within
+a frame that says what its edges mean.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.view import contact
+from rig.view.shapes import Columns
+
+SHOWN_NS = 2_000_000_000
+_POINTS = 800
+_FRAME = [[(-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1)], [(-1, 0), (1, 0)], [(0, -1), (0, 1)]]
+_GREY = (110, 116, 128)
+
+
+class Portrait:
+    """Takes states as they come and draws the latest of them."""
+
+    def __init__(self, units: tuple[str, str]) -> None:
+        self._units = units
+        self._points: deque[tuple[int, float, float, int]] = deque(maxlen=_POINTS)
+        self._scale = (0.0, 0.0)
+
+    def add(self, t_ns: NDArray[np.int64], x: Any, v: Any, modes: Any) -> None:
+        """Add states; of more than there is room for, evenly chosen ones."""
+        every = max(-(-t_ns.size // _POINTS), 1)
+        for point in zip(*(a[::every].tolist() for a in (t_ns, x, v, modes))):
+            if math.isfinite(point[1]) and math.isfinite(point[2]):
+                self._points.append(point)
+
+    def draw(self) -> list[Columns]:
+        """The curve as of the last state; the frame too when its scale has changed."""
+        if not self._points:
+            return []
+        import rerun as rr
+
+        last = self._points[-1][0]
+        while self._points[0][0] < last - SHOWN_NS:
+            self._points.popleft()
+        table = np.array([(x, v) for _, x, v, _ in self._points])
+        now = np.array([last])
+        found = self._frame(now, np.abs(table).max(axis=0))
+        table = table / self._scale * (1.0, -1.0)
+        modes = np.array([mode for *_, mode in self._points])
+        cuts = [0, *(np.flatnonzero(np.diff(modes)) + 1).tolist(), len(modes)]
+        strips = [table[begin : end + 1] for begin, end in pairwise(cuts)]
+        colours = [contact.rgb(contact.COLOURS[modes[begin]]) for begin in cuts[:-1]]
+        curve = rr.LineStrips2D.columns(strips=strips, colors=colours, radii=[0.012] * len(strips)).partition(
+            [len(strips)]
+        )
+        dot = rr.Points2D.columns(positions=table[-1:], colors=colours[-1:], radii=[0.035])
+        return [*found, Columns("portrait/curve", now, curve), Columns("portrait/now", now, dot)]
+
+    def _frame(self, now: NDArray[np.int64], largest: Any) -> list[Columns]:
+        scale = tuple(max(_round_up(float(size)), had) for size, had in zip(largest, self._scale))
+        if scale == self._scale:
+            return []
+        self._scale = (scale[0], scale[1])
+        import rerun as rr
+
+        words = [_with_unit(scale[0], self._units[0]), _with_unit(scale[1], self._units[1])]
+        frame = rr.LineStrips2D.columns(strips=_FRAME, colors=[_GREY] * 3, radii=[0.004] * 3).partition([3])
+        labels = rr.Points2D.columns(
+            positions=[(1.0, 0.0), (0.0, -1.0)], labels=words, colors=[_GREY] * 2, radii=[0.0] * 2
+        ).partition([2])
+        return [Columns("portrait/frame", now, frame), Columns("portrait/edges", now, labels)]
+
+
+def _with_unit(value: float, unit: str) -> str:
+    """A length of millimetres in millimetres."""
+    return f"{1e3 * value:g} m{unit}" if unit in ("m", "rad") and value < 1.0 else f"{value:g} {unit}"
+
+
+def _round_up(value: float) -> float:
+    """To a number of one or two digits; at least a hundred-thousandth."""
+    value = max(value, 1e-5)
+    base = 10.0 ** math.floor(math.log10(value))
+    return next(
+        step * base for step in (1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 7.0, 10.0) if value <= step * base * (1.0 + 1e-9)
+    )

@@ -1,0 +1,121 @@
+"""What happened in a run, told in spans of time: phases of the protocol, marks, and when which controller worked."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from rig.model.system import System
+from rig.record.run import Run
+
+
+class Span(NamedTuple):
+    """From `begin` to `end` [s]."""
+
+    begin: float
+    end: float
+    text: str
+
+
+class Mark(NamedTuple):
+    """At `time` [s]."""
+
+    time: float
+    text: str
+
+
+def end_of(run: Run) -> float:
+    """The end of the run [s]."""
+    return float(run.time[-1]) if run.time.size else 0.0
+
+
+def phases(run: Run) -> list[Span]:
+    """The steps of the protocol that took time."""
+    steps = [(e["t_ns"] * 1e-9, _short(e["text"])) for e in run.told if e["kind"] == "step"]
+    ends = [t for t, _ in steps[1:]] + [end_of(run)]
+    return [Span(begin, end, text) for (begin, text), end in zip(steps, ends) if end > begin]
+
+
+def _short(text: str) -> str:
+    """For a small space: "ramp drive.speed to 0.3 rad/s within 2 s" becomes "drive.speed to 0.3 rad/s"."""
+    text = text.partition(" within ")[0]
+    text = text.replace("load load.force", "load").removeprefix("ramp ")
+    return "hold" if text.startswith("hold") else text
+
+
+def marks(run: Run) -> list[Mark]:
+    """What the protocol, an operator or a limit wrote down, and parameters that a controller says were changed."""
+    kinds = ("mark", "knock", "limit", "diverged", "parameter", "safe")
+    own = [e for e in run.events if e["kind"] == "parameter" and e["source"] in run.commands]
+    told = sorted([*(e for e in run.told if e["kind"] in kinds), *own], key=lambda e: int(e["t_ns"]))
+    return [Mark(e["t_ns"] * 1e-9, e["text"].partition("\n")[0]) for e in told]
+
+
+def controlled(run: Run) -> list[Span]:
+    """When each controller worked, in the order of time: connected by the protocol or by hand, and enabled."""
+    found: list[Span] = []
+    for name in sorted(run.commands):
+        found += _controlled(
+            run.told, name, _enabled_at(run.scene, name), end_of(run), bool(run.commands[name].tick.size)
+        )
+    return sorted(found)
+
+
+def _controlled(
+    events: Iterable[Mapping[str, Any]], name: str, enabled: float, end: float, commands: bool
+) -> list[Span]:
+    switches = [
+        (e["t_ns"] * 1e-9, e["kind"] == "connected")
+        for e in events
+        if e["kind"] in ("connected", "disconnected") and e["data"].get("controller") == name
+    ]
+    if not switches or not switches[0][1]:  # connected from the start
+        switches.insert(0, (0.0, commands))
+    spans = []
+    for (begin, on), (stop, _) in zip(switches, [*switches[1:], (end, False)]):
+        begin = max(begin, enabled)
+        if on and begin < stop:
+            spans.append(Span(begin, stop, name))
+    return spans
+
+
+def _enabled_at(scene: str, name: str) -> float:
+    try:
+        return float(json.loads(scene)["controllers"][name].get("enable_at", 0.0))
+    except (KeyError, ValueError, TypeError):
+        return 0.0
+
+
+def sections(run: Run) -> list[Span]:
+    """The run cut where a controller begins or ends to work: "free", or the names of those at work."""
+    spans, end = controlled(run), end_of(run)
+    cuts = sorted({0.0, end, *(t for span in spans for t in (span.begin, span.end))})
+    found = []
+    for begin, stop in pairwise(cuts):
+        at_work = [span.text for span in spans if span.begin <= begin and stop <= span.end]
+        found.append(Span(begin, stop, " + ".join(dict.fromkeys(at_work)) or "free"))
+    return found
+
+
+def circuits(run: Run, system: System | None) -> list[Span]:
+    """When a switch of the rig's network was closed, and in which position."""
+    if system is None or not system.switches or not run.mode.size:
+        return []
+    known, inverse = np.unique(run.mode, return_inverse=True)
+    told = [_closed(system, int(key)) if key >= 0 else "" for key in known]  # -1: a recording lost it
+    names = list(dict.fromkeys(told))
+    which = np.array([names.index(text) for text in told])[inverse.ravel()]
+    cuts = [0, *(np.flatnonzero(np.diff(which)) + 1).tolist(), which.size]
+    times = [float(run.time[cut]) for cut in cuts[:-1]] + [end_of(run)]
+    spans = zip(times, times[1:], (names[which[cut]] for cut in cuts[:-1]))
+    return [Span(begin, end, text) for begin, end, text in spans if text]
+
+
+def _closed(system: System, key: int) -> str:
+    """The switches that are closed in mode set `key`; their first position is open."""
+    positions = zip(system.switches, system.modes(key)[4])
+    return ", ".join(f"{switch.name} {switch.positions[where].name}" for switch, where in positions if where)

@@ -1,0 +1,258 @@
+"""RMS over a speed that rises and falls: against closed forms, and against the events of a run."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import rig as lab
+from rig.analysis.recorded import hysteresis, series, spectrum
+from rig.analysis.recorded.branches import branches
+from rig.analysis.recorded.figure import draw_hysteresis
+from rig.analysis.recorded.windows import moving_rms, slowest
+from rig.errors import UsageError
+from rig.record.run import Run, Samples
+from rig.record.save_run import save
+
+RATE = 1000
+T = np.arange(20 * RATE) / RATE
+SPEED = np.interp(T, [0.0, 1.0, 9.0, 11.0, 19.0, 20.0], [0.0, 0.0, 0.8, 0.8, 0.0, 0.0])
+UP, DOWN = 0.6, 0.2
+"""Speeds at which the made vibration ends and begins."""
+
+
+def run_of(v, speed=SPEED, unit="m/s^2", kept=slice(None), **changes):
+    """A recording of a sensor with values `v`, of which samples `kept` are there."""
+    t_ns = np.arange(v.size, dtype=np.int64) * 1_000_000
+    made = {
+        "scene": lab.load("belt").to_json(),
+        "step_ns": 1_000_000,
+        "frame_ns": 1_000_000,
+        "time": T,
+        "signals": {"surface_speed": speed, "velocity": 0.0 * T},
+        "units": {"surface_speed": "m/s", "velocity": "m/s", "meas/accelerometer": unit},
+        "measurements": {"accelerometer": Samples(t_ns[kept], v[kept])},
+    }
+    return Run(**(made | changes))
+
+
+def shaken():
+    """Whether it vibrates: as the speed rises up to UP, as it falls below DOWN."""
+    return np.where(T < 10.0, SPEED < UP, SPEED < DOWN)
+
+
+def loop(size=3.0, **how):
+    return run_of(size * shaken() * np.sin(2.0 * math.pi * 50.0 * T), **how)
+
+
+def test_rms_of_a_sine_is_its_amplitude_over_root_two():
+    found = series(run_of(3.0 * np.sin(2.0 * math.pi * 50.0 * T)), "accelerometer")
+    for asked in (0.02, 0.1, 0.16, 0.5, 2.0):  # whole periods
+        t, rms, window = moving_rms(found, asked)
+        assert window == asked
+        assert rms == pytest.approx(3.0 / math.sqrt(2.0), rel=1e-12)
+        assert t[0] == pytest.approx(0.5 * window - 0.5 / RATE)
+    assert moving_rms(found, 0.503)[2] == pytest.approx(0.503, abs=1.5 / RATE)  # a prime number of samples
+
+
+def test_a_mean_counts_nothing_however_large():
+    small = moving_rms(series(run_of(3.0 * np.sin(2.0 * math.pi * 50.0 * T)), "accelerometer"), 0.16)[1]
+    large = moving_rms(series(run_of(1e5 + 3.0 * np.sin(2.0 * math.pi * 50.0 * T)), "accelerometer"), 0.16)[1]
+    assert large == pytest.approx(small, rel=1e-9)
+
+
+def test_quiet_after_loud_is_told_to_its_last_digit():
+    """Windows are added up each by itself: a running sum would leave 1e-6 of the loud part."""
+    v = np.where(T < 10.0, 1e6, 1e-6) * np.sin(2.0 * math.pi * 50.0 * T)
+    t, rms, _ = moving_rms(series(run_of(v), "accelerometer"), 0.16)
+    assert rms[t > 10.1] == pytest.approx(1e-6 / math.sqrt(2.0), rel=1e-3)
+
+
+def test_the_window_is_centred():
+    """Where the vibration ends in the middle of a window, half of the mean square is left."""
+    t, rms, _ = moving_rms(series(run_of((T < 10.0) * np.sin(2.0 * math.pi * 50.0 * T)), "accelerometer"), 0.16)
+    assert np.interp(10.0, t, rms**2) == pytest.approx(0.25, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("times", "speeds", "expected"),
+    [
+        ([0, 1, 4, 6, 9, 10], [0, 0, 1, 1, 0, 0], [(1, 4, True), (6, 9, False)]),
+        ([0, 2.5, 5, 7.5, 10], [0, 1, 0.2, 1, 0], [(0, 2.5, True), (2.5, 5, False), (5, 7.5, True), (7.5, 10, False)]),
+        ([0, 2, 3, 5, 6, 8], [0, 0.5, 0.5, 1, 0.97, 1], [(0, 5, True)]),  # a hold and a small reversal on the way
+        ([0, 2, 9, 10], [1, 1, 0, 0], [(2, 9, False)]),
+        ([0, 10], [0, -1], [(0, 10, False)]),
+        ([0, 10], [0.3, 0.3], []),
+    ],
+)
+def test_branches_begin_and_end_where_the_speed_is_held(times, speeds, expected):
+    t = np.linspace(0.0, 10.0, 2001)
+    found = branches(t, np.interp(t, times, speeds))
+    assert [branch.rises for branch in found] == [rises for *_, rises in expected]
+    for branch, (begin, end, _) in zip(found, expected):
+        assert [branch.begin, branch.end] == pytest.approx([begin, end], abs=0.12)
+
+
+def test_noise_of_a_speed_sensor_makes_no_branches():
+    t = np.linspace(0.0, 10.0, 2001)
+    noise = 2e-3 * np.random.default_rng(3).standard_normal(t.size)
+    assert [b.rises for b in branches(t, np.interp(t, [0, 4, 6, 10], [0, 1, 1, 0]) + noise)] == [True, False]
+
+
+def test_up_and_down_are_told_apart():
+    found = hysteresis(loop(), window=0.16)
+    assert (found.name, found.over, found.unit, found.over_unit) == ("accelerometer", "surface_speed", "m/s^2", "m/s")
+    full = 3.0 / math.sqrt(2.0)
+    near = found.smear + 0.04  # a row is that wide
+    for row in found.rows():
+        if abs(row.speed - UP) > near:
+            assert row.up == pytest.approx(full if row.speed < UP else 0.0, rel=0.02, abs=1e-9)
+        if abs(row.speed - DOWN) > near:
+            assert row.down == pytest.approx(full if row.speed < DOWN else 0.0, rel=0.02, abs=1e-9)
+    assert found.smear == pytest.approx(0.1 * 0.16, rel=0.02)
+    assert found.frequency == pytest.approx(50.0, abs=0.5)  # it comes and goes
+    assert "centred window of 0.16 s (7.98 periods of 49.85 Hz)" in found.text()
+
+
+def test_the_usual_window_holds_some_periods_and_little_of_the_ramp():
+    found = hysteresis(loop())
+    assert found.window * found.frequency == pytest.approx(5.0, rel=0.1)
+    slow = hysteresis(run_of(np.sin(2.0 * math.pi * 3.0 * T)))
+    assert slow.window == pytest.approx(0.05 * 8.0, rel=0.1)
+    slower = hysteresis(run_of(np.sin(2.0 * math.pi * 1.0 * T)))
+    assert slower.window * slower.frequency == pytest.approx(1.0, rel=0.02)
+    assert "shorter than a period" in hysteresis(run_of(np.sin(2.0 * math.pi * 1.0 * T)), window=0.5).text()
+    assert "shorter than a period" not in slow.text()
+
+
+def test_outputs_of_a_live_run_are_told_to_be_thinned_out():
+    """Every fifth step of the plant, not filtered; a speed of the drive and a sensor need no such word."""
+    run = loop(time=T[::5], signals={"surface_speed": SPEED[::5], "velocity": np.sin(2.0 * math.pi * 20.0 * T[::5])})
+    told = hysteresis(run, "velocity").text()
+    assert "velocity is an output of the plant, recorded at 200 Hz and not filtered: vibration above 100 Hz" in told
+    assert "not filtered" not in hysteresis(run).text()
+    assert "not filtered" in spectrum(run, "velocity").text()
+    assert "bridged" not in spectrum(run, "velocity").text()
+
+
+def test_critical_speeds_are_those_of_the_contact_mode():
+    system = lab.load("belt").assemble().system()
+    stick, slip = (system.key([kind], [0], [0] * len(system.limiters)) for kind in (2, 0))
+    found = hysteresis(loop(mode=np.where(shaken() & (T % 0.02 < 0.01), stick, slip)), window=0.5)
+    assert found.up == pytest.approx(UP, abs=0.1 * 0.02)
+    assert found.down == pytest.approx(DOWN, abs=0.1 * 0.02)
+    assert "last stick at 0.59" in found.text()
+    assert "between 0.19" in found.text()
+    without = hysteresis(loop(), window=0.5)
+    assert math.isnan(without.up)
+    assert "nothing is known of stick" in without.text()
+
+
+def test_a_recording_that_has_lost_its_scene_is_analysed_without_stick():
+    system = lab.load("belt").assemble().system()
+    stick = system.key([2], [0], [0] * len(system.limiters))
+    found = hysteresis(loop(mode=np.full(T.size, stick), scene=""), window=0.16)
+    assert found.text().startswith("recording: RMS of accelerometer")
+    assert "nothing is known of stick" in found.text()
+
+
+def test_samples_that_dropped_out_are_told_and_left_out():
+    """One in ten, as NaN and as nothing at all, and a hole of 2 s."""
+    rng = np.random.default_rng(5)
+    v = 3.0 * np.sin(2.0 * math.pi * 50.0 * T)
+    v[rng.random(T.size) < 0.1] = np.nan
+    kept = (rng.random(T.size) > 0.1) & ~((T > 4.0) & (T < 6.0))
+    kept[[0, -1]] = True
+    found = hysteresis(run_of(v, kept=kept), window=0.16)
+    lost = np.count_nonzero(~(kept & np.isfinite(v)))
+    assert f"{lost} of {T.size} samples of accelerometer are missing" in found.text()
+    assert "the longest takes 2" in found.text()
+    assert found.lost == pytest.approx(2.0 / 0.01, abs=5)
+    assert f"{found.lost} windows are left out" in found.text()
+    rows = [row.up for row in found.rows() if not math.isnan(row.up)]
+    assert rows == pytest.approx([3.0 / math.sqrt(2.0)] * len(rows), rel=0.03)  # 1 % of scatter for a fifth lost
+    assert len(rows) < len(found.rows())
+
+
+def test_a_run_of_the_rig_agrees_with_its_events():
+    """belt_hysteresis: the last stick of its run-up and the first of its run-down, by the events of the solver."""
+    run = lab.simulate("belt_hysteresis")
+    found = hysteresis(run)
+    begins = np.array([e["t_ns"] * 1e-9 for e in run.events if e["text"] == "contact slip ends"])
+    speeds = np.interp(begins, run.time, run.signals["surface_speed"])
+    assert found.up == pytest.approx(speeds[begins < 60.0][-1], abs=2e-5)  # its end, a millisecond after its begin
+    assert found.down == pytest.approx(speeds[begins > 62.0][0], abs=1e-9)
+    assert "may be missed" not in found.text()
+    quiet = [row for row in found.rows() if found.down + 0.05 < row.speed < found.up - 0.05]
+    assert all(row.up > 10.0 * row.down for row in quiet)
+
+
+def test_what_cannot_be_is_told_all_at_once():
+    with pytest.raises(UsageError) as told:
+        hysteresis(loop(), "acelerometer", "speed")
+    first, second = str(told.value).splitlines()
+    assert first.startswith("signal: no 'acelerometer' in this recording: did you mean accelerometer?")
+    assert second.startswith("over: no 'speed' in this recording")
+    assert "known: accelerometer [m/s^2], surface_speed [m/s], velocity [m/s]" in second
+    with pytest.raises(
+        UsageError, match=r"does not rise or fall: it stays at 0.3 to 0.3 m/s.*two ramps of drive.speed"
+    ):
+        hysteresis(loop(speed=0.0 * T + 0.3))
+    for window in (1e-3, 10.0):
+        with pytest.raises(UsageError, match=r"must be 0.004 s \(4 samples of accelerometer at 1000 Hz\) to 1.96"):
+            hysteresis(loop(), window=window)
+    with pytest.raises(UsageError, match=r"0 samples from 30 s to inf s; the recording ends at 19\.999 s"):
+        hysteresis(loop(), first=30.0)
+
+
+def test_a_sensor_and_an_output_of_one_name():
+    run = loop()
+    run.measurements["velocity"], run.units["meas/velocity"] = run.measurements["accelerometer"], "m/s"
+    assert np.ptp(series(run, "velocity").v) > 1.0
+    assert np.ptp(series(run, "truth/velocity").v) == 0.0
+    with pytest.raises(UsageError, match=r"velocity \[m/s\], surface_speed \[m/s\], truth/velocity \[m/s\]"):
+        series(run, "nothing")
+
+
+def test_a_signal_that_does_not_vibrate_has_no_frequency():
+    assert slowest(series(run_of(0.0 * T + 2.0), "accelerometer")) == 0.0
+
+
+def test_periods_are_those_of_the_slowest_strong_vibration():
+    """Not of a faster and stronger one, nor of a drift, nor of what is weak."""
+    v = (
+        np.sin(2.0 * math.pi * 50.0 * T)
+        + 2.0 * np.sin(2.0 * math.pi * 300.0 * T)
+        + 0.3 * np.sin(2.0 * math.pi * 9.0 * T)
+    )
+    assert slowest(series(run_of(v + 0.1 * T), "accelerometer")) == pytest.approx(50.0, abs=0.1)
+
+
+def test_the_command(tmp_path, rig):
+    log, png, table = tmp_path / "run.mcap", tmp_path / "made" / "loop.png", tmp_path / "loop.csv"
+    save(loop(), log)
+    code, out, _ = rig("hysteresis", log, "--window", "160 ms", "--figure", png, "--csv", table, "--json")
+    told = json.loads(out)
+    assert (code, told["window"], told["unit"], told["over"]) == (0, 0.16, "m/s^2", "surface_speed")
+    assert [branch["rises"] for branch in told["branches"]] == [True, False]
+    assert png.read_bytes().startswith(b"\x89PNG")
+    lines = table.read_text().splitlines()
+    assert lines[0] == "branch,direction,time [s],surface_speed [m/s],rms of accelerometer [m/s^2]"
+    assert len(lines) > 1000
+    code, out, _ = rig("hysteresis", log)
+    assert code == 0
+    assert "surface_speed m/s  rising m/s^2  falling m/s^2" in out
+    code, out, err = rig(
+        "hysteresis", log, "--window", "1 kg", "--from", "5", "--to", "2", "--signal", "x", "--csv", table
+    )
+    assert code == 2
+    code, out, err = rig("hysteresis", log, "--window", "1 kg", "--from", "5", "--to", "2", "--signal", "x")
+    assert (code, out) == (2, "")
+    assert len(err.splitlines()) == 3
+    assert "Traceback" not in err
+
+
+def test_a_picture(tmp_path):
+    draw_hysteresis(hysteresis(loop()), tmp_path / "loop.png")
+    assert (tmp_path / "loop.png").stat().st_size > 30_000

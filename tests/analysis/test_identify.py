@@ -1,0 +1,144 @@
+"""Identification experiments give back the scene's own parameters from noisy sensors; how vibration is measured."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rig
+from rig.analysis import amplitude
+from rig.analysis.identify import identify, vibration
+from rig.analysis.three_stages import stages
+from rig.errors import UsageError
+from rig.record.run import Run, Samples
+from rig.solve.state_codes import CLOSED, SLIP_PLUS, STICK
+
+EXPERIMENTS = {
+    "lever_free_cylinder": {"cylinder.inertia": 0.035, "cylinder.damping": 0.12},
+    "lever_free_lever": {"lever.inertia": 0.0025, "lever.damping": 0.01},
+    "lever_static_friction": {"friction.mu_static": 0.42},
+    "lever_kinetic_friction": {"friction.mu_static": 0.42, "friction.mu_kinetic": 0.3, "friction.decay": 220.0},
+}
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_an_experiment_gives_back_the_parameters_of_its_scene(name):
+    for seed in (1, 2, 3):
+        found = identify(replace(rig.load(name), seed=seed))
+        assert {one.key: one.stated for one in found.parameters} == EXPERIMENTS[name]
+        for one in found.parameters:
+            assert one.found == pytest.approx(EXPERIMENTS[name][one.key], rel=0.01), one.key
+            assert one.found != one.stated
+
+
+def test_another_rig_is_told_apart():
+    """What is identified is the rig's, not the shipped numbers."""
+    stiff = {"cylinder.inertia": 0.05, "cylinder.damping": 0.3}
+    found = identify(rig.load("lever_free_cylinder", stiff))
+    assert [one.found for one in found.parameters] == pytest.approx([0.05, 0.3], rel=0.01)
+
+
+def test_a_whole_rig_is_no_experiment():
+    with pytest.raises(UsageError, match="take the rig apart"):
+        identify(rig.load("lever"))
+    with pytest.raises(UsageError, match="known: of a lever"):
+        identify(rig.load("belt"))
+    coulomb = {"friction.law": "coulomb", "friction.mu_static": 0.4, "friction.mu_kinetic": 0.3}
+    with pytest.raises(UsageError, match="the law that is fitted is the exponential"):
+        identify(rig.load("lever_kinetic_friction", coulomb))
+
+
+@pytest.mark.parametrize(("w", "b"), [(20.0, 1.0), (62.0, 2.0), (5.0, 0.01)])
+def test_frequency_and_decay_of_a_free_vibration(w, b):
+    t = np.arange(500) * 0.01
+    x = 0.3 + np.exp(-b * t) * np.cos(w * t + 0.4)
+    assert vibration(t, x) == pytest.approx((w, b), rel=1e-6)
+    noisy = x + 1e-3 * np.random.default_rng(1).standard_normal(t.size)
+    assert vibration(t, noisy) == pytest.approx((w, b), rel=0.02)
+
+
+def test_amplitude_index_of_a_known_signal():
+    t = np.arange(2000) * 0.005  # 17 periods; the first begins in the middle, the last is cut off
+    found = amplitude.index(t, 2.0 + 0.5 * np.sin(2.0 * np.pi * 1.7 * t))
+    assert found.half == pytest.approx(0.5, rel=2e-3)
+    assert found.full == 2.0 * found.half
+    assert found.cycles == 15
+    assert found.frequency == pytest.approx(1.7, rel=2e-3)
+    noisy = amplitude.index(t, np.sin(2.0 * np.pi * 1.7 * t) + 0.01 * np.random.default_rng(2).standard_normal(t.size))
+    assert noisy.cycles == 15
+    assert amplitude.index(t, np.full(t.size, 3.0)).cycles == 0
+
+
+def test_amplitude_index_of_the_lever_as_its_lasers_see_it():
+    """Against the limit cycle; the lasers take the mean over 10 ms, of a motion with 2.87 cycles a second."""
+    run = rig.simulate("lever", 12.0)
+    cycle = rig.limit_cycle("lever")
+    for sensor, output in (("arm_laser", "arm_displacement"), ("lever_laser", "lever_displacement")):
+        samples = run.measurements[sensor]
+        late = samples.t_ns > 4e9
+        found = amplitude.index(samples.t_ns[late] * 1e-9, samples.v[late])
+        low, high = cycle.extremes[output]
+        assert found.half == pytest.approx(0.5 * (high - low), rel=0.02)
+        assert found.frequency == pytest.approx(cycle.frequency, rel=0.005)
+
+
+def recorded(speed, stuck, velocity):
+    """A run of the belt with a vibrometer at 1 kHz, and marks at 1 and 2 s."""
+    n = len(speed)
+    t_ns = np.arange(n) * 1_000_000
+    marks = [
+        {"t_ns": t * 1_000_000_000, "source": "plant", "kind": "mark", "text": text}
+        for t, text in ((1, "hold"), (2, "stop"))
+    ]
+    system = rig.load("belt").assemble().system()
+    keys = {mode: system.key([mode], [CLOSED], [], []) for mode in (STICK, SLIP_PLUS)}
+    return Run(
+        scene=rig.load("belt").to_json(),
+        step_ns=1_000_000,
+        frame_ns=1_000_000,
+        time=t_ns * 1e-9,
+        signals={"surface_speed": speed},
+        units={"surface_speed": "m/s", "meas/vibrometer": "m/s"},
+        measurements={"vibrometer": Samples(t_ns, velocity)},
+        events=marks,
+        mode=np.where(stuck, keys[STICK], keys[SLIP_PLUS]),
+    )
+
+
+def test_amplitude_and_last_stick_of_each_stage():
+    t = np.arange(3001) * 1e-3
+    speed = np.minimum(np.minimum(t, 1.0), 3.0 - t)
+    size = np.where(t < 1.0, 0.1, np.where(t < 2.0, 0.2, 0.4))
+    run = recorded(speed, (t < 0.6) | (t > 2.7), size * np.sin(2.0 * np.pi * 20.0 * t))
+    rows = {row.stage: row for row in amplitude.measured(run)}
+    assert [row.found.half for row in rows.values()] == pytest.approx([0.1, 0.2, 0.4], rel=1e-2)
+    assert list(rows) == ["before", "hold", "stop"]
+    assert all(row.found.frequency == pytest.approx(20.0, rel=1e-3) for row in rows.values())
+    found = stages(run)
+    assert (found.up, found.down) == pytest.approx((0.599, 0.299))
+    assert found.text() == "last stick while it accelerates: 0.599 m/s; first one while it decelerates: 0.299 m/s"
+    late = list(amplitude.measured(run, first=1.2, last=1.8))
+    assert [row.stage for row in late] == ["hold"]
+    assert late[0].found.cycles == 10  # twelve periods; the first begins in its middle, the last is cut off
+
+
+def test_a_run_without_stages_has_none():
+    t = np.arange(3001) * 1e-3
+    assert stages(recorded(np.ones(t.size), t < 1.0, np.sin(t))) is None
+    whole = recorded(t, t < 1.0, np.sin(t))
+    assert stages(whole) is None
+
+
+def test_what_a_cut_recording_lost_of_speed_and_contact_modes_counts_for_no_stage():
+    t = np.arange(3001) * 1e-3
+    speed = np.minimum(np.minimum(t, 1.0), 3.0 - t)
+    run = recorded(speed, (t < 0.6) | (t > 2.7), np.sin(t))
+    whole = stages(run)
+    run.signals["surface_speed"][2900:] = np.nan
+    run.mode[2950:] = -1
+    assert stages(run) == whole
+    run.mode[2650:] = -1
+    assert stages(run).up == whole.up
+    assert np.isnan(stages(run).down)
+    run.signals["surface_speed"][:] = np.nan
+    assert stages(run) is None

@@ -1,0 +1,178 @@
+"""The run before a paced run: what it finds out, and that it leaves nothing for the frames that count."""
+
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import twin
+from twin import Twin
+
+from rig import controllers, scenes
+from rig.bench.job import Job, keeps_up
+from rig.bench.plant_process import Plant, carry_out
+from rig.bench.prepared_rigs import MOST, Upcoming
+from rig.bench.rehearsal import visited
+from rig.bench.simulate import begun, simulate
+from rig.design import numbers
+from rig.errors import UsageError
+from rig.motion import motion as moving
+from rig.motion.motion import Motion
+from rig.scenes.scene import Scene
+
+LEFT = """
+import sys
+from rig import scenes
+from rig.bench.job import Job
+from rig.bench.plant_process import Plant
+from rig.bench.rehearsal import visited
+from rig.bench.timing import Interruptions
+from twin import Twin
+from rig.analysis import design
+scene = scenes.load("belt_normal_force")
+job = Job(scene.to_json(), design.numbers(scene), wait=0.0, duration=0.4, expect=(("controller", "nf"),))
+seen = Interruptions()
+plant = Plant(Twin("test").open("plant", "plant"), job, lambda: "", visited(scene, job))
+before = []
+begin = plant.attendant.begin
+def frame_0(*arguments):
+    seen.__init__()
+    before.extend(sys.modules)
+    begin(*arguments)
+plant.attendant.begin = frame_0
+plant.gather(lambda _: None)
+with seen.watched():
+    plant._go(lambda _: None)
+print(len([one for one in seen.seen if one[0] == "compile"]), sorted(set(sys.modules) - set(before)))
+"""
+
+
+def job_of(scene, **more):
+    return Job(scene.to_json(), numbers.numbers(scene), **more)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return scenes.load("belt_shunt")
+
+
+def test_the_mode_sets_of_a_run_are_known_before_it(scene):
+    job = job_of(scene)
+    built = {name: controllers.build(section, job.numbers[name]) for name, section in scene.controllers.items()}
+    run = simulate(scene, built)
+    found = visited(scene, job)
+    assert len(found) == run.summary["plant"]["mode_sets"] > 2
+    assert set(np.unique(run.mode)) <= set(found)
+
+
+def test_a_rehearsal_ends_in_time(scene):
+    everything = visited(scene, job_of(scene))
+    assert set(visited(scene, job_of(scene), longest_s=0.0)) < set(everything)
+
+
+def test_a_run_that_never_ends_is_rehearsed_all_the_same():
+    endless = replace(scenes.load("belt_shunt"), protocol=())
+    assert endless.duration_ns is None
+    assert len(visited(endless, job_of(endless), longest_s=0.1)) > 0
+
+
+def test_a_paced_run_builds_no_mode_set_after_its_first_frame(scene):
+    job = job_of(scene, duration=3.0, pace=30.0, wait=0.0)
+
+    def added(sets):
+        plant = Plant(Twin("test").open("plant", "plant"), job, lambda: "", sets)
+        motion, begin, first = plant.runner.motion, plant.housekeeper.begin, []
+        foresee = motion.foresee
+        motion.foresee = lambda keys: foresee(keys, most=0)
+
+        def begins(*given):
+            first.append(len(motion.mode_sets.sets))
+            begin(*given)
+
+        plant.housekeeper.begin = begins
+        plant.run(lambda _: None)
+        return len(motion.mode_sets.sets) - first[0]
+
+    assert added(()) > 0
+    assert added(visited(scene, job)) == 0
+
+
+def rebuilt(operation, frames):
+    """The outputs at each frame, and how many systems were made ready while they went on."""
+    found, made, ready = [], [], Motion.ready
+
+    def noted(*given):
+        made.append(given)
+        return ready(*given)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Motion, "ready", noted)
+        while operation.runner.tick < frames and operation.begin():
+            operation.take_over()
+            operation.runner.frame()
+            found.append(operation.runner.output_values().copy())
+    return np.array(found), len(made)
+
+
+@pytest.mark.parametrize(
+    ("name", "over", "speed"),
+    [
+        ("north_divergence", {}, 0.0),
+        ("belt_remedy_damping", {}, 0.06),
+        ("belt_remedy_damping", {"limits.displacement": 0.006}, 0.0),
+    ],
+)
+def test_what_the_protocol_and_a_limit_change_is_built_before_the_first_frame(name, over, speed):
+    scene = scenes.load(name, over)
+    sets = visited(scene, job_of(scene))
+
+    def prepare(operation):
+        operation.runner.motion.foresee(sets)
+        Upcoming(operation)
+
+    prepared, _ = begun(scene, {}, before=prepare)
+    plain, _ = begun(scene, {})
+    (found, made), (known, rebuilds) = (rebuilt(one, 10_000) for one in (prepared, plain))
+    assert (made, rebuilds > 0) == (0, True)
+    assert prepared.runner.values["drive.speed"] == plain.runner.values["drive.speed"] == speed
+    assert found.tobytes() == known.tobytes()
+
+
+def test_a_protocol_that_repeats_itself_forever_is_prepared_as_far_as_is_chosen():
+    step = {"step": "set", "target": "body.damping", "to": 3.0}
+    raw = json.loads(scenes.load("belt").to_json())
+    again = {"step": "repeat", "times": "forever", "steps": [{"step": "hold", "time": 0.1}]}
+    for steps, count in ([], 1), ([step], 1 + 2 * MOST):
+        forever = again | {"steps": again["steps"] + steps}
+        operation, _ = begun(Scene.from_json(json.dumps(raw | {"protocol": [forever]})), {}, 10**9)
+        Upcoming(operation)
+        assert len(operation.runner._prepared) == count  # one for the safe state of each
+
+
+def test_nothing_is_left_to_import_or_compile():
+    path = os.pathsep.join([str(Path(scenes.__file__).parents[2]), str(Path(twin.__file__).parent)])
+    env = {**os.environ, "PYTHONPATH": path}
+    done = subprocess.run([sys.executable, "-c", LEFT], text=True, timeout=300, capture_output=True, env=env)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == "0 []"
+
+
+def test_a_pace_that_a_scene_cannot_keep_is_refused_with_what_works():
+    scene = scenes.load("belt", {"clock.pace_limit": 0.5})
+    for pace in (None, 0.1, 0.5):
+        keeps_up(scene, pace)
+    with pytest.raises(UsageError, match=r"pace of 1: its pace is at most 0.5.*rig run --lockstep.*--pace 0.5"):
+        carry_out(Job(scene.to_json()))
+
+
+def test_what_is_called_once_a_controller_has_joined_is_loaded_too(monkeypatch):
+    """Nobody drives the load of the belt: a controller that does adds a state, and leaves depend on their number."""
+    scene, shapes, plan = scenes.load("belt"), set(), moving.plan
+    monkeypatch.setattr(moving, "plan", lambda system, *more: shapes.add(system.n) or plan(system, *more))
+    visited(scene, Job(scene.to_json(), duration=0.2))
+    states = scene.assemble().system().n
+    assert shapes == {states, states + 1}

@@ -1,0 +1,51 @@
+"""A slider that its protocol takes beyond the plate's edge: told before the run, and the run ends there."""
+
+import pytest
+
+import rig
+from rig.bench.slider_edge import meets_edge
+from rig.scenes import load
+
+SMALL = {
+    "plate.modes": 4,
+    "plate.elements_along": 4,
+    "plate.elements_across": 4,
+    "plate.elements_through": 1,
+    "foam.elements_through": 1,
+    "film.along": 3,
+    "film.across": 2,
+}
+
+
+def test_a_protocol_that_ends_on_the_plate_is_not_spoken_of():
+    assert meets_edge(load("plate", SMALL)) == ""
+    assert meets_edge(load("plate", SMALL | {"slider.position": 0.04, "slider.travels": False})) == ""
+    assert meets_edge(load("plate_free")) == ""
+    assert meets_edge(load("belt")) == ""
+
+
+@pytest.mark.parametrize(("duration", "told"), [(0.12, False), (0.2, True), (None, True)])
+def test_a_slider_at_the_edge_is_told_as_far_as_the_run_goes(duration, told):
+    """On the ramp from 0.1 s on it is 0.05 t^2 further: the 0.2 mm that are left take 63 ms."""
+    scene = load("plate", SMALL | {"slider.position": 0.0435})
+    found = meets_edge(scene, duration)
+    assert ("beyond the plate's edge by 0.2 s: to 44 mm, its way is 43.7 mm" in found) == told
+    run = rig.simulate(scene, duration)
+    assert bool(run.fault) == told
+    if told:
+        assert "the slider has come to the end of its way, 0.0437 m" in run.fault
+        assert run.time[-1] == pytest.approx(0.1 + 0.0632, abs=1e-3)
+
+
+def test_a_run_that_outlasts_its_protocol_travels_on():
+    scene = load("plate", SMALL)
+    assert meets_edge(scene, 4.5) == ""
+    assert "by 4.7 s" in meets_edge(scene, 4.7)
+
+
+def test_a_command_says_so_before_it_runs(rig):
+    changes = [f"-p{key}={value}" for key, value in SMALL.items()]
+    code, _, said = rig("simulate", "plate", *changes, "-p", "slider.position=43.5 mm", "--duration", "0.2")
+    assert code == 4
+    assert said.startswith("warning: the protocol takes the slider beyond the plate's edge by 0.2 s")
+    assert "the slider has come to the end of its way, 0.0437 m\n  at t = 0.163" in said

@@ -1,0 +1,79 @@
+"""Figures of the papers: the list, what compares, and the page. The figures themselves run with the slow tests."""
+
+import json
+
+import pytest
+
+from rig import papers
+from rig.errors import UsageError
+from rig.papers import Comparison, Entry
+from rig.scenes import names
+
+
+def drawn(figure):
+    figure.subplots().plot([0.0, 1.0])
+    yield Comparison("one", "s", 1.001, 1.0, "paper", relative=2e-3)
+    yield Comparison("two", "s", 2.0, 1.0, "theory", absolute=0.5)
+
+
+def test_every_entry_names_shipped_scenes_and_has_a_name_of_its_own():
+    entries = papers.pick("all")
+    assert len({entry.name for entry in entries}) == len(entries) > 10
+    assert {scene for entry in entries for scene in entry.scenes} <= set(names())
+
+
+def test_a_figure_a_paper_or_all():
+    assert [entry.name for entry in papers.pick("kroeger-3")] == ["kroeger-3"]
+    assert {entry.paper for entry in papers.pick("kroeger")} == {"kroeger"}
+    with pytest.raises(UsageError, match=r"no figure 'kroeger-33': did you mean kroeger-3"):
+        papers.pick("kroeger-33")
+
+
+def test_a_number_agrees_within_its_bound_only():
+    assert Comparison("x", "", 1.0 + 9e-7, 1.0, "reference", relative=1e-6).agrees
+    assert not Comparison("x", "", 1.0 + 2e-6, 1.0, "reference", relative=1e-6).agrees
+    assert Comparison("x", "", 0.1, 0.0, "reference", absolute=0.2).agrees
+    assert not Comparison("x", "", float("nan"), 0.0, "reference", absolute=0.2).agrees
+
+
+def test_a_floor_may_be_exceeded_but_not_missed():
+    assert Comparison("x", "dB", 22.0, 20.0, "paper", floor=True).agrees
+    assert not Comparison("x", "dB", 19.9, 20.0, "paper", floor=True).agrees
+    assert not Comparison("x", "dB", float("nan"), 20.0, "paper", floor=True).agrees
+    assert Comparison("x", "dB", 22.0, 20.0, "paper", floor=True).bound == "at least"
+
+
+def test_what_is_made_is_a_picture_and_a_page(tmp_path):
+    entry = Entry("kroeger-x", "kroeger", "Figure x", "two numbers", ("belt",), drawn)
+    made = papers.make(entry, tmp_path / "gallery")
+    assert made.picture.read_bytes().startswith(b"\x89PNG")
+    assert not made.agrees
+    page = papers.page([made], "this machine")
+    assert "| one | 1.001 s | 1 s | paper | 0.002 relative | agrees |" in page
+    assert "| two | 2 s | 1 s | theory | 0.5 s | DIFFERS |" in page
+    assert json.loads(json.dumps(made.to_json()))["comparisons"][1]["agrees"] is False
+
+
+def test_a_figure_that_is_made_again_leaves_the_others_on_the_page(tmp_path):
+    fifth, seventh = (papers.make(*papers.pick(name), tmp_path) for name in ("kroeger-5", "kroeger-7"))
+    assert papers.keep([seventh], tmp_path) == [seventh]
+    assert papers.keep([fifth], tmp_path) == [fifth, seventh]
+    (tmp_path / "numbers.json").write_text("{")  # broken off
+    assert papers.keep([fifth], tmp_path) == [fifth]
+
+
+@pytest.mark.parametrize(
+    "name", ["kroeger-5", "kroeger-7", "kroeger-9", "liu000-3", "detachment-6", "detachment-8", "bistable-8"]
+)
+def test_figures_that_need_no_run_agree(name, tmp_path):
+    [entry] = papers.pick(name)
+    wrong = [one.what for one in papers.make(entry, tmp_path).comparisons if not one.agrees]
+    assert wrong == []
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("entry", papers.pick("all"), ids=lambda entry: entry.name)
+def test_every_figure_agrees(entry, tmp_path):
+    wrong = [(one.what, one.ours, one.expected) for one in papers.make(entry, tmp_path).comparisons if not one.agrees]
+    assert wrong == []

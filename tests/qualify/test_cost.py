@@ -1,0 +1,314 @@
+"""What accuracy costs: measures against closed forms, references against each other, and the setting that is taken."""
+
+import math
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rig
+from rig.errors import Chatter, UsageError
+from rig.qualify.cost import Row, Table, cost, folder_of, measuring, pareto, recommended, reference
+from rig.qualify.cost.figure import draw
+from rig.qualify.cost.measures import Seen, errors, observe
+from rig.qualify.cost.measuring import timed
+from rig.qualify.cost.problem import held, problem
+from rig.qualify.cost.report import notes
+from rig.qualify.cost.settings import Setting, eligible, ladder
+from rig.qualify.cost.timing import Cost, Spread, measured
+
+
+def row(error, p99, share=0.0, method="rk4", floor=0.0):
+    one = Spread(p99, p99, p99)
+    return Row(Setting(method), {"period": error}, {"period": floor}, Cost(one, one, one, one), share)
+
+
+@pytest.fixture(scope="module")
+def belt(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("cost")
+    scene = rig.load("belt_c")
+    told = []
+    return scene, folder, cost(scene, folder, lambda done, total: told.append((done, total)), rounds=5), told
+
+
+def test_errors_of_a_fixed_step_fall_with_its_fourth_power(belt):
+    found = belt[2]
+    assert found.kind == "cycle"
+    assert found.orders["rk4"] == pytest.approx(4.0, abs=0.1)
+    assert {r.setting.method for r in found.rows} == {"exact", "rk4"}
+    assert "exact propagator" in found.left_out["dopri5"]
+
+
+def test_the_exact_method_is_judged_by_another_and_both_by_the_closed_form(belt):
+    found = belt[2]
+    a, b, w = 0.15 * 20.0 / 2500.0, 0.06 / math.sqrt(500.0), math.sqrt(500.0)
+    period = 2.0 * a / 0.06 + (2.0 * math.pi - 2.0 * math.atan2(a, b)) / w
+    assert found.values["period"] == pytest.approx(period, rel=1e-13)
+    assert found.values["amplitude displacement"] == pytest.approx(math.hypot(a, b), rel=1e-12)
+    assert found.values["stick share contact"] == pytest.approx(2.0 * a / 0.06 / period, rel=1e-12)
+    [exact] = [r for r in found.rows if r.setting.method == "exact"]
+    assert 0.0 < exact.error("worst") < 1e-11
+
+
+def as_run(asked, setting, seed):
+    """A run of `rig simulate` with this setting, as `Seen`: the times of its mode changes, told by the run itself."""
+    scene = replace(setting.applied(asked.scene), seed=seed)
+    run = rig.simulate(scene, asked.seconds)
+    met = [(e["data"]["tick"] + e["data"]["place"], e["text"]) for e in run.events if e["kind"] == "contact"]
+    return run, [(ticks * asked.step, what) for ticks, what in met]
+
+
+RUNS = {
+    "belt": {},
+    "belt_c": {},
+    "belt_tuned_mass": {"body.damping": "0.5 N*s/m"},
+    "seal_p": {},
+    "belt_b": {},
+}
+SETTINGS = (Setting("dopri5", 1e-3), Setting("dopri5", 1e-8), Setting("rk4", step_ns=100_000), Setting("exact"))
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "belt_tuned_mass" else name for name in RUNS]
+)
+def test_a_row_errs_as_a_run_with_its_setting_does(name, seed):
+    """Mode changes of the run, and its state at the end, are those that the row was judged by, bit by bit."""
+    draw = np.random.default_rng(seed)
+    mass = rig.load(name).parameters.body.mass * draw.uniform(0.8, 1.25)
+    scene = rig.load(name, {**RUNS[name], "body.mass": mass, "limits": {}})
+    asked = problem(scene)
+    assert not asked.values  # nothing is moved: the run begins where the row does
+    able = eligible(asked.system, scene.step_ns)
+    truth = observe(asked, Setting("exact") if not able["exact"] else Setting("dopri5", 1e-12), framed=False)
+    for setting in SETTINGS:
+        if able[setting.method]:
+            continue
+        seen = observe(asked, setting)
+        run, events = as_run(asked, setting, seed)
+        assert list(seen.events) == events[: len(seen.events)]
+        own = replace(seen, events=tuple(events[: len(seen.events)]), count=len(events))
+        row, told = errors(asked, seen, truth), errors(asked, own, truth)
+        assert row.get("event times") == told.get("event times")
+        orbit = asked.orbit(setting)
+        while orbit.motion.tick < asked.length:
+            orbit.block(asked.length - orbit.motion.tick)
+        values = dict(zip(orbit.outputs, orbit.motion.outputs_now().tolist()))
+        assert {output: run.signals[output][-1] for output in values if output in run.signals} == {
+            output: value for output, value in values.items() if output in run.signals
+        }
+
+
+def test_a_tolerance_that_the_frames_make_needless_costs_and_errs_as_much_as_a_tight_one():
+    asked = problem(rig.load("belt"))
+    loose, tight = (observe(asked, Setting("dopri5", 10.0**-p)) for p in (2, 6))
+    assert loose == tight
+    assert observe(asked, Setting("dopri5", 1e-2), framed=False).steps < 0.2 * loose.steps
+
+
+def test_references_are_kept_and_used_again(belt):
+    scene, folder, *_ = belt
+    kept = sorted(folder_of(scene, folder).glob("reference-*.json"))
+    times = [path.stat().st_mtime_ns for path in kept]
+    assert [path.name.split("-")[1] for path in kept] == ["exact", "rk4"]
+    cost(scene, folder, rounds=1)
+    assert [path.stat().st_mtime_ns for path in kept] == times
+
+
+def test_progress_is_told_to_the_end(belt):
+    done, total = belt[3][-1]
+    assert done == total
+
+
+def test_the_table_comes_back_from_its_files(belt):
+    from pyarrow import parquet
+
+    scene, folder, found, _ = belt
+    folder = folder_of(scene, folder)
+    read = Table.read(folder)
+    assert [r.setting for r in read.rows] == [r.setting for r in found.rows]
+    assert read.rows[0].errors == found.rows[0].errors
+    columns = parquet.read_table(folder / "cost.parquet").to_pydict()
+    assert columns["error period"] == [r.errors["period"] for r in read.rows]
+    assert read.machine["numba"]
+
+
+def test_a_state_with_missed_events_is_no_small_error(belt):
+    asked = problem(belt[0])
+    seen = observe(asked, Setting("exact"))
+    assert errors(asked, seen, seen)["event times"] == 0.0
+    fewer = type(seen)(seen.values, seen.events[1:], seen.count - 1, seen.mean)
+    assert math.isinf(errors(asked, fewer, seen)["event times"])
+
+
+@pytest.mark.slow  # compiles a kernel of its own for two minutes
+def test_a_method_that_locates_no_lift_off_is_judged_by_all_else():
+    asked = problem(rig.load("north"))
+    truth, kicked = observe(asked, Setting("exact")), observe(asked, Setting("kick", step_ns=asked.scene.step_ns // 4))
+    assert truth.lifts == truth.count > 100
+    assert kicked.lifts is None
+    assert kicked.count == truth.slips(False).count == 0
+    found = errors(asked, kicked, truth)
+    assert "event times" not in found
+    assert 0.0 < max(found.values()) < 0.05
+
+
+def test_slips_of_a_motion_with_lift_offs_keep_their_times():
+    events = ((1.0, "load opens"), (2.0, "contact slip ends"), (3.0, "load closes"), (4.0, "contact releases +"))
+    seen = Seen({}, events, count=7, mean=2.0, lifts=4)
+    assert seen.slips(repeats=False) == Seen({}, (events[1], events[3]), count=3, mean=6.0, lifts=None)
+    assert seen.slips(repeats=True).mean == 2.0
+
+
+def test_actuators_are_held_where_the_protocol_holds_them_longest():
+    scene = rig.load("lever_three_stage")
+    assert held(scene, scene.assemble()) == {"drive.speed": pytest.approx(8.0 * 2.0 * math.pi / 60.0)}
+    assert held(rig.load("belt_c"), rig.load("belt_c").assemble()) == {}
+
+
+def test_methods_come_from_the_rig_and_ladders_end_where_it_is_stable():
+    scene = rig.load("belt")
+    system = scene.assemble().system()
+    able = eligible(system, scene.step_ns)
+    assert "falling" in able["exact"] or "linear" in able["exact"]
+    assert not able["dopri5"]
+    steps = [s.step_ns for s in ladder("rk4", scene, 1e4)]
+    assert steps[0] * 1e-9 * 1e4 <= 2.785
+    assert all(scene.step_ns % h == 0 for h in steps)
+    assert np.all(np.diff(steps) < 0)
+
+
+def test_the_front_has_what_no_other_beats():
+    rows = [row(1e-3, 10.0), row(1e-4, 20.0), row(1e-4, 30.0), row(1e-5, 15.0), row(math.inf, 1.0)]
+    assert pareto(rows, "period") == [rows[0], rows[3]]
+
+
+def test_the_setting_taken_is_the_cheapest_that_is_enough():
+    rows = [row(1e-2, 10.0, 0.01), row(1e-4, 20.0, 0.02), row(1e-6, 40.0, 0.04), row(1e-5, 21.0, 0.021)]
+    assert recommended(rows, "period", 1e-3, None) is rows[3]  # a twentieth more, and ten times as accurate
+    assert recommended(rows, "period", None, 0.03) is rows[3]
+    assert recommended(rows, "period", None, None) is rows[2]
+    with pytest.raises(UsageError, match="no setting is accurate to 1e-08"):
+        recommended(rows, "period", 1e-8, None)
+    with pytest.raises(UsageError, match=r"no setting fits 0\.1 %"):
+        recommended(rows, "period", 1e-3, 0.001)
+
+
+def test_what_is_measured_no_better_than_the_references_is_not_asked_for():
+    rows = [row(1.5e-12, 10.0, 0.01, floor=1e-12), row(1e-13, 90.0, 0.09, floor=1e-12)]
+    assert recommended(rows, "period", None, 0.5) is rows[0]
+
+
+def test_where_the_references_cannot_tell_no_setting_is_blamed():
+    rows = [row(1.5e-1, 10.0, 0.01, floor=1.4e-1)]
+    with pytest.raises(UsageError, match="can be told to be accurate to 1e-03: the references agree to 1e-01 in per"):
+        recommended(rows, "period", 1e-3, None)
+
+
+class Stopping:
+    """A setting that has to stop in its second round."""
+
+    rounds = 0
+
+    def round(self):
+        self.rounds += 1
+        if self.rounds > 1:
+            raise Chatter("too many events", 0.0, "free", {})
+        return np.ones(3), 1.0
+
+
+class Lasting(Stopping):
+    """One that goes on."""
+
+    def round(self):
+        self.rounds += 1
+
+    def cost(self, told):
+        return len(told)
+
+
+def test_a_setting_that_stops_while_it_is_timed_is_told_so_and_the_others_go_on():
+    stopping, lasting = Stopping(), Lasting()
+    assert measured([stopping, lasting], 4, lambda: None) == ["too many events", 4]
+    assert stopping.rounds == 2
+
+
+def test_a_setting_that_gets_through_but_not_in_one_piece_is_a_row_with_its_fault(belt, monkeypatch):
+    asked, made = problem(belt[0]), measuring.Contender
+
+    def contender(asked, setting, x):
+        if setting.method == "exact":
+            raise Chatter("too many events", 0.0, "free", {})
+        return made(asked, setting, x)
+
+    monkeypatch.setattr(measuring, "Contender", contender)
+    stops, *others = timed(asked, belt[2].rows[:2], rounds=1)
+    assert (stops.setting.method, stops.fault, stops.timed) == ("exact", "too many events", True)
+    assert [one.fault for one in others] == [""]
+
+
+def test_where_a_reference_stops_every_row_that_it_would_judge_says_so(monkeypatch, tmp_path):
+    monkeypatch.setattr(reference, "observe", lambda asked, setting, framed: Seen({}, fault=f"{setting} stopped"))
+    found = cost(rig.load("belt_c"), None, rounds=1)
+    assert all("nothing to judge it by" in one.fault and one.timed for one in found.rows)
+    assert notes(found, "worst")[0].endswith("one of the references stops")
+    draw(found, "worst", None, None, tmp_path / "none.png")
+    assert not (tmp_path / "none.png").exists()
+
+
+def test_references_that_do_not_agree_are_drawn_and_told(belt, tmp_path):
+    found = belt[2]
+    rows = [replace(one, floors={"period": 1e-9, "event times": math.inf}) for one in found.rows]
+    apart = replace(found, rows=rows)
+    assert notes(apart, "worst")[0].endswith("the references do not agree: event times")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        draw(apart, "worst", rows[0], 0.4, tmp_path / "apart.png")
+
+
+def test_delay_and_sampling_cost_what_the_first_order_says():
+    """A delay tau, and half a sample period, shift the decay rate in proportion while they are small."""
+    from rig.qualify.cost.delay import TIMES, delayed
+
+    [found] = delayed(rig.load("belt_normal_force"))
+    delays, periods = dict(found.delays), dict(found.periods)
+    assert len(delays) == len(TIMES)
+    assert delays[1e-4] == pytest.approx(10.0 * delays[1e-5], rel=0.1)
+    assert periods[1e-4] == pytest.approx(0.5 * delays[1e-4], rel=0.1)
+    assert found.own[2] == pytest.approx(periods[1e-3], rel=1e-6)
+    assert delayed(rig.load("belt_dither_controlled")) == []
+
+
+def test_a_loop_that_cannot_be_designed_for_a_delay_is_told_with_the_others():
+    from rig.qualify.cost.delay import delayed
+
+    [found] = delayed(rig.load("brake_active"))
+    assert 0.0 < dict(found.delays)[1e-5] < 0.1
+    assert math.isinf(dict(found.delays)[1e-4])  # a mode at 668 Hz grows
+    assert "cannot be designed for delays of 0.1, 0.2, " in found.text()
+    assert all(math.isfinite(number) for number in found.own)
+
+
+def test_a_run_takes_what_the_table_of_this_machine_recommends(belt):
+    from rig.qualify.cost import chosen
+
+    scene, folder, *_ = belt
+    told = []
+    taken = chosen(scene, 1e-6, None, told.append, folder)
+    assert taken.clock.method in told[-1]
+    assert "of a frame at p99" in told[-1]
+    with pytest.raises(UsageError, match=r"no setting (is|can be told to be) accurate to 1e-30"):
+        chosen(scene, 1e-30, None, told.append, folder)
+    with pytest.raises(UsageError, match="no setting fits"):
+        chosen(scene, None, 1e-6, told.append, folder)
+
+
+def test_what_is_recommended_holds_when_it_is_judged_anew():
+    """Two rigs of the trial, with a seed of their own; what they cost is for a quiet machine to say."""
+    from rig.qualify.cost.holdout import SCENES, drawn, judged
+
+    rigs = [(scene, target) for scene, target in drawn(2 * len(SCENES), seed=7) if scene.name.startswith("belt_c")]
+    found = [judged(scene, target, rounds=1) for scene, target in rigs[:2]]
+    assert all(one.error <= one.target for one in found)
+    assert all(one.ratio >= 1.0 for one in found)

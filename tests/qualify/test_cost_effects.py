@@ -1,0 +1,206 @@
+"""What an effect costs and changes: paired runs with and without it."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+import rig
+from rig.analysis.repetition import all_round, turn_of
+from rig.errors import SceneError
+from rig.qualify.cost import effects as module
+from rig.qualify.cost.changes import Change, changed
+from rig.qualify.cost.effects import Paired, bare, effects
+from rig.qualify.cost.problem import problem
+from rig.qualify.cost.timing import Spread
+from rig.scenes.variants import dropped, opened, without
+from rig.stability.linearisation import sliding_key, steady
+
+
+@pytest.fixture(scope="module")
+def shunted():
+    return {one.name: one for one in effects(rig.load("belt_shunt"), rounds=3)}
+
+
+def test_a_shunt_adds_two_states_and_its_absence_is_seen(shunted):
+    shunt = shunted["shunt"]
+    assert shunt.states == 2
+    assert shunt.errors["period"] > 0.1
+    assert shunt.errors["amplitude displacement"] > 0.1
+    assert shunt.tick.low <= shunt.tick.value <= shunt.tick.high
+    assert shunt.whole > 0.0
+
+
+def test_what_the_plant_cannot_do_without_is_told_with_the_reason(shunted):
+    assert "needs a stack" in shunted["piezo"].fault
+    with pytest.raises(SceneError, match="needs a stack"):
+        without(rig.load("belt_shunt"), ["piezo"])
+
+
+def test_a_limit_that_is_not_met_changes_no_bit():
+    scene = rig.load("pendulum")
+    assert set(dropped(scene)) >= {"load lag", "load limits"}
+    [limits] = [one for one in effects(scene, rounds=3) if one.name == "load limits"]
+    assert limits.states == 0
+    assert set(limits.errors.values()) == {0.0}
+
+
+class Contender:
+    """A plant whose step takes `own` ns, on a machine that now and then adds to it."""
+
+    ticks = 1000
+
+    def __init__(self, own, disturb):
+        self.own, self._disturb = own, disturb
+
+    def run(self):
+        return (self.own + self._disturb()) * 1e-9 * self.ticks
+
+
+def timed(own, less, disturb, rounds=9):
+    ticks = module._timed({"": Contender(own, disturb), "less": Contender(less, disturb)}, rounds, lambda *_: None)
+    return Paired("less", **module._cost(ticks, "less"))
+
+
+def test_a_cost_is_told_above_the_noise_of_the_machine_and_bounded_below_it():
+    draw = np.random.default_rng(1)
+    quiet = timed(100.0, 80.0, lambda: draw.exponential(1.0))
+    assert quiet.measurable
+    assert quiet.tick.value == pytest.approx(20.0, abs=3.0)
+    assert quiet.cost().startswith("+")
+    same = timed(100.0, 100.0, lambda: draw.exponential(1.0))
+    assert same.cost().startswith("< ")
+    assert abs(same.tick.value) <= same.noise < 5.0
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_a_busy_machine_yields_no_cost_that_is_not_there(seed):
+    draw = np.random.default_rng(seed)
+
+    def busy():
+        return float(draw.choice([0.0, 1500.0], p=[0.2, 0.8]) * draw.random())
+
+    found = timed(100.0, 100.0, busy)
+    assert abs(found.tick.value) <= found.noise or not found.measurable
+    assert found.cost().startswith(("< ", "not measurable now"))
+
+
+def test_rounds_are_repeated_while_the_noise_is_coarse():
+    draw = np.random.default_rng(2)
+    turns = {"": Contender(100.0, lambda: 0.0), "less": Contender(90.0, lambda: 0.0)}
+    assert len(module._timed(turns, 3, lambda *_: None)["less"]) == 3
+    turns = {"": Contender(100.0, lambda: draw.exponential(200.0)), "less": Contender(90.0, lambda: 0.0)}
+    assert len(module._timed(turns, 3, lambda *_: None)["less"]) > 3
+
+
+def test_a_change_has_a_unit_and_is_a_share_of_the_larger_value():
+    one = Change("amplitude displacement", "m", 2e-3, 6e-3, 2.0 / 3.0)
+    assert one.text() == "amplitude displacement 0.002 m, without it 0.006 m (67 %)"
+    assert not Change("rms velocity", "m/s", 1.0, 2.0, 0.5, floor=0.4).told
+    assert Change("frequency", "Hz", 3.0, None, 1.0).text() == "frequency 3 Hz only with it"
+
+
+def test_no_change_is_larger_than_the_whole(shunted):
+    sizes = [one.size for paired in shunted.values() for one in paired.changes if one.measure != "growth rate"]
+    assert sizes
+    assert max(sizes) <= 1.0
+    assert {one.unit for one in shunted["shunt"].changes} >= {"s", "m", "J"}
+
+
+def test_what_starts_open_is_measured_closed_as_well():
+    scene = rig.load("belt_shunt", {"shunt.connected": "false"})
+    assert opened(scene).keys() == {"shunt.connected"}
+    shunt = {one.name: one for one in effects(scene, rounds=1)}["shunt"]
+    assert shunt.closed.worst.size > 0.1
+    assert shunt.closed.states == 2
+    assert shunt.change().startswith("starts open, is closed by the protocol; measured closed: ")
+    assert opened(bare(scene)) == {
+        "shunt.connected": "nothing in the scene closes it (rig tune shunt.connected=1 does)"
+    }
+
+
+def test_what_the_protocol_closes_for_the_longest_time_is_measured_closed_at_once():
+    scene = rig.load("belt_dither")
+    assert opened(scene) == {"dither.enable": "is closed by the protocol"}
+    [dither] = [one for one in effects(scene, rounds=1) if one.name == "dither"]
+    assert dither.closed is None
+    assert dither.worst.size > 0.5
+    assert dither.change().startswith("starts open, is closed by the protocol, measured closed; ")
+
+
+def test_a_switch_that_a_controller_throws_is_told_with_its_name():
+    assert opened(rig.load("brake_shunt_listener"))["shunt.connected"].startswith("is closed by controller ")
+
+
+def test_values_that_nothing_commands_are_held_as_parameters():
+    """Without its protocol nobody commands the drive of this rig: its speed is in the matrices."""
+    scene = bare(rig.load("belt"))
+    faster = problem(scene, {"drive.speed": 0.09})
+    assert faster.scene.parameters.drive.speed == 0.09
+    assert faster.system.start == pytest.approx(problem(rig.load("belt", {"drive.speed": 0.09}), {}).system.start)
+    assert faster.orbit(module.of(faster.scene, faster.system)).system.slip_rows[0, 2] == 0.09
+
+
+def test_a_plant_that_leaves_its_limits_or_stops_is_told_so():
+    scene = bare(rig.load("belt", {"limits.displacement": "1 mm"}))
+    whole = problem(scene)
+    assert "displacement leaves its limit of 0.001 m" in whole.leaves
+    assert "with it displacement leaves" in changed(whole, problem(bare(rig.load("belt"))))[1]
+
+
+def test_an_irregular_motion_differs_from_itself_and_that_much_is_no_change(monkeypatch):
+    from rig.qualify.cost import changes as own
+
+    monkeypatch.setattr(own, "_irregular", lambda asked, seen: dict.fromkeys(seen.values, 0.8))
+    one = problem(bare(rig.load("belt")))
+    other = problem(bare(rig.load("belt", {"body.mass": "6 kg"})))
+    found, _ = changed(own.replace(one, kind="vibration"), own.replace(other, kind="vibration"))
+    assert max(c.size for c in found) > 0.0
+    assert not any(c.told for c in found)
+    assert "irregular" in Paired("mass", changes=found).change()
+
+
+def test_json_has_no_number_that_is_none():
+    found = [Paired("a", fault="needs b"), Paired("c", changes=(Change("frequency", "Hz", None, 2.0, 1.0),))]
+    for one in found:
+        text = json.dumps(one.to_json(), allow_nan=False)
+        assert json.loads(text)["tick"] == {"value": None, "low": None, "high": None}
+    assert found[0].to_json().keys() == found[1].to_json().keys()
+    assert Paired("d", tick=Spread(1.0, 0.5, 1.5), noise=math.nan, whole=9.0).to_json()["noise"] is None
+
+
+def test_a_motion_in_which_nothing_moves_has_no_measure():
+    assert "no measure to compare" in Paired("a").change()
+
+
+def test_sensors_of_what_is_gone_are_gone():
+    scene = rig.load("brake_shunt_sound")
+    left = without(bare(scene), ["shunt"])
+    assert not left.protocol
+    assert set(left.sensors) <= set(scene.sensors)
+    assert all(section.reads in left.assemble().outputs for section in left.sensors.values())
+
+
+@pytest.mark.slow
+def test_a_sector_is_watched_until_it_has_come_by():
+    """At 4.5 rpm a turn takes 13.3 s; up to the sandblasted eighth the lever sticks and slips in a cycle of its own."""
+    base = bare(rig.load("lever_sector"))
+    whole, less = problem(base), problem(without(base, dropped(base)["sector"]))
+    assert (whole.kind, less.kind) == ("vibration", "cycle")
+    assert whole.seconds > 3.0 * 60.0 / 4.5
+    assert whole.window * whole.step > 60.0 / 4.5
+    found = {one.measure: one for one in changed(whole, less)[0]}
+    assert found["rms displacement"].size > 0.9
+    assert found["stick share contact"].whole == 0.0
+    assert found["stick share contact"].less > 0.1
+
+
+def test_over_sectors_a_period_is_one_of_the_whole_turn():
+    belt, sector = (rig.load(name).assemble().system() for name in ("belt", "lever_sector"))
+    assert math.isinf(turn_of(steady(belt, sliding_key(belt))))
+    turn = turn_of(steady(sector, sliding_key(sector)))
+    assert turn == pytest.approx(60.0 / 4.5, rel=1e-6)
+    assert not all_round(0.231, turn)
+    assert all_round(turn, turn)
+    assert all_round(0.32, math.inf)

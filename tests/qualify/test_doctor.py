@@ -1,0 +1,275 @@
+"""What the doctor says of a machine, and what the warm-up compiles."""
+
+import json
+import os
+import time
+from contextlib import nullcontext
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import rig
+from rig import kernel
+from rig.bench.experiment import Operation
+from rig.bench.runner import PlantRunner
+from rig.controllers.narrow_band import NarrowBandFeedback
+from rig.errors import SceneError, WorkerError
+from rig.motion.motion import Motion
+from rig.qualify import doctor as examination
+from rig.qualify import warmup
+from rig.qualify.doctor import ALONE, AMONG, Spread, doctor, judge
+from rig.qualify.frame_costs import LEAST, behind, costs
+from rig.scheduling import PLANT, Ahead
+from rig.solve.advance import advance
+
+SCENES = ("belt", "brake_active", "north")
+PUNCTUAL = np.full(1000, 60_000)
+
+
+def late(share):
+    found = PUNCTUAL.copy()
+    found[: round(share * len(found))] = 5_000_000
+    return found
+
+
+@pytest.fixture(scope="module")
+def report():
+    before = os.sched_getscheduler(0)
+    told = []
+    found = doctor(0.5, told.append, SCENES)
+    assert os.sched_getscheduler(0) == before
+    assert len(told) == 4
+    return found
+
+
+def test_an_examination_is_short_and_plain(report):
+    assert report.seconds < 60.0  # on a busy machine with every shape compiled
+    told = json.loads(json.dumps(report.to_json()))
+    assert [one["scene"] for one in told["scenes"]] == list(SCENES)
+    assert all(one.scene in report.text() for one in report.scenes)
+
+
+def test_a_message_goes_to_another_process_and_back(report):
+    assert report.fault == ""
+    assert report.bus.count >= 50
+    assert 5.0 < report.bus.p50 < 50_000.0
+    assert report.put.p50 < report.bus.p50
+
+
+def test_waits_end_after_their_deadline(report):
+    assert report.sleep.p50 > 0.0
+    assert report.hybrid.p50 >= 0.0
+    assert report.disk > 0.0
+
+
+@pytest.mark.parametrize(("share", "verdict"), [(0.0, "VALID"), (0.01, "VALID"), (0.03, "DEGRADED"), (0.06, "INVALID")])
+def test_the_verdict_follows_the_share_of_late_frames(share, verdict):
+    assert judge(rig.load("belt"), np.full(100, 30_000), late(share), None).verdict == verdict
+
+
+def test_the_thresholds_are_those_of_the_scene():
+    strict = rig.load("belt", {"clock.late_share_valid": 0.0, "clock.late_share_degraded": 0.001})
+    assert judge(strict, np.full(100, 30_000), late(0.01), None).verdict == "INVALID"
+
+
+def test_frames_that_fill_their_time_are_invalid_and_a_longer_frame_helps():
+    costs = np.full(100, 900_000)
+    tight = judge(rig.load("belt"), costs, PUNCTUAL, None)
+    assert tight.verdict == "INVALID"
+    assert "a longer clock.frame" in tight.reason
+    assert judge(rig.load("belt", {"clock.frame": "2 ms"}), costs, PUNCTUAL, None).verdict == "VALID"
+
+
+def test_a_frame_pays_for_those_before_it():
+    slow, quick, burst = [1_200_000], [300_000], np.full(100, 100_000)
+    burst[50:60] = 3_000_000
+    assert np.count_nonzero(behind(burst, 1e6) > 1e6) == 10 + 21  # 20 ms behind, and 0.9 ms are made good in each frame
+    assert judge(rig.load("belt"), np.array((slow + quick * 3) * 50), PUNCTUAL, None).verdict == "VALID"
+    assert judge(rig.load("belt"), np.array((slow + quick) * 50), PUNCTUAL, None).verdict == "INVALID"
+
+
+def test_a_scene_that_is_slow_is_judged_at_its_own_pace():
+    costs = np.full(2000, 900_000)
+    slow = judge(rig.load("brake", {"clock.pace_limit": 0.5}), costs, PUNCTUAL, None)
+    assert slow.verdict == "VALID"
+    assert "at most 0.5" in slow.reason
+    assert judge(rig.load("brake"), costs, PUNCTUAL, None).verdict == "INVALID"
+
+
+def test_short_frames_are_judged_by_the_pieces_that_they_are_carried_in():
+    there, here = (
+        rig.load("brake_active", {"controllers.nb.where": w, "clock.pace_limit": 1}) for w in ("process", "plant")
+    )
+    uneven = np.tile([100_000, *[20_000] * 19], 100)  # 0.72 ms of each millisecond with the reserve
+    assert judge(there, uneven, PUNCTUAL, None).verdict == "INVALID"
+    found = judge(here, uneven, PUNCTUAL, None)
+    assert found.verdict == "VALID"
+    assert found.reason == "72 % of a piece busy, 72 % at p99; 0 % of pieces late; its pace is at most 1"
+
+
+def test_a_controller_in_the_plants_process_is_part_of_its_frames(monkeypatch):
+    update = NarrowBandFeedback.update
+    monkeypatch.setattr(NarrowBandFeedback, "update", lambda *given: time.sleep(0.0005) or update(*given))
+    there, here = (
+        np.median(costs(rig.load("brake_active", {"controllers.nb.where": where}), least=100))
+        for where in ("process", "plant")
+    )
+    assert here > 500_000 > there
+
+
+@pytest.mark.parametrize("name", ["north", "lever_free_cylinder"])  # 200 frames, and 5000
+def test_frames_are_measured_over_the_whole_protocol(name, monkeypatch):
+    scene, ticks = rig.load(name), []
+    whole, frame = scene.duration_ns // scene.frame_ns, PlantRunner.frame
+
+    def noted(runner):
+        ticks.append(runner.tick)
+        frame(runner)
+
+    monkeypatch.setattr(PlantRunner, "frame", noted)
+    assert len(costs(scene)) == len(ticks) >= LEAST
+    assert min(ticks) == 0
+    assert max(ticks) >= 0.95 * whole - 1
+    assert np.histogram(ticks, 5, (0, whole))[0].min() >= 0.9 * len(ticks) / 5
+
+
+def test_what_the_protocol_does_is_part_of_a_frame(monkeypatch):
+    begin = Operation.begin
+
+    def slow(operation):
+        time.sleep(0.001)
+        return begin(operation)
+
+    monkeypatch.setattr(Operation, "begin", slow)
+    assert np.median(costs(rig.load("north"), least=100)) > 1_000_000
+
+
+def test_what_others_do_costs_a_plant_in_real_time_nothing(monkeypatch):
+    """A wait stands for the time that others have the processor."""
+    begin = Operation.begin
+    monkeypatch.setattr(Operation, "begin", lambda operation: time.sleep(0.001) or begin(operation))
+    scene = rig.load("north")
+    among, alone = (np.median(costs(scene, least=100, clock=c)) for c in (time.perf_counter_ns, time.thread_time_ns))
+    assert among > 1_000_000 > 2 * alone > 0
+
+
+@pytest.mark.parametrize(
+    ("why", "clock", "told"), [("", time.thread_time_ns, ALONE), ("not allowed", time.perf_counter_ns, AMONG)]
+)
+def test_frames_are_measured_as_a_plant_would_be_scheduled(monkeypatch, why, clock, told):
+    used, scheduled = [], Ahead(PLANT, lambda: None)
+    scheduled.why = why
+    monkeypatch.setattr(examination, "ahead", lambda _: nullcontext(scheduled))
+    monkeypatch.setattr(examination, "costs", lambda scene, clock: used.append(clock) or PUNCTUAL)
+    monkeypatch.setattr(warmup, "ready", lambda: {warmup.shape(rig.load("north"))})
+    found = doctor(0.2, names=("north",))
+    assert used == [clock]
+    assert found.frames == told
+    assert told in found.text()
+
+
+def test_a_scene_that_cannot_run_is_a_row_and_the_others_are_judged(monkeypatch):
+    load = examination.scenes.load
+
+    def costly(scene, clock):
+        if scene.name == "belt":
+            raise SceneError("belt", ["it runs away", "really"])
+        return np.zeros(0, np.int64) if scene.name == "north" else PUNCTUAL
+
+    monkeypatch.setattr(examination, "costs", costly)
+    monkeypatch.setattr(warmup, "ready", lambda: {warmup.shape(load(name)) for name in SCENES})
+    found = doctor(0.2, names=SCENES)
+    rows = {one.scene: one for one in found.scenes}
+    assert (rows["belt"].verdict, rows["belt"].reason) == ("refused", "it runs away; really")
+    assert rows["north"].verdict == "refused"
+    assert rows["brake_active"].verdict in ("VALID", "DEGRADED", "INVALID")
+    assert not found.ok
+    assert found.warm
+    assert "it runs away; really" in found.text()
+
+
+def test_what_is_published_counts():
+    put = Spread.of(np.full(10, 400_000))
+    assert judge(rig.load("belt"), np.full(100, 30_000), PUNCTUAL, put).verdict == "INVALID"
+
+
+def test_a_scene_without_kernels_is_not_judged():
+    found = judge(rig.load("belt"), None, PUNCTUAL, None)
+    assert found.verdict == "unknown"
+    assert "rig warmup" in found.reason
+
+
+@pytest.fixture
+def compiled(tmp_path, monkeypatch):
+    called = []
+    monkeypatch.setattr(kernel.FOLDER, "path", tmp_path)
+    monkeypatch.setattr(warmup, "_run", lambda scene: called.append(scene.name))
+    return called
+
+
+def test_a_shape_is_compiled_once(compiled):
+    told = []
+    names = ["belt", "belt_b", "belt_c", "belt_c_damped"]
+    assert set(warmup.warmup(told.append, names)) == {(3, True, False, False, False), (3, False, False, False, False)}
+    assert compiled == ["belt", "belt_c"]
+    assert "2 kernel shapes in 4 scenes, 2 to prepare" in told[0]
+    assert "s left" in told[1]
+    assert warmup.warmup(names=names) == {}
+    assert compiled == ["belt", "belt_c"]
+
+
+def test_every_shipped_scene_is_ready_after_a_warm_up(compiled):
+    warmup.warmup()
+    assert {warmup.shape(rig.load(name)) for name in rig.scenes.names()} <= warmup.ready()
+
+
+def test_other_sources_are_compiled_anew(compiled, tmp_path, monkeypatch):
+    warmup.warmup(names=["belt"])
+    monkeypatch.setattr(kernel.FOLDER, "path", tmp_path / "other")
+    (tmp_path / "other").mkdir()
+    assert warmup.ready() == set()
+    warmup.warmup(names=["belt"])
+    assert compiled == ["belt", "belt"]
+
+
+def test_unreadable_notes_are_no_notes(compiled, tmp_path):
+    warmup.warmup(names=["belt"])
+    for note in tmp_path.iterdir():
+        note.write_text("{")
+    assert warmup.ready() == set()
+
+
+def test_scenes_of_one_shape_share_their_kernels():
+    first, second = rig.load("belt"), rig.load("belt_b")
+    assert warmup.shape(first) == warmup.shape(second)
+    _step(first)
+    known = len(advance.signatures)
+    _step(second)
+    assert len(advance.signatures) == known
+
+
+def _step(scene):
+    assembly = scene.assemble()
+    rows = [output.row for output in assembly.outputs.values()]
+    Motion(assembly.system(), scene.step_ns, "dopri5", outputs=rows, read=len(rows)).advance(1)
+
+
+@pytest.mark.slow
+def test_several_processes_compile_together(compiled, monkeypatch):
+    told = []
+    scenes_ = {warmup.shape(one): one for one in map(rig.load, ("belt", "belt_c"))}
+    progress = warmup._Progress(scenes_, 2, told.append)
+    warmup._together(list(scenes_.values()), 2, progress)
+    assert progress.spent.keys() == scenes_.keys() == warmup.ready()
+    assert min(progress.spent.values()) > 0.0
+    assert sum("ready after" in line for line in told) == 2
+
+
+@pytest.mark.slow
+def test_a_compiler_that_is_lost_is_told(compiled):
+    scene = rig.load("belt")
+    broken = replace(scene, plant="nothing")
+    shapes = {warmup.Shape(states, False, False, False): broken for states in (1, 2)}
+    with pytest.raises(WorkerError, match=r"compiler \d ended with code 1"):
+        warmup._together([broken, broken], 2, warmup._Progress(shapes, 2, print))

@@ -1,0 +1,95 @@
+"""What `rig explain --measure` tells: effects measured with and without, methods, what is computed and for whom."""
+
+import pytest
+
+import rig
+from rig.errors import SceneError
+from rig.qualify import effects_measured
+from rig.qualify.effects_figure import draw
+from rig.scenes.effects import declared
+from rig.scenes.shipped import names
+from rig.scenes.variants import absent, added, dropped
+
+
+def test_methods_say_why_they_do_not_serve():
+    found = effects_measured.methods(rig.load("belt"))
+    assert found["dopri5"] == "taken"
+    assert "linear in every mode set, unlike contact" in found["exact"]
+    assert effects_measured.methods(rig.load("belt_c"))["exact"] == "taken"
+
+
+def test_what_nobody_asks_for_is_not_computed():
+    scene = rig.load("brake_shunt")
+    told = {one.name: one for one in effects_measured.signals(scene)}
+    assert told["velocity"].rate == pytest.approx(1e9 / scene.step_ns)
+    assert "vibrometer" in told["velocity"].asked
+    assert told["friction_force"].rate == 0.0
+    less = rig.load("brake_shunt", {"sensors.vibrometer": "none", "sensors.microphone": "none"})
+    assert {one.name: one for one in effects_measured.signals(less)}["velocity"].rate == 0.0
+    assert "meas/vibrometer" not in {one.name for one in effects_measured.topics(less)}
+
+
+def test_a_controller_in_the_plants_process_sends_nothing_and_its_commands_are_told_in_pieces():
+    here = {
+        one.name: one.rate
+        for one in effects_measured.topics(rig.load("brake_active", {"controllers.nb.where": "plant"}))
+    }
+    there = {
+        one.name: one.rate
+        for one in effects_measured.topics(rig.load("brake_active", {"controllers.nb.where": "process"}))
+    }
+    assert (here["step"], here["applied/nb"]) == (1000.0, 1000.0)
+    assert (there["step"], there["applied/nb"], there["act/nb"]) == (20_000.0, 20_000.0, 20_000.0)
+    assert "act/nb" not in here
+
+
+@pytest.mark.parametrize(
+    "name", ["pendulum", "two_dof", "four_dof", "disc_slider", "brake", "pin", "north", "tread", "seal_l"]
+)
+def test_every_absent_effect_has_values_to_be_measured_with(name):
+    scene = rig.load(name)
+    lacking, about = absent(scene), declared(scene.parameters)
+    for effect, keys in lacking.items():
+        if about[effect].random:
+            continue
+        also = [key for other in about[effect].needs for key in lacking[other]]
+        more, like = added(scene, [*also, *keys], of_others=True)
+        assert len(dropped(more)) > len(dropped(scene)), effect
+        assert like in names() or effect in ("slope", "separation", "drive limits", "load limits"), effect
+
+
+def test_an_absent_effect_is_measured_with_the_values_of_another_scene(monkeypatch, tmp_path):
+    monkeypatch.setattr(effects_measured, "absent", lambda scene: {"inhomogeneity": ["inhomogeneity"]})
+    monkeypatch.setattr(effects_measured, "effects", lambda scene, rounds: [])
+    scene = rig.load("brake_3400", {"start.velocity": 0.2})
+    [part] = effects_measured.parts(scene, rounds=3)
+    assert not part.on
+    assert "measured as in brake_shunt_sound" in part.why
+    assert part.paired.states == 1
+    assert part.paired.worst.size > 0.0
+    draw([part], scene, tmp_path / "effects.png")
+    assert (tmp_path / "effects.png").stat().st_size > 10_000
+
+
+def test_an_absent_effect_that_does_not_fit_cannot_be_added(monkeypatch):
+    def refuse(*_, **__):
+        raise SceneError("belt", ["it does not fit"])
+
+    monkeypatch.setattr(effects_measured, "added", refuse)
+    monkeypatch.setattr(effects_measured, "absent", lambda scene: {"dither": ["dither"]})
+    monkeypatch.setattr(effects_measured, "effects", lambda scene, rounds: [])
+    [part] = effects_measured.parts(rig.load("belt"), rounds=3)
+    assert part.paired.change() == "cannot be added: belt: it does not fit"
+
+
+def test_methods_are_those_that_serve_the_scene():
+    told = effects_measured.methods(rig.load("points"))
+    assert told["kick"] == "taken"
+    assert told["dopri5"] == told["rk4"] == "serves it too"
+    assert "mode sets" in told["exact"]
+
+
+def test_an_effect_that_its_scene_switches_on_later_is_added_switched_on():
+    more, like = added(rig.load("seal_l"), ["dither"], of_others=True)
+    assert like == "belt_dither"
+    assert more.parameters.dither.enable

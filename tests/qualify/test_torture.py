@@ -1,0 +1,195 @@
+"""The torture test: its cases are sound, its verdicts are what they say, the default method is green."""
+
+import json
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rig.errors import SceneError, UsageError
+from rig.qualify import torture
+from rig.qualify.torture import film_checks
+from rig.qualify.torture.case import FOLDER, load, names, read
+from rig.qualify.torture.case_scene import watched
+from rig.qualify.torture.cells import _kernels
+from rig.qualify.torture.outcome import Found
+from rig.qualify.torture.test_result import judge
+from rig.qualify.torture.wrong_methods import WRONG
+
+NUM = json.loads((Path(__file__).parents[1] / "reference" / "num.json").read_text())
+SOME = ["grazing", "belt_at_rest", "belt_loop_unlimited", "pin_jams"]  # of few kernels
+
+
+@pytest.fixture(scope="module")
+def some():
+    return torture.matrix(SOME, quick=True)
+
+
+def test_cases_are_read():
+    assert len(names()) >= 40
+    for name in names():
+        case = load(name)
+        assert case.title
+        assert case.about
+        assert case.duration % case.steps[0] == 0 or case.duration > 1_000_000_000
+
+
+def test_expected_numbers_are_those_of_the_references():
+    assert load("belt_stick_slip").expect.events == len(NUM["P1"]["events"])
+    assert load("short_stick").expect.events == NUM["HC2"]["events"]
+    assert load("grazing").expect.events == NUM["HC2b"]["events"]
+    p1 = NUM["P1"]["params"]
+    assert load("belt_stick_slip").set["body.damping"] == p1["c"]
+    limit = p1["mud"] + NUM["HC2b"]["limit"] * (1.0 + 1e-6)
+    assert load("grazing").set["friction.mu_static"] == pytest.approx(limit, rel=1e-14)
+
+
+def test_default_is_green(some):
+    assert [cell for cell in some if not cell.good] == []
+    assert {cell.case for cell in some if cell.default} == set(SOME)
+
+
+def test_instability_is_named_with_its_growth(some):
+    named = next(cell for cell in some if cell.case == "belt_loop_unlimited")
+    assert named.verdict.colour == "green"
+    assert "growth +433 1/s" in named.verdict.told
+
+
+def test_comparison_fails_for_the_reason_it_should(some):
+    sign = next(cell for cell in some if cell.case == "grazing" and cell.method == "sign")
+    assert (sign.verdict.colour, sign.verdict.reason) == ("red", "creep")
+    rk4 = next(cell for cell in some if cell.case == "grazing" and cell.method == "rk4")
+    assert (rk4.verdict.colour, rk4.verdict.reason) == ("red", "missed event")
+
+
+def test_noise_is_left_out_because_each_step_would_have_its_own(tmp_path):
+    path = tmp_path / "noisy.toml"
+    path.write_text('title = "x"\nabout = "y"\nscene = "tip_epoxy"\nduration = "50 ms"\nsteps = ["0.1 ms"]\n')
+    assert watched(read(path), "auto", 100_000).assemble().signals.keys() == {"one"}
+    assert all(cell.good for cell in torture.matrix([str(path)], quick=True))
+
+
+@pytest.mark.parametrize(
+    ("case", "way", "reason"), [("contact_felt_late", "held", "energy"), ("friction_on_a_slope", "clipped", "creep")]
+)
+def test_wrong_contact_forces_are_caught_at_every_step(case, way, reason):
+    cells = [cell for cell in torture.matrix([case], quick=True) if cell.method == way or cell.default]
+    assert [(c.verdict.colour, c.verdict.reason) for c in cells if c.default] == [("green", "")] * 2
+    assert [(c.verdict.colour, c.verdict.reason) for c in cells if c.method == way] == [("red", reason)] * 2
+
+
+def test_a_film_keeps_its_energy_and_forces_that_are_held_are_caught():
+    names = ["film_felt_late", "film_step_beyond", "film_all_open", "film_without_damping"]
+    found = torture.matrix(names, quick=True)
+    default = [cell for cell in found if cell.default]
+    assert [
+        cell for cell in default if cell.verdict.colour == "red" or cell.verdict.reason not in ("", "overrun")
+    ] == []
+    assert {cell.case for cell in default} == set(names)
+    held = [cell for cell in found if cell.method == "held"]
+    assert [(cell.verdict.colour, cell.verdict.reason) for cell in held] == [("red", "energy")] * 2
+
+
+def test_rows_that_follow_the_slider_late_are_caught():
+    found = {cell.method: cell.verdict for cell in torture.matrix(["film_rows_late"], quick=True)}
+    assert found["kick"].reason in ("", "overrun")
+    assert (found["stale"].colour, found["stale"].reason) == ("red", "energy")
+
+
+def test_a_slider_that_comes_to_the_edge_stops_with_a_word():
+    [cell] = torture.matrix(["film_beyond_edge"], quick=True)
+    assert cell.good
+    assert "the slider has come to the end of its way, 0.0437 m" in cell.verdict.told
+
+
+def test_points_of_a_film_are_held_to_their_cone():
+    scene = watched(load("film_felt_late"), "auto", 1000)
+    system, found = scene.assemble().system(), Found()
+    states = np.zeros((1, system.n))
+    states[0, system.names.index("P:1")], states[0, system.names.index("f:1")] = 10.0, 1.0
+    film_checks.look(system, states, found)
+    assert found.outside_cone == 1.0  # all of it: without friction there is none to bear
+    states[0, system.names.index("P:2")] = -2.0
+    film_checks.look(system, states, found)
+    assert found.pulling == 0.2
+
+
+def test_friction_on_a_slope_is_beyond_its_step_without_a_sign_of_it():
+    """Steps of 4 us: all is finite, and the tip is thrown across the slope. Of 50 ns: it creeps."""
+    case, most = load("friction_on_a_slope"), {}
+    for step in (4_000, 50):
+        scene = watched(case, "auto", 4_000)
+        found = WRONG["clipped"](case, replace(scene, step=step), 4_000_000, 60.0)
+        assert not found.not_finite
+        most[step] = float(found.slips[0].max())  # 4 ms: the tip sticks all the time
+    assert most[50] < 1.1e-3
+    assert most[4_000] > 0.015
+
+
+def test_a_contact_felt_late_gains_energy_in_proportion_to_the_step():
+    case, rise = load("contact_felt_late"), []
+    for step in (200_000, 100_000, 50_000):
+        found = WRONG["held"](case, replace(watched(case, "auto", 100_000), step=step), 300_000_000, 60.0)
+        rise.append(math.log(found.largest["height"] / 0.01))
+    assert rise[0] / rise[1] == pytest.approx(2.0, rel=0.15)
+    assert rise[1] / rise[2] == pytest.approx(2.0, rel=0.15)
+
+
+def test_verdicts():
+    case = load("stick_below_limit")
+    good = Found(events=[(0.1, "contact slip+"), (0.2, "contact stick")], count=2)
+    assert judge(case, good, good, 1.0).colour == "green"
+
+    def told(**changes):
+        found = judge(case, Found(**({"events": good.events, "count": 2} | changes)), good, 1.0)
+        return found.colour, found.reason
+
+    assert told(not_finite=1) == ("red", "NaN")
+    assert told(energy=2e-6) == ("red", "energy")
+    assert told(negative_power=1e-6) == ("red", "energy")
+    assert told(outside_cone=1e-6) == ("red", "missed event")
+    assert told(pulling=1e-6) == ("red", "missed event")
+    assert told(creep=1e-6) == ("red", "creep")
+    assert told(began={"displacement": 1.0}, ended={"displacement": 1.0 + 1e-15}) == ("red", "creep")
+    assert told(count=1) == ("red", "missed event")
+    assert told(count=3) == ("red", "chatter")
+    assert told(events=[(0.1, "contact slip-"), (0.2, "contact stick")]) == ("red", "order lost")
+    assert told(events=[(0.1, "contact slip+"), (0.21, "contact stick")]) == ("amber", "order lost")
+    assert told(carrying=1.1) == ("amber", "overrun")
+    assert told(seconds=1.1, carrying=0.9) == ("green", "")  # looking at every step is no work of the plant
+
+
+def test_what_comes_at_one_instant_may_come_in_any_order():
+    case = load("two_at_once")
+    one = Found(events=[(0.1, "a slip+"), (0.1, "b slip+"), (0.3, "a stick")], count=3)
+    other = Found(events=[(0.1, "b slip+"), (0.1, "a slip+"), (0.3, "a stick")], count=3)
+    assert judge(case, other, one, 1.0).colour == "green"
+
+
+def test_only_kernels_that_serve_a_case_are_prepared():
+    """A method that cannot take a crowd of contacts is a cell that says so, and nothing to compile."""
+    methods = {scene.clock.method for scene in _kernels(load("many_points"), False)}
+    assert {"auto", "rk4"} <= methods
+    assert not {"exact", "smooth"} & methods
+
+
+def test_a_case_may_set_a_list(tmp_path):
+    path = tmp_path / "knocked.toml"
+    path.write_text(
+        'title = "x"\nabout = "y"\nscene = "points"\nduration = "1 ms"\n\n[set]\n"start.velocities" = [1.0, 2.0]\n'
+    )
+    assert watched(read(path), "kick", 1000).parameters.start.velocities == (1.0, 2.0)
+
+
+def test_faults_of_a_case_are_told_together(tmp_path):
+    path = tmp_path / "bad.toml"
+    path.write_text('title = "x"\nabout = "y"\nscene = "belt_c"\nduration = "3 m"\nspeed = 1\n')
+    with pytest.raises(SceneError) as told:
+        read(path)
+    assert "duration" in str(told.value)
+    assert "speed" in str(told.value)
+    with pytest.raises(UsageError, match="did you mean grazing"):
+        load("grasing")
+    assert FOLDER.is_dir()

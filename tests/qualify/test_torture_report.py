@@ -1,0 +1,56 @@
+"""What the matrix leaves behind: JSON, JUnit, a picture; the command's exit code."""
+
+import json
+from xml.etree import ElementTree
+
+import pytest
+
+from rig.cli import torture as command
+from rig.qualify import torture
+from rig.qualify.torture import report
+from rig.qualify.torture.case import each, load
+from rig.qualify.torture.cells import Cell
+from rig.qualify.torture.test_result import Verdict
+
+CELLS = [
+    Cell("one", "exact", 1e-3, True, Verdict("green"), 0.1, {"events": 3}),
+    Cell("one", "rk4", 1e-3, False, Verdict("red", "missed event", "1 of 39"), 0.1, {}),
+    Cell("two", "exact", 1e-3, True, Verdict("red", "energy", "too much"), 0.1, {}),
+    Cell("two", "exact", 1e-4, True, Verdict("amber", "cost", "too long"), 2.0, {}),
+]
+
+
+def test_report(tmp_path):
+    report.keep(CELLS, tmp_path, True)
+    told = json.loads((tmp_path / "matrix.json").read_text())
+    assert told["quick"] is True
+    assert [cell["colour"] for cell in told["cells"]] == ["green", "red", "red", "amber"]
+    assert told["cells"][1]["reason"] == "missed event"
+    assert told["cells"][0]["counts"] == {"events": 3}
+    suite = ElementTree.parse(tmp_path / "junit.xml").getroot()
+    assert suite.attrib["tests"] == "4"
+    assert suite.attrib["failures"] == "2"  # of the default: one red, one amber
+    assert suite.attrib["skipped"] == "1"
+    assert [one.attrib["classname"] for one in suite if one.find("failure") is not None] == ["two", "two"]
+    assert (tmp_path / "matrix.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "matrix.svg").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(("last", "code"), [(1, 0), (4, 1)])
+def test_exit_code_is_that_of_the_default(tmp_path, monkeypatch, capsys, last, code):
+    from rig.cli.app import app
+
+    monkeypatch.setattr(torture, "matrix", lambda names, quick, report: CELLS[:last] + CELLS[1:2])
+    with pytest.raises(SystemExit) as ended:
+        app(["torture", "--case", "one", "--out", str(tmp_path)])
+    assert ended.value.code == code
+    assert "missed event" in capsys.readouterr().out
+    assert command.COMMANDS
+
+
+def test_a_case_of_every_scene_is_many():
+    some, every = (each(load("every_scene"), quick) for quick in (True, False))
+    assert {case.name for case in some} < {case.name for case in every}
+    assert "every_scene:brake" in {case.name for case in every}
+    assert all(case.scene != "*" for case in every)
+    assert each(load("grazing"), True) == [load("grazing")]

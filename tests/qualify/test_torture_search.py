@@ -1,0 +1,52 @@
+"""Random search over a box: it holds where the physics is sound, and what breaks a case becomes a smaller one."""
+
+import pytest
+
+from rig.errors import UsageError
+from rig.qualify.torture import cells as room
+from rig.qualify.torture import search as hunt
+from rig.qualify.torture.case import load, read
+from rig.qualify.torture.test_result import Verdict
+
+
+def test_default_holds_in_the_box(tmp_path):
+    assert hunt.search(load("belt_at_rest"), examples=15, folder=tmp_path) is None
+
+
+def test_what_breaks_is_shrunk_and_kept(tmp_path, monkeypatch):
+    """A stand-in for a defect: the default is called red where damping is above 2.5."""
+    case = load("belt_stick_slip")
+
+    def defect(changed, quick, methods):
+        bad = changed.set["body.damping"] > 2.5
+        verdict = Verdict("red", "energy", "too much") if bad else Verdict("green")
+        yield room.Cell(changed.name, "exact", 1e-3, True, verdict, 0.0, {})
+
+    monkeypatch.setattr(hunt, "cells", defect)
+    found = hunt.search(case, examples=60, folder=tmp_path)
+    assert found is not None
+    path, cell = found
+    assert cell.verdict.reason == "energy"
+    kept = read(path)
+    assert 2.5 < kept.set["body.damping"] < 2.51  # the simplest that breaks it
+    assert kept.set["drive.speed"] == case.box["drive.speed"][0]
+    assert kept.duration == case.duration
+    assert "found by random search" in kept.title
+
+
+@pytest.mark.parametrize("name", ["jump_in_stick", "bounce_to_rest", "many_points"])
+def test_what_is_kept_is_the_case_with_other_values(tmp_path, name):
+    """Its acts, times and bounds; a count of events is that of the first case."""
+    case = load(name)
+    values = {key: low for key, (low, _) in case.box.items()}
+    bad = room.Cell(name, "exact", 1e-3, True, Verdict("red", "energy", "too much"), 0.0, {})
+    kept = read(hunt.write(case, values, bad, tmp_path))
+    assert kept.set == case.set | values
+    for what in ("scene", "rig", "duration", "steps", "frame", "acts", "seconds"):
+        assert getattr(kept, what) == getattr(case, what), what
+    assert (kept.expect.ends, kept.expect.largest) == (case.expect.ends, case.expect.largest)
+
+
+def test_a_case_without_a_box_is_told():
+    with pytest.raises(UsageError, match="has no box"):
+        hunt.search(load("pause"))

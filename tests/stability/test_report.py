@@ -1,0 +1,296 @@
+"""What is told, and what is refused, before a run starts.
+
+Belt feedback and negative capacitance: Kroeger, Neubauer, Popp (2008), equations 4.7 and 4.14 to 4.20: growth (K-1)/lag
+in stick; unstable below -1/(1 + kappa/k).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import rig
+from rig import scenes
+from rig.model import friction_law
+from rig.model.assembly import Assembly
+from rig.quantities import at_least, at_most
+from rig.stability.linearisation import sliding_key, steady
+from rig.stability.report import RK4_LIMIT, blame, part, verdict
+
+STEP = 1e-3
+COULOMB = friction_law.coulomb(0.4, 0.25)
+
+
+def belt(law=COULOMB, mass=5.0, damping=2.0, stiffness=2500.0, speed=0.06):
+    a = Assembly(title="test")
+    a.coordinate("x", mass, damping, stiffness)
+    a.patch("contact", {"x": 1.0}, {"one": speed}, law)
+    a.normal("load", "contact", {"one": 20.0})
+    return a
+
+
+def fed_back(gain, lag=0.01, clamped=False):
+    """A belt whose drive follows the body: V' = (v0 + K x' - V) / lag."""
+    a = belt()
+    a.surface("contact").clear()
+    a.signal("belt", {"belt": -1.0 / lag}, 0.06, "drive")
+    command = {"one": 0.06, "x'": gain}
+    if clamped:
+        a.limit("drive", command, 0.0, 0.25, "belt", 1.0 / lag)
+    else:
+        a.signals["belt"] |= {name: value / lag for name, value in command.items()}
+    a.surface("contact")["belt"] = 1.0
+    return a
+
+
+def errors(assembly, method="exact", step=STEP, substeps=1):
+    return [one for one in verdict(assembly.system(), method, step, substeps) if one.level == "error"]
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_no_shipped_scene_is_refused(name):
+    """Those that grow without bound on purpose say so."""
+    scene = rig.load(name)
+    substeps = max(1, scene.step_ns // int(scene.clock.rk4_step))
+    found = verdict(scene.assemble().system(), "dopri5", scene.step_ns * 1e-9, substeps)
+    assert not [one for one in found if one.level == "error"] or scene.clock.unstable == "run"
+
+
+def test_growth_that_falling_friction_turns_into_contact_is_information():
+    """The tread diverges in slip; where its law is flat it flutters, and sticks. Open, it falls back from near."""
+    system = rig.load("tread").assemble().system()
+    found = {one.what: one.level for one in verdict(system, "dopri5", 2e-5)}
+    told = [(level, what) for what, level in found.items() if "divergence" in what]
+    assert [level for level, _ in told] == ["warning", "info", "info"]
+    c_x, c_z, coupling, load = 2.8e5, 8e4, 1.5e5, 34.0
+    farthest = load * c_x / (coupling**2 - c_x * c_z)  # where the springs of the open tip balance the preload
+    assert f"load closes as long as nothing carries it beyond z = {farthest:.3g}" in told[0][1]
+    assert all("it grows until contact slip ends" in what for _, what in told[1:])
+
+
+def test_an_open_contact_that_starts_beyond_its_rest_is_not_caught():
+    system = rig.load("tread", {"start.height": 0.2}).assemble().system()
+    assert any("load open" in one.what for one in verdict(system, "dopri5", 2e-5) if one.level == "error")
+
+
+def test_jamming_is_looked_for_at_speeds_that_occur():
+    """The seal's film bears ever more force: at 1e6 m/s it would jam any absorber."""
+    seal = {"law": "seal", "load": 20.0, "mixed_force": 9.7, "decay": 700.0, "film": 38.0, "offset": 1e-5}
+    scene = rig.load("belt_tuned_mass", {f"friction.{key}": value for key, value in seal.items()})
+    assert not [one for one in verdict(scene.assemble().system(), "dopri5", STEP) if "jam" in one.what]
+
+
+def test_stick_slip_is_information():
+    found = verdict(rig.load("belt").assemble().system(), "dopri5", STEP)
+    assert [one.level for one in found] == ["info"]
+    assert found[0].number == pytest.approx(3.6552859, rel=1e-6)
+    assert "flutter in contact slip+" in found[0].what
+    assert "3.511 Hz" in found[0].what
+
+
+def test_growth_without_oscillation_is_information_where_the_law_is_flat_at_speed():
+    steep = belt(friction_law.stribeck(0.5, 0.18, 0.002), speed=0.001)
+    growth = steady(steep.system(), 0).eigenvalues()
+    assert np.all(growth.real > 0.0)
+    assert np.all(growth.imag == 0.0)
+    assert not errors(steep, "dopri5")
+
+
+def test_a_belt_that_follows_the_body_it_carries_runs_away():
+    (found,) = errors(fed_back(5.33))
+    assert found.number == pytest.approx(4.33 / 0.01, rel=1e-9)
+    assert "stick" in found.what
+    assert "nothing limits it" in found.what
+
+
+def test_a_clamped_drive_is_information():
+    found = verdict(fed_back(5.33, clamped=True).system(), "exact", STEP)
+    assert "error" not in [one.level for one in found]
+    assert any("limits of drive" in one.what for one in found)
+
+
+@pytest.mark.parametrize("gain", [0.0, 0.5, 0.99])
+def test_a_gain_below_one_does_not_run_away(gain):
+    assert not errors(fed_back(gain))
+
+
+@pytest.mark.parametrize(("delta", "refused"), [(-0.82, False), (-0.84, True), (-0.95, True)])
+def test_a_negative_capacitance_is_refused_below_its_limit(delta, refused):
+    kappa, e, resistance = 0.2 * 2500.0, 5.0, 1e3
+    capacitance = e * e / kappa
+    a = belt(stiffness=2500.0)
+    a.stiffness["x", "x"] += kappa * delta / (1.0 + delta)
+    a.network["U"] = {"U": -(1.0 + delta) / (resistance * capacitance), "x'": -e / capacitance}
+    a.push("x", {"U": e / (1.0 + delta)})
+    assert bool(errors(a)) is refused
+
+
+def test_growth_that_no_contact_sees_is_refused():
+    a = belt()
+    a.coordinate("y", 1.0, -0.5, 100.0)
+    found = errors(a)
+    assert [one.number for one in found] == pytest.approx([0.25] * len(found), rel=1e-9)
+    assert found
+    assert all("y grows" in one.what for one in found)
+
+
+def test_a_spring_that_pushes_away_is_refused():
+    found = errors(belt(stiffness=-100.0))
+    assert any("divergence in contact slip+" in one.what for one in found)
+
+
+def test_no_inertia_and_no_numbers_are_refused():
+    assert "positive definite" in errors(belt(mass=0.0))[0].what
+    assert "not a number in stiffness" in errors(belt(stiffness=float("nan")))[0].what
+
+
+@pytest.mark.parametrize(("inertia", "level"), [(5.0, None), (19.0, "warning"), (21.0, "error")])
+def test_a_load_that_grows_with_the_acceleration_jams(inertia, level):
+    """N = N0 + g x'': the effective mass is m - mu g, with mu = 0.25 and m = 5."""
+    a = belt()
+    a.normals.clear()
+    a.normal("load", "contact", {"one": 20.0}, inertia={"x": inertia})
+    found = [one for one in verdict(a.system(), "exact", STEP) if "jam" in one.what]
+    assert [one.level for one in found] == ([level] if level else [])
+    if found:
+        assert found[0].number == pytest.approx(1.0 - 0.25 * inertia / 5.0)
+
+
+def test_a_signal_that_grows_by_itself_is_refused():
+    a = belt()
+    a.signal("wrong", {"wrong": 3.0}, 1.0, "test")
+    (found,) = errors(a)
+    assert found.number == pytest.approx(3.0)
+    assert "wrong" in found.what
+
+
+@pytest.mark.parametrize(("step", "levels"), [(1e-3, []), (0.05, ["warning"]), (0.2, ["error"])])
+def test_steps_that_rk4_cannot_take_are_named(step, levels):
+    found = [one for one in verdict(belt(damping=0.0).system(), "rk4", step) if "rk4" in one.what]
+    assert [one.level for one in found] == levels
+    assert not [one for one in verdict(belt(damping=0.0).system(), "rk4", step, 500) if "rk4" in one.what]
+    if levels:
+        assert found[0].number == pytest.approx(np.sqrt(500.0) * step, rel=1e-9)
+
+
+def test_the_limit_of_rk4_is_where_its_polynomial_leaves_one():
+    z = -RK4_LIMIT
+    grown = 1.0 + z + z**2 / 2.0 + z**3 / 6.0 + z**4 / 24.0
+    assert grown == pytest.approx(1.0, abs=1e-3)
+
+
+def test_a_network_much_faster_than_the_step_is_told():
+    a = belt()
+    a.network["U"] = {"U": -1e6, "x'": 1.0}
+    assert "stiff for dopri5" in verdict(a.system(), "dopri5", STEP)[0].what
+    assert errors(a, "rk4")
+    assert not errors(a, "exact")
+
+
+@settings(max_examples=30, deadline=None)
+@given(
+    st.floats(0.01, 1.0), st.floats(0.5, 50.0), st.floats(0.0, 5.0), st.floats(1e2, 1e5),
+    st.floats(0.0, 0.2), st.floats(0.01, 0.3),
+)  # fmt: skip
+def test_growth_is_the_closed_form_of_one_degree_of_freedom(speed, mass, damping, stiffness, fall, scale):
+    """x'' + ((d + mu'(v0) N) / m) x' + (c / m) x = 0, x_e = mu(v0) N / c."""
+    law = friction_law.stribeck(0.1 + fall, 0.1, scale)
+    at = steady(belt(law, mass, damping, stiffness, speed).system(), 0)
+    effective = damping + law.slope(speed) * 20.0
+    wanted = np.roots([mass, effective, stiffness])
+    assert at.exists
+    assert at.eigenvalues().real.max() == pytest.approx(wanted.real.max(), rel=1e-6, abs=1e-9)
+    assert at.x[0] == pytest.approx(law.mu(speed) * 20.0 / stiffness, rel=1e-9)
+
+
+def test_sliding_goes_the_way_of_the_belt():
+    back = belt(speed=-0.06).system()
+    at = steady(back, sliding_key(back))
+    assert at.exists
+    assert at.friction[0] == pytest.approx(-5.0)
+    assert not steady(back, 0).exists
+
+
+def test_lags_settle_and_commands_hold():
+    a = belt()
+    a.surface("contact").clear()
+    a.signal("command", {}, 0.08, "drive")
+    a.signal("actual", {"command": 100.0, "actual": -100.0}, 0.0, "drive")
+    a.surface("contact")["actual"] = 1.0
+    at = steady(a.system(), 0)
+    assert at.speed[0] == pytest.approx(0.08)
+    assert len(at.moving) == 2
+
+
+def test_two_bodies_with_two_contacts_slide_apart():
+    a = Assembly()
+    for i, name in enumerate(("x", "y")):
+        a.coordinate(name, 1.0 + i, 0.5, 100.0)
+        a.patch(f"on {name}", {name: 1.0}, {"one": 0.1 * (-1.0) ** i}, replace(COULOMB))
+        a.normal(f"load {name}", f"on {name}", {"one": 10.0})
+    system = a.system()
+    at = steady(system, sliding_key(system))
+    assert at.exists
+    assert at.x[:2] == pytest.approx([0.025, -0.025])
+
+
+@pytest.mark.parametrize(
+    ("scale", "tolerance", "warned"),
+    [(1e-6, 1e-2, True), (1e-6, 1e-7, True), (1e-6, 1e-9, False), (0.05, 1e-7, False), (1e-4, 1e-2, True)],
+)
+def test_a_tolerance_too_coarse_for_the_friction_law_is_told(scale, tolerance, warned):
+    system = belt(friction_law.stribeck(0.5, 0.18, scale)).system()
+    found = [one for one in verdict(system, "dopri5", STEP, tolerance=tolerance) if "too coarse" in one.what]
+    assert bool(found) == warned
+    for one in found:
+        better = float(one.remedy.split()[2])
+        again = verdict(system, "dopri5", STEP, tolerance=better)
+        assert not [other for other in again if "too coarse" in other.what]
+
+
+@pytest.mark.parametrize("name", scenes.names())
+def test_the_tolerance_of_shipped_scenes_is_fine_enough(name):
+    scene = rig.load(name)
+    found = verdict(scene.assemble().system(), "dopri5", scene.step_ns * 1e-9, tolerance=scene.clock.tolerance)
+    assert not [one for one in found if "too coarse" in one.what]
+
+
+def test_rk4_that_has_diverged_names_its_step_and_one_that_does():
+    """A law that falls within 1e-4 m/s: |lambda| = N (mu_s - mu_d) / (m v_s) = 12800 1/s where it is steepest."""
+    system = belt(friction_law.stribeck(0.5, 0.18, 1e-4)).system()
+    told = blame(system, "rk4", 1e-3, 1)
+    assert "rk4 took steps of 0.001 s: |lambda| h = 12.8, unstable beyond 2.785" in told
+    assert "clock.rk4_step to 6.25e-06 s or less" in told
+    assert "short enough" in blame(belt().system(), "rk4", 1e-3, 1)
+    [warned] = [one for one in verdict(system, "rk4", STEP, 10) if "steepest" in one.what]
+    assert warned.number == pytest.approx(1.28, rel=1e-3)
+
+
+@pytest.mark.parametrize(("value", "below", "above"), [(7.89e-6, "7.8e-06", "7.9e-06"), (-0.8658, "-0.87", "-0.86")])
+def test_a_limit_that_is_told_is_itself_allowed(value, below, above):
+    assert (at_most(value), at_least(value)) == (below, above)
+    assert float(at_most(value)) <= value <= float(at_least(value))
+    assert at_most(0.25) == at_least(0.25) == "0.25"
+
+
+def test_a_run_that_diverges_under_rk4_says_so():
+    changes = {"friction.speed_scale": 1e-5, "clock.method": "rk4", "clock.rk4_step": "1 ms"}
+    run = rig.simulate(rig.load("belt", changes), 1.0)
+    assert "rk4 took steps of 0.001 s" in run.fault
+    assert "Set clock.rk4_step to" in run.fault
+
+
+@pytest.mark.parametrize(
+    ("step", "most", "told"), [(1e-3, 1.18e-4, "0.0001 s"), (1e-3, 2.0, "0.001 s"), (7e-9, 4e-9, "1e-09 s")]
+)
+def test_a_step_that_is_told_is_a_whole_part_of_the_sample_step(step, most, told):
+    assert part(step, most) == told
+
+
+@pytest.mark.parametrize("scene", ["belt", "belt_c_damped"])
+def test_a_damped_rig_on_which_nothing_presses_comes_to_rest(scene):
+    found = rig.limit_cycle(rig.load(scene, {"load.force": 0.0}))
+    assert not found.found
+    assert "nothing presses" in found.why
