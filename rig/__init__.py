@@ -4,15 +4,24 @@
     run = rig.simulate(rig.load("belt", {"friction.mu_static": "0.45"}), duration=10.0)
     run.time, run.signals["velocity"], run.units["velocity"]
 
-solve     time integration: modes, guards, event location
-effects   one file, one physical effect
-plants    what stands on the bench
-scenes    a plant, its effects, sensors, controllers and protocol, as TOML
-bus       how processes talk
-bench     the loop: in-process, lockstep, paced
-record    MCAP: write, read, recover, replay, compare
-view      rerun, live; figures
-study     what one learns from a rig
+model       a rig as rows by name, matrices, mode sets and tables
+solve       compiled code: everything that runs in every tick
+stability   what eigenvalues say before a run
+motion      a rig in motion: state and time, carried by compiled code
+effects     one file, one physical effect
+plants      what stands on the bench, one file each
+sensors     instruments: a physical quantity in, sampled measurements out
+controllers separate processes that see measurements and send commands
+scenes      a plant, its effects, sensors, controllers and protocol, as TOML
+design      plant matrices in, controller numbers out
+bus         how processes talk
+bench       runs a rig: in one process, in lockstep, paced
+record      MCAP: write, read, recover, replay, compare
+view        figures and rerun
+analysis    what one learns of a rig
+qualify     what one learns of the simulator: cost, torture, benchmarks
+papers      the figures of the papers, made again
+cli         the commands
 """
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ def _summary(source: bytes, stamp: list[int]) -> Module:
                 node.body[0] = ast.Pass()  # its docstring
         if isinstance(node, ast.FunctionDef):
             holds = holds or any(isinstance(d, ast.Name) and d.id in _DECORATORS for d in node.decorator_list)
-        elif isinstance(node, ast.ImportFrom) and node.module and node.module.partition(".")[0] in ("rig", "sensors"):
+        elif isinstance(node, ast.ImportFrom) and node.module and node.module.partition(".")[0] == "rig":
             imports += [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
     return Module(stamp, hashlib.sha256(ast.dump(tree).encode()).hexdigest(), holds, imports)
 

@@ -1,20 +1,17 @@
-"""What one learns from a rig.
+"""What one learns of a rig.
 
-design      plant matrices in, controller numbers out
-modes       eigenvalues at the sliding equilibrium
-axis        a parameter at evenly spaced values, as a user writes it
-sweep       eigenvalues over a parameter, critical values; `spectrum` tells which is which, `locus` draws them
-plant       the linearised rig as a state space from actuators to outputs
-loop        closed-loop eigenvalues and margins of a controller; `sampled` is its exact discretisation
-averaged    friction under a fast vibration, averaged
-cycle       the limit cycle; `orbit` carries the plant, `turns` finds cycles without events
-floquet     what a round of a cycle leaves of a small disturbance
-amplitude   the amplitude index of a measured vibration
-stages      speeds at which stick ends and begins, from a run that accelerates, holds and decelerates
-identify    the experiments that tell a rig's parameters
-repeat      one scene with many seeds: how its numbers spread
-dense       quantities between samples
-doctor      this machine: how well it keeps time, which scenes it carries
-round_trip  what the bus costs here
-warmup      compiling every kernel shape of the shipped scenes
+modes               eigenvalues about steady sliding
+axis, sweep         a parameter at evenly spaced values; eigenvalues and critical values over it (sweep_figure)
+eigenvalue_curves   which eigenvalue is which along a parameter; critical_values, growth_crossings: where growth is zero
+regions             stable and unstable regions over two parameters
+control_loop        eigenvalues and margins of a closed loop; sampled_loop is its exact discretisation
+averaged            friction under dither, averaged over a period
+cycle               the limit cycle: orbit carries the plant, shooting and repetition find it, floquet judges it,
+                    turning_points serve motions without events, cycle_report prints it
+map                 steady-state behaviour over one or two parameters
+three_stages        the speeds at which stick ends and begins: accelerate, hold, decelerate
+amplitude           the amplitude index of a measured vibration; upper_speed: the highest speed of stick-slip
+identify            the experiments that tell the parameters of the lever rig
+recorded, sound     spectra, orders, hysteresis, pressure; what a microphone heard
+repeat              one scene with many seeds
 """

@@ -32,7 +32,7 @@ def replay(
     with bus.host(scene="replay") as session:
         tell(f"run {session.run}")
         joining = ["--run", session.run, "--wait", str(JOIN_S)]
-        children = [Child(f"controller {one}", ["controllers.runtime.process", one, *joining]) for one in into]
+        children = [Child(f"controller {one}", ["rig.controllers.runtime.process", one, *joining]) for one in into]
         try:
             return recorded.replay(session, log, names, pace, JOIN_S, lambda seconds: _at(tell, seconds))
         except BusError as fault:

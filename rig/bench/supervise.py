@@ -154,7 +154,7 @@ class Team:
     def _arguments(self, role: str, name: str) -> list[str]:
         joining = ["--run", self.name, "--wait", str(JOIN_S)]
         if role == "controller":
-            return ["controllers.runtime.process", name, *joining]
+            return ["rig.controllers.runtime.process", name, *joining]
         if role == "recorder":
             out = ["--out", str(self._out)] if self._out else []
             return ["rig", "record", *joining, *out, *(["--force"] if self._replace else [])]

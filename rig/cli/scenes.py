@@ -95,7 +95,7 @@ def explain(
     if told.scene.slow:
         printing.line(f"Paced, {told.scene.slow}\n")
     if told.scene.assemble().film is not None:
-        printing.line("After the first opening of a contact point the motion is chaotic: only statistics are meaningful. "
+        printing.line("After the first opening of a contact point the motion is chaotic: only statistics count. "
                   f"Their spread: rig simulate {scene} --repeat 8 -p noise.force=1e-6\n")  # fmt: skip
     rows = [(e.name, "on" if e.on else "absent", len(e.states), e.told, e.about) for e in told.effects]
     printing.table(

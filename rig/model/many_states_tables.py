@@ -9,7 +9,7 @@ from rig.model.economisation import bernstein, economy
 from rig.model.energy_forms import gathered
 from rig.solve import expm
 from rig.solve.column_blocks import BLOCK, blocks, zeros
-from rig.solve.many_states import _CHECKS, _MARGIN, NODES, QUICK, SIZE, TERMS, TURN, WEIGHTS, Wide, _powers
+from rig.solve.many_states import CHECKS, MARGIN, NODES, QUICK, SIZE, TERMS, TURN, WEIGHTS, Wide, powers
 from rig.solve.roots import DEGREE as ORDER
 from rig.solve.segments import DEGREE
 
@@ -61,7 +61,7 @@ def series(A: Array, length: float) -> Array:
     d = expm.balance(A)
     out = np.zeros((TERMS + 1, n, -(-n // BLOCK) * BLOCK))
     out[0, :, :n] = np.eye(n)
-    _powers(blocks((A * d[:, None] / d[None, :] * length).T), out)
+    powers(blocks((A * d[:, None] / d[None, :] * length).T), out)
     return np.asarray(out[:, :, :n] * d[None, None, :] / d[None, :, None])
 
 
@@ -88,9 +88,9 @@ def tables(
     over_signals = np.einsum("si,kij->skj", outputs[:read], _combine(economy(DEGREE, TERMS), terms))
     if levels == 1:
         low = economy(QUICK, TERMS)
-        powers = _CHECKS[:, None] ** np.arange(TERMS + 1)
+        powers = CHECKS[:, None] ** np.arange(TERMS + 1)
         left = (powers - powers[:, : QUICK + 1] @ low) @ np.einsum("gi,kij->kgj", guards, terms).reshape(TERMS + 1, -1)
-        margin = _MARGIN * np.abs(left).max(axis=0).reshape(guards.shape)
+        margin = MARGIN * np.abs(left).max(axis=0).reshape(guards.shape)
         quick = np.einsum("bk,gkj->gbj", bernstein(QUICK), np.einsum("gi,kij->gkj", guards, _combine(low, terms)))
     else:  # the ends of the chord, and how far from it a guard can be
         margin = bounds

@@ -1,7 +1,4 @@
-"""The figures and tables of the papers, made again from scenes, with published or reference numbers beside ours.
-
-Each entry is a function: it draws its axes and returns its comparisons. `ENTRIES` is the list, one file a paper.
-"""
+"""The figures and tables of the papers, made again from scenes, beside the published numbers."""
 
 from __future__ import annotations
 

@@ -33,8 +33,8 @@ TURN = 2.2  # rad, of the fastest eigenvalue in a cell: degree ORDER leaves 6e-1
 SIZE = 6.0  # |A| of the balanced matrix times a cell: TERMS terms then leave 1e-14
 TERMS = 36
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)  # powers turn by twice as much: 1e-9 of those of the fastest motion
-_CHECKS = np.linspace(0.0, 1.0, 33)
-_MARGIN = 1.25
+CHECKS = np.linspace(0.0, 1.0, 33)
+MARGIN = 1.25
 
 
 class Wide(NamedTuple):
@@ -61,7 +61,7 @@ class Wide(NamedTuple):
 
 
 @kernel
-def _powers(table, out):
+def powers(table, out):
     """out[j] = out[j - 1] B / j, rows filled up to whole blocks; `table`: B in blocks of columns."""
     terms, n, width = out.shape
     for j in range(1, terms):

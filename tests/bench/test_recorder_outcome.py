@@ -139,7 +139,7 @@ def test_a_recorder_that_does_not_know_what_a_killed_controller_had_sent_has_fin
         if "begins with" in text:
             teams[0].others["controller", "nf"].send(signal.SIGKILL)
         if "left: controller nf" in text and not successors:
-            successors.append(Child("controller nf", ["controllers.runtime.process", "nf", "--run", teams[0].name]))
+            successors.append(Child("controller nf", ["rig.controllers.runtime.process", "nf", "--run", teams[0].name]))
 
     class Team(supervise.Team):
         def __init__(self, *given):

@@ -238,7 +238,11 @@ def test_the_plant_goes_on_without_the_others_and_a_second_run_beside_is_not_tou
     second = Going(scenes.load("belt"), duration=4.0, out=folder / "second.mcap", name="second")
     first.line("begins with nf, recorder, viewer")
     time.sleep(1.0)  # something has been written by then
-    victims = {"controller nf": "controllers.runtime.process", "recorder recorder": "record", "viewer viewer": "view"}
+    victims = {
+        "controller nf": "rig.controllers.runtime.process",
+        "recorder recorder": "record",
+        "viewer viewer": "view",
+    }
     for who, word in victims.items():
         first.process(f"{word} first").send_signal(signal.SIGKILL)
         first.line(f"{who} was killed by SIGKILL; the plant goes on")
@@ -264,7 +268,7 @@ def test_nobody_outlives_the_plant(folder, picture):
     going = Going(scenes.load(SCENE), duration=60.0, view=True, out=folder / "run.mcap", name="killed")
     going.line("begins with nf, recorder, viewer")
     begun = time.monotonic()
-    others = [going.process(f"{word} killed") for word in ("controllers.runtime.process", "record", "view")]
+    others = [going.process(f"{word} killed") for word in ("rig.controllers.runtime.process", "record", "view")]
     plant = going.process("rig.bench.plant_process")
     time.sleep(2.0)
     plant.send_signal(signal.SIGKILL)
@@ -416,7 +420,7 @@ def test_a_plant_that_hung_for_three_seconds_has_lost_nobody(folder, tmp_path):
     assert np.count_nonzero(answered > pause["tick"] + 100) > 1000
 
 
-@pytest.mark.parametrize("who", ["controllers.runtime.process nf", "rig record"])
+@pytest.mark.parametrize("who", ["rig.controllers.runtime.process nf", "rig record"])
 def test_a_process_that_hung_for_three_seconds_takes_part_again(folder, tmp_path, who):
     outcome, run = stalled(scenes.load(SCENE), tmp_path / "run.mcap", who, 3.0)
     assert outcome.died == ()

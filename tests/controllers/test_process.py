@@ -280,7 +280,7 @@ def spawned(what, **given):
         door = session.serve("cmd/plant", lambda _: {})
         session.announce()
         name = Path(what).stem
-        command = [sys.executable, "-m", "controllers.runtime.process", what, "--run", "here"]
+        command = [sys.executable, "-m", "rig.controllers.runtime.process", what, "--run", "here"]
         with subprocess.Popen(command, cwd=ROOT, stderr=subprocess.PIPE, text=True) as child:
             try:
                 deadline = time.monotonic() + 20.0
@@ -381,7 +381,7 @@ def test_when_the_plant_is_killed_the_controller_ends_within_three_seconds(priva
         try:
             plant.stdin.write(described().to_text() + "\n")
             plant.stdin.flush()
-            command = [sys.executable, "-m", "controllers.runtime.process", "feedback", "--run", "here"]
+            command = [sys.executable, "-m", "rig.controllers.runtime.process", "feedback", "--run", "here"]
             with subprocess.Popen(command, cwd=ROOT) as child:
                 try:
                     assert plant.stdout.readline() == "joined\n"

@@ -227,5 +227,5 @@ def test_python_control_is_loaded_only_for_an_observer():
     import subprocess
     import sys
 
-    code = "import sys, rig.design.numbers, controllers.runtime.process; sys.exit('control' in sys.modules)"
+    code = "import sys, rig.design.numbers, rig.controllers.runtime.process; sys.exit('control' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -31,7 +31,8 @@ _ROWS = 12  # of boundaries, on the screen
 class Map:
     """What `rig.map` finds, over [row, point]; a map with one axis has one row.
 
-    state      verdicts of rig.analysis.map.steady_state, [run, row, point], runs in the order of `RUNS`; NONE where not asked for
+    state      verdicts of rig.analysis.map.steady_state, [run, row, point], runs in the order of `RUNS`;
+               NONE where not asked for
     tables     low, high, rms of the output; share, period of sticking; spent: simulated seconds; the same shape.
                section: local maxima of the output, [run, row, point, number]
     why        why a motion had to stop, in words, of the same shape as `state`; "" where it did not

@@ -181,8 +181,8 @@ def run(
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """`python -m controllers.runtime.process NAME_OR_FILE [--run RUN] [--wait S]`, started by a supervisor."""
-    parser = argparse.ArgumentParser(prog="controllers.runtime.process", description=__doc__.partition("\n")[0])
+    """`python -m rig.controllers.runtime.process NAME_OR_FILE [--run RUN] [--wait S]`, started by a supervisor."""
+    parser = argparse.ArgumentParser(prog="rig.controllers.runtime.process", description=__doc__.partition("\n")[0])
     parser.add_argument("what", help="name of a controller in the scene, or a Python file")
     parser.add_argument("--run", help="the run to join; the newest by default")
     parser.add_argument("--wait", type=float, default=10.0, help="longest wait for the run [s]")
