@@ -200,14 +200,16 @@ def _text(value: Any) -> str:
 
 
 def new_scene(
-    name: Annotated[str, typer.Argument(metavar="NAME", help="File to write; .toml is added.")],
-    based_on: Annotated[str, typer.Option(metavar="SCENE", help="Shipped scene or TOML file to start from.")],
+    name: Annotated[str, typer.Argument(metavar="NAME", help="File to write, with or without .toml.")],
+    based_on: Annotated[
+        str, typer.Option(metavar="SCENE", help="Shipped scene, or TOML file, on which the new one is based.")
+    ],
     force: Force = False,
     as_json: Json = False,
 ) -> None:
-    """Write a scene file to edit, based on another scene: it says only what differs.
+    """Write a new scene file that is based on another scene and contains only what differs.
 
-    The values most worth changing are in it as comments, with unit, range and origin.
+    The file lists the main values as comments, with unit, range and origin.
     """
     from rig.scenes import load
     from rig.scenes.draft import draft

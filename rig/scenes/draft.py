@@ -17,11 +17,11 @@ FIRST = ("drive", "load", "friction")
 """Tables that come first: what an experiment varies."""
 _TABLES, _VALUES = 5, 5  # as many as a reader looks through
 _HEAD = """\
-# A scene based on {base}: it has all of its values, but for what this file says. What to do with it:
+# A scene based on {base}. It has all values of {base}, except those that this file changes. Next steps:
 #   rig explain {file}            every value with its origin, and the file and line it comes from
-#   rig simulate {file}           as fast as it goes
+#   rig simulate {file}           as fast as possible
 #   rig run {file} --view         paced by the clock, live in rerun
-# To change a value, take the # off its line. Say where it comes from if you like: ["0.1 m/s", "chosen", "why"].
+# To change a value, remove the # of its line. You may state its origin and a note: ["0.1 m/s", "chosen", "why"].
 # KEY = "none" takes a value away, or an effect, a sensor, a controller; [[protocol]] replaces the whole protocol.
 
 format = {format}
