@@ -1,7 +1,7 @@
-"""Compiled code: everything that runs in every tick of a rig. Reads tables (rig.model) and knows no rig.
+"""Compiled code: everything that runs in every tick of a rig. It reads tables (rig.model) and knows no particular rig.
 
 records                      what a kernel works on: state, scratch, log, plan
-advance                      carries a state through ticks, from method to method
+advance                      the loop that advances a state through ticks with the chosen method
 frames                       plant, instruments (sampling, pole_response) and controllers (control_loop) in one loop
 exact, many_states           exact propagation: quiet ticks, and the ticks that are subdivided
 dopri5, rk4                  Runge-Kutta methods; runge_kutta_stage is their common stage, dense_output the quartic
@@ -10,8 +10,8 @@ kick, film_steps             symplectic steps for contacts that open and close a
 contact_state, state_codes   the contact state that agrees with the equations at an instant, and its codes
 forces                       right-hand side of a mode set; friction_coefficient, product_inputs, random_input
 energy_balance               each term of the energy balance; instant_readings: powers and outputs at an instant
-expm, exponential, roots     propagators, the exponential function, the first zero of a guard
+expm, exponential, roots     propagators, the exponential function, the first zero crossing of a guard
 column_blocks, rows          sums in a fixed order
 segments, segment_output     outputs of a frame as piecewise polynomials
-specialised                  hot code for a number of states, called by address
+specialised                  hot code compiled for a fixed number of states and called by address
 """

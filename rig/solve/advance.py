@@ -1,4 +1,4 @@
-"""Carrying a state through ticks: the compiled loop that hands it from method to method."""
+"""The compiled loop that advances a state through ticks and selects the method for each mode set."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _FLUSH = 1e-150
 
 @kernel
 def advance(tables, loan, begin, origin, ticks):
-    """Carry the state from row `origin` of the log up to row `ticks`; returns a status.
+    """Advance the state from row `origin` of the log to row `ticks`. Returns a status.
 
-    `tables`, `loan`: Tables and Carried, lent. To be called again, no longer with `begin`, when that asks for a mode
-    set or for more room for segments.
+    `tables`, `loan`: Tables and Carried, lent (rig.lent_records). If the status asks for a mode set or for more room
+    for segments, the caller provides it and calls again without `begin`.
     """
     state = loan.state
     if begin:
@@ -35,9 +35,9 @@ def advance(tables, loan, begin, origin, ticks):
 
 @inner
 def start(t, w, state, seg, origin):
-    """Begin a block at row `origin` of the log: no event and no segment was yet.
+    """Begin a block at row `origin` of the log, with no events and no segments yet.
 
-    Modes are settled first, unless the state is the one that the block before has ended with.
+    The contact state is made consistent first, unless the state is the one with which the previous block ended.
     """
     for g in range(t.swing.shape[0]):
         for i in range(2):
@@ -55,7 +55,7 @@ def start(t, w, state, seg, origin):
 
 @inner
 def carry(shape, t, w, state, log, seg, plan, ticks):
-    """Part: one block, begun, up to row `ticks`; the rest as in `advance`."""
+    """Advance the state through a block that has begun, up to row `ticks`; arguments and status as in `advance`."""
     ic, fc, x = state.ic, state.fc, state.x
     while True:
         if ic[PENDING] != READY:
@@ -102,7 +102,7 @@ def carry(shape, t, w, state, log, seg, plan, ticks):
 
 @inlined
 def gained(t, sector, before, after, x):
-    """What the stiffness stores more at x when the mode set `after` follows on `before` at an edge of a sector."""
+    """The increase of the stiffness energy at x when mode set `after` follows `before` at the edge of a sector."""
     base, places = of_sector(t, sector), t.sectors[sector]
     old, new = t.change[sector, digit(before, base, places)], t.change[sector, digit(after, base, places)]
     s = 0.0
@@ -114,7 +114,7 @@ def gained(t, sector, before, after, x):
 
 @inlined
 def beyond(t, mode_set, x, w, watched, bound):
-    """The first watched output whose size is beyond its bound; -1 if none is."""
+    """The first watched output whose absolute value exceeds its bound; -1 if there is none."""
     if watched.shape[0]:
         asked = False
         for i in range(watched.shape[0]):
@@ -132,10 +132,10 @@ def beyond(t, mode_set, x, w, watched, bound):
 
 @kernel
 def evaluate(tables, loan, states, mode_sets, values):
-    """values[i, output] = every output of the rig at states[i] in mode set mode sets[i]."""
+    """Write every output of the rig at states[i] in mode set mode_sets[i] to values[i, output]."""
     t, w = tables, loan.work
     for i in range(states.shape[0]):
-        s, x = np.int32(mode_sets[i]), states[i]  # as mode sets are elsewhere
+        s, x = np.int32(mode_sets[i]), states[i]  # the type of mode sets everywhere else
         if t.film.begins.shape[0]:
             film_steps.read(t.film, x, values[i])
             continue

@@ -1,9 +1,10 @@
-"""Products of tables in blocks of columns, for kernels: many sums side by side, each in a fixed order.
+"""Products of vectors with tables stored in blocks of columns: many sums side by side, each in a fixed order.
 
-    table [block, n, BLOCK]      columns 0 .. BLOCK - 1 of all rows, then the next ones: read once, from end to end
+    table [block, n, BLOCK]      columns 0 .. BLOCK - 1 of all rows, then the next BLOCK columns: read sequentially
 
-Written as vectors by hand. The compiler's own code for such a product keeps its sums in memory: half as fast. What a
-processor has no registers for, the compiler splits: sums and their rounding stay the same.
+The vector code is written by hand, because the compiler's own code for such a product keeps its sums in memory and
+takes twice as long. On a processor with narrower registers the compiler splits the vectors; sums and their rounding
+stay the same.
 """
 
 from __future__ import annotations
@@ -23,7 +24,10 @@ LANE = 8
 
 
 def zeros(shape: int | tuple[int, ...]) -> Array:
-    """Zeros that begin where a line of the processor's cache does: half the time of vectors that lie across two."""
+    """An array of zeros that begins at a cache line of the processor.
+
+    Vectors that straddle two cache lines take twice as long.
+    """
     count = int(np.prod(shape))
     room = np.zeros(count + LANE)
     first = -(room.ctypes.data // room.itemsize) % LANE
@@ -31,7 +35,7 @@ def zeros(shape: int | tuple[int, ...]) -> Array:
 
 
 def blocks(rows: Array) -> Array:
-    """Rows [row, n] as blocks of columns [block, n, BLOCK], zeros behind the last."""
+    """Rows [row, n] as blocks of columns [block, n, BLOCK]; the last block is padded with zeros."""
     count, n = -(-len(rows) // BLOCK), rows.shape[1]
     padded = np.zeros((count * BLOCK, n))
     padded[: len(rows)] = rows
@@ -39,7 +43,7 @@ def blocks(rows: Array) -> Array:
 
 
 class _Lanes:
-    """Vectors of LANE numbers in the code of an intrinsic: loaded and stored anywhere, a b + c rounded once."""
+    """Vectors of LANE numbers in the code of an intrinsic: unaligned load and store, fused multiply-add."""
 
     def __init__(self, context: Any, builder: Any) -> None:
         self._context, self._builder = context, builder
@@ -47,34 +51,34 @@ class _Lanes:
         self.zero = ir.Constant(self._kind, [0.0] * LANE)
 
     def whole(self, value: int) -> Any:
-        """A constant of the size of an index."""
+        """An integer constant of the type of an index."""
         return ir.Constant(self._context.get_value_type(types.intp), value)
 
     def place(self) -> Any:
-        """Room for one, that the compiler keeps in a register."""
+        """Storage for one vector, which the compiler keeps in a register."""
         return cgutils.alloca_once(self._builder, self._kind)  # type: ignore[no-untyped-call]
 
     def _at(self, data: Any, offset: Any) -> Any:
         return self._builder.bitcast(self._builder.gep(data, [offset]), self._kind.as_pointer())
 
     def load(self, data: Any, offset: Any) -> Any:
-        """The numbers from data[offset] on."""
+        """The vector that begins at data[offset]."""
         found = self._builder.load(self._at(data, offset))
         found.align = 8
         return found
 
     def store(self, lanes: Any, data: Any, offset: Any) -> None:
-        """Put them to data[offset] and on."""
+        """Store a vector to data, beginning at data[offset]."""
         self._builder.store(lanes, self._at(data, offset)).align = 8
 
     def alike(self, number: Any) -> Any:
-        """One number in all lanes."""
+        """A vector with the same number in all lanes."""
         none, everywhere = ir.Constant(self._kind, ir.Undefined), ir.VectorType(ir.IntType(32), LANE)
         alone = self._builder.insert_element(none, number, ir.Constant(ir.IntType(32), 0))
         return self._builder.shuffle_vector(alone, none, ir.Constant(everywhere, [0] * LANE))
 
     def sum(self, lanes: Any) -> Any:
-        """All lanes together: one half and the other, until one is left."""
+        """The sum of all lanes: the upper half is added to the lower half until one number is left."""
         size = LANE
         while size > 1:
             size //= 2
@@ -88,7 +92,7 @@ class _Lanes:
         return self._builder.extract_element(lanes, ir.Constant(ir.IntType(32), 0))
 
     def more(self, a: Any, b: Any, total: Any) -> Any:
-        """A b + total."""
+        """The vector a b + total."""
         product = self._builder.fmul(a, b, flags=("contract",))
         return self._builder.fadd(product, total, flags=("contract",))
 
@@ -101,8 +105,7 @@ def _arrays(context: Any, builder: Any, signature: Any, arguments: Any) -> list[
 def _multiply(typing: Any, table: Any, x: Any, first: Any, count: Any, out: Any) -> Any:
     """out[BLOCK b + r] = sum_j x[j] table[first + b, j, r] for b < count, two blocks at a time.
 
-    The order of every sum is that of j on any processor. Written by hand because the compiler's own code for such a
-    product keeps its sums in memory: half as fast.
+    Every sum runs in the order of j on any processor.
     """
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -141,7 +144,7 @@ multiply: Any = intrinsic(_multiply)
 
 
 def _gather(typing: Any, total: Any, x: Any, weight: Any) -> Any:
-    """Total += weight x x^T over the rows that `total` has; x and the rows are as long as whole blocks."""
+    """Add weight x x^T to `total`, for the rows that `total` has. x and the rows have the length of whole blocks."""
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         total, x, weight = _arrays(context, builder, signature, arguments)
@@ -167,7 +170,10 @@ gather: Any = intrinsic(_gather)
 
 
 def _blend(typing: Any, low: Any, rise: Any, share: Any, x: Any, now: Any, out: Any) -> Any:
-    """Rows now = low + share rise [n, lane], out[lane] = sum_j x[j] now[j, lane]; as many as fill vectors of LANE."""
+    """Compute now = low + share rise [n, lane] and out[lane] = sum_j x[j] now[j, lane].
+
+    The number of lanes is a multiple of LANE.
+    """
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         low, rise, share, x, now, out = _arrays(context, builder, signature, arguments)
@@ -200,7 +206,10 @@ blend: Any = intrinsic(_blend)
 
 
 def _in_blocks(builder: Any, lanes: _Lanes, width: Any, several: Callable[[Any, int], None]) -> None:
-    """Code of `several` for all lanes: from one on, so many vectors; blocks first, then what is left."""
+    """Emit the code of `several(first, vectors)` for all lanes: whole blocks first, then the vector that is left.
+
+    `several` handles `vectors` vectors beginning at lane `first`.
+    """
     blocks = builder.udiv(width, lanes.whole(BLOCK))
     with cgutils.for_range(builder, blocks) as block:  # type: ignore[no-untyped-call]
         several(builder.mul(block.index, lanes.whole(BLOCK)), BLOCK // LANE)
@@ -210,7 +219,10 @@ def _in_blocks(builder: Any, lanes: _Lanes, width: Any, several: Callable[[Any, 
 
 
 def _across(typing: Any, table: Any, weights: Any, out: Any) -> Any:
-    """out[j] = sum of table[j, lane] weights[lane]: each lane by itself, then by halves; as many as fill vectors."""
+    """out[j] = sum of table[j, lane] weights[lane]: each lane is summed on its own, then the lanes by halves.
+
+    The number of lanes is a multiple of LANE.
+    """
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         table, weights, out = _arrays(context, builder, signature, arguments)

@@ -1,10 +1,11 @@
-"""The modes that agree with the equations at one instant.
+"""The contact state that agrees with the equations at one instant.
 
-Settled at the start of a run, after every event and at the start of a block where a state was written (a held command
-may have jumped): change a mode, look up its mode set, land on the constraint, look again, until nothing changes. A step
-that ends on w = 0 decides by the force that sticking would need, never by the sign of a rounded w. Nothing is landed at
-a jump of the belt: a stuck body whose belt jumps slips, and no energy moves by itself. A switch that was thrown takes
-its position here; what the network then stores less is booked.
+It is determined at the start of a run, after every event, and at the start of a block in which a state was written (a
+held command may have jumped). One mode is changed, its mode set is looked up, the state is projected onto the
+constraint of stick, and all conditions are checked again, until nothing changes. If a step ends at w = 0, the force
+needed for sticking decides, never the sign of a rounded w. A jump of the belt is not projected: a stuck body whose belt
+jumps begins to slip, so no energy appears from nowhere. A switch that was thrown takes its position here, and the loss
+of network energy is added to the energy balance.
 """
 
 from __future__ import annotations
@@ -28,22 +29,22 @@ from rig.solve.state_codes import (
     STICK,
 )
 
-# What a kernel returns. NEED: a mode set; OVERFULL: more room for segments; LOOK: done, maybe early.
+# Status of a kernel. NEED: needs a mode set; OVERFULL: needs more room for segments; LOOK: done, perhaps early.
 DONE, NEED, CHATTER, JAM, LOST, OVERFULL, LOOK = range(7)
-READY, SETTLE, LAND, START, THROWN = range(5)  # what a run has to do first
+READY, SETTLE, LAND, START, THROWN = range(5)  # what has to be done before the state is advanced
 
-_SLACK = 1e-9  # a contact that slips and sticks in the same instant may hold this much more
+_SLACK = 1e-9  # relative increase of the friction limit for a contact that slips and sticks at one instant
 
 
 @inner
 def digit(key, base, radix):
-    """One mode of a mixed-radix key."""
+    """The mode of one contact, read from a mixed-radix key."""
     return (key // base) % radix
 
 
 @inner
 def with_digit(key, base, radix, mode):
-    """The key with one mode replaced."""
+    """The key with the mode of one contact replaced."""
     return key + (mode - digit(key, base, radix)) * base
 
 
@@ -55,19 +56,19 @@ def of_patch(p):
 
 @inner
 def of_normal(P, k):
-    """Weight of the mode of normal k, behind P patches."""
+    """Weight of the mode of normal force k in the key; normal forces follow the P patches."""
     return 3**P * 2**k
 
 
 @inner
 def of_limiter(P, K, x):
-    """Weight of the mode of limiter x, behind P patches and K normals."""
+    """Weight of the mode of limiter x in the key; limiters follow P patches and K normal forces."""
     return 3**P * 2**K * 3**x
 
 
 @inner
 def of_sector(t, s):
-    """Weight of the mode of sector row s, behind patches, normals and limiters."""
+    """Weight of the mode of sector row s in the key; sector rows follow patches, normal forces and limiters."""
     weight = 3 ** t.slip.shape[0] * 2 ** t.of_patch.shape[0] * 3 ** t.limiters[0]
     for i in range(s):
         weight *= t.sectors[i]
@@ -76,7 +77,7 @@ def of_sector(t, s):
 
 @inner
 def thrown(t, key, x):
-    """The key with every switch in the position that its signal says."""
+    """The key with every switch in the position that its state variable commands."""
     weight = of_sector(t, t.sectors.shape[0])
     for s in range(t.positions.shape[0]):
         where = min(max(int(x[t.commanded[s]] + 0.5), 0), t.positions[s] - 1)
@@ -87,7 +88,7 @@ def thrown(t, key, x):
 
 @inlined
 def land(t, mode_set, x, copy):
-    """X <- Pi x: take what is left of the slip speed out of stuck patches."""
+    """Project the state with Pi: remove what is left of the slip speed of stuck patches."""
     n = x.shape[0]
     for i in range(n):
         copy[i] = x[i]
@@ -97,7 +98,7 @@ def land(t, mode_set, x, copy):
 
 @inner
 def loaded(patch_of, P, key, p):
-    """Whether any normal force of patch p is closed."""
+    """Whether at least one normal force of patch p is closed."""
     for k in range(patch_of.shape[0]):
         if patch_of[k] == p and digit(key, of_normal(P, k), 2) == 0:
             return True
@@ -106,7 +107,9 @@ def loaded(patch_of, P, key, p):
 
 @inner
 def choose(slip, key, p, x, size):
-    """The key with patch p in stick where it does not slip, else in slip along its speed."""
+    """The key with patch p in stick if its slip speed is zero to rounding, otherwise in slip in the direction of its
+    speed.
+    """
     w = dot(slip[p], x)
     if abs(w) <= rounding(slip[p], size):
         return with_digit(key, of_patch(p), 3, STICK)
@@ -115,7 +118,7 @@ def choose(slip, key, p, x, size):
 
 @inner
 def transition(kind, owner, P, K, key):
-    """The mode set that follows when a guard of `kind` falls through zero."""
+    """The key that follows the event of a guard of `kind`, for all kinds but sectors."""
     if kind == G_SLIP:
         return with_digit(key, of_patch(owner), 3, STICK)
     if kind < G_OPEN:
@@ -128,10 +131,10 @@ def transition(kind, owner, P, K, key):
 
 @inner
 def passed(t, mode_set, guard, ic, x):
-    """What follows when a guard of `mode set` falls: the next key to `ic`, modes to be settled anew.
+    """Write the key that follows the event of `guard` to `ic` and request a new contact state.
 
-    A place that rounding has left short of the edge is put on it, or its new sector would be left at once. Beyond the
-    ends of the range of sectors the place is moved by a period.
+    At the edge of a sector, a position that rounding left short of the edge is moved onto it; otherwise the new sector
+    would be left at once. Beyond the last sector, and before the first one, the position is shifted by one period.
     """
     kind, owner, key = t.kind[mode_set, guard], t.owner[mode_set, guard], ic[KEY]
     ic[PENDING] = LAND
@@ -154,7 +157,7 @@ def passed(t, mode_set, guard, ic, x):
 
 @inlined
 def place(t, key, x):
-    """The key with every sector where x is."""
+    """The key with every sector set to the one that contains x."""
     for s in range(t.sectors.shape[0]):
         at, mode = dot(t.path[s], x), 0
         while mode + 1 < t.sectors[s] and at >= t.edges[s, mode + 1]:
@@ -165,7 +168,7 @@ def place(t, key, x):
 
 @inlined
 def turns_back(t, mode_set, p, sign, x, T):
-    """Whether dw/dt of patch p, which is to slip along `sign` from w = 0, clearly points the other way."""
+    """Whether patch p, about to slip in direction `sign` from w = 0, has a dw/dt that clearly points the other way."""
     rate, size = 0.0, 0.0
     for i in range(x.shape[0]):
         if t.slip[p, i] != 0.0:
@@ -176,15 +179,16 @@ def turns_back(t, mode_set, p, sign, x, T):
 
 @inlined
 def disagreement(t, mode_set, key, begun, x, size, T, slack):
-    """The first mode that the state contradicts, as the key that mends it; -1 when all agree.
+    """The key that corrects the first mode which the state contradicts; -1 if all modes agree.
 
-    A patch that slips with w inside rounding agrees: it has just been released, or an event of its own will end that.
-    If it was put there since the modes were `begun`, w has to grow. Contacts are asked in their order, from the first
-    again after every change: several that change together at one instant are a complementarity problem, and this is
-    Murty's rule of the least index, which does not go round in circles where other orders do (Opsearch 11 (1974) 123).
-    Friction is asked before the normal forces: where N depends on the acceleration, a stuck contact that would pull
-    lets go and then presses; opened first, it would press in the open, stick again, and never be done. A contact that
-    cannot open pulls as it presses, here as between two blocks.
+    A slipping patch whose w is zero to rounding agrees: it has just been released, or an event of its own will end the
+    slip. If it began to slip during this search (`begun` is the key before it), w has to grow. The contacts are checked
+    in their order, and again from the first one after every change. Several contacts that change at one instant are a
+    complementarity problem; this order is Murty's least-index rule, which does not cycle where other orders do
+    (Opsearch 11 (1974) 123). Friction is checked before the normal forces. Reason: where N depends on the acceleration,
+    a stuck contact with tensile N is released and then presses. If it were opened first, it would press while open,
+    stick again, and the search would never end. A contact that cannot open keeps its mode when N becomes
+    tensile, as it does within a block.
     """
     P, K = t.slip.shape[0], t.of_patch.shape[0]
     for p in range(P):
@@ -193,7 +197,7 @@ def disagreement(t, mode_set, key, begun, x, size, T, slack):
         base = of_patch(p)
         w, noise = dot(t.slip[p], x), rounding(t.slip[p], size)
         mode = digit(key, base, 3)
-        if t.code[mode_set, p] == SMOOTH:  # alike to both sides, and never stuck
+        if t.code[mode_set, p] == SMOOTH:  # the law is odd and never sticks: one mode serves both directions
             if mode == SLIP_PLUS:
                 continue
             return with_digit(key, base, 3, SLIP_PLUS)
@@ -230,11 +234,11 @@ def disagreement(t, mode_set, key, begun, x, size, T, slack):
 
 @inlined
 def settle(t, w, state):
-    """Bring the modes of `state` into agreement with its x. Returns DONE, NEED or JAM.
+    """Make the contact state of `state` consistent with its x. Returns DONE, NEED or JAM.
 
-    A slip speed that is only the rounding of the largest sizes of the states so far (w.size) is none, also where belt
-    and body have come to rest. Where the same contact has just changed twice in one instant (ic[REPEAT]), sticking may
-    hold a little more.
+    A slip speed within the rounding error of the largest values of the states so far (w.size) counts as zero, also
+    where belt and body have come to rest. If the same contact has just changed twice in one instant (ic[REPEAT]), the
+    friction limit of stick is raised by `_SLACK`.
     """
     ic, x, size, T, scratch, copy, energy = state.ic, state.x, w.size, w.T, w.scratch, w.copy, state.energy
     key, pending = ic[KEY], ic[PENDING]
@@ -269,7 +273,7 @@ def settle(t, w, state):
         if new < 0:
             ic[KEY], ic[PENDING], ic[BEGUN] = key, READY, -1
             return DONE
-        for p in range(t.slip.shape[0]):  # a patch that has just begun to stick lands
+        for p in range(t.slip.shape[0]):  # project a patch that has just begun to stick
             if digit(new, of_patch(p), 3) == STICK and digit(key, of_patch(p), 3) != STICK:
                 pending = LAND
         key = new

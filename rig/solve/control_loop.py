@@ -1,8 +1,8 @@
-"""Controllers within the loop over plant and instruments: who is due is asked, and what is commanded is put into force.
+"""Controllers inside the compiled loop: asks the controllers that are due and puts their commands into force.
 
-This is the way that nearly every command goes (rig.bench.exchange): it comes at its tick, with finite values, and
-is in force after the stated delay of its loop, as a state of the rig. What goes another way is left to who called;
-nothing has been put into force at that tick then, and the answers that were given are there.
+Nearly every command takes this path (rig.bench.exchange): it arrives at its tick, has finite values, and comes into
+force after the stated delay of its loop, as a state of the rig. All other cases are left to the caller. In that case
+nothing has been put into force at that tick, and the answers already given are kept.
 """
 
 from __future__ import annotations
@@ -19,52 +19,52 @@ from rig.kernel import inner
 
 LINE = np.dtype(
     [
-        ("answer", np.int64),  # address of what gives the answers: see `Controls`; 0: all commands are waiting already
+        ("answer", np.int64),  # address of the function `answer`, see `Controls`; 0: all commands wait already
         ("period", np.int64),  # frames
         ("delay", np.int64),  # frames
         ("hears", np.int64),  # its sensors are columns[hears : deaf]
         ("deaf", np.int64),
         ("drives", np.int64),  # its actuators are drives .. driven - 1
         ("driven", np.int64),
-        ("heard_at", np.int64),  # addresses of its parts of heard and command, of its memory
+        ("heard_at", np.int64),  # addresses of its parts of `heard` and `command`, and of its memory
         ("command_at", np.int64),
         ("memory_at", np.int64),
         ("due", np.int64),  # tick of the next answer
         ("given", np.int64),  # tick of the answer in `command`
-        ("updates", np.int64),  # answers given since it was lent
+        ("updates", np.int64),  # answers given since the record was lent
         ("last", np.int64),  # tick at which its last command came into force
-        ("oldest", np.int64),  # row of the commands that wait: of the next one to be taken, and
-        ("waiting", np.int64),  # how many do
-        ("kept", np.int64),  # commands that came into force: rows of `rows` and `values`
+        ("oldest", np.int64),  # row of the next waiting command in the queue
+        ("waiting", np.int64),  # number of waiting commands
+        ("kept", np.int64),  # commands that came into force, kept in `rows` and `values`
         ("clamped", np.int64),
     ],
     align=True,
 )
 NOW, COUNT, UNUSUAL = range(3)  # of Controls.clock
-DUE, ANSWERED, AS = range(3)  # of Controls.queue: in force from this tick on | tick measured at | status
+DUE, ANSWERED, AS = range(3)  # of Controls.queue: in force from this tick on | tick of the measurement | status
 TICK, FOR, STATUS = range(3)  # of Controls.rows
 ROWS = 1 << 12
 """Commands of a controller that are kept until somebody takes them, and that may wait."""
 
 
 class Controls(NamedTuple):
-    """Controllers that work within the compiled loop, in the order in which they are asked.
+    """Controllers inside the compiled loop, in the order in which they are asked.
 
-    answer(line, t_ns, heard, command, memory) -> 1, or 0 where somebody has to look first; three addresses.
+    answer(line, t_ns, heard, command, memory) -> 1, or 0 if the caller has to act first. The last three are addresses.
     """
 
     lines: NDArray[Any]  # LINE [line]
     clock: NDArray[
         np.int64
-    ]  # NOW: tick; COUNT: lines in use; UNUSUAL: 1 where `control` has ended for somebody to look
-    columns: NDArray[np.int64]  # [read] number of the sensor
+    ]  # NOW: tick; COUNT: lines in use; UNUSUAL: 1 if `control` returned False: the caller has to act
+    columns: NDArray[np.int64]  # [read] index of the sensor
     heard: NDArray[np.float64]  # [read]
     command: NDArray[np.float64]  # [drive] the last answer
-    place: NDArray[np.int64]  # [drive] the state that holds the command, and
-    slope: NDArray[np.int64]  # [drive] the one that is its slope, -1: none
+    place: NDArray[np.int64]  # [drive] index of the state that holds the command
+    slope: NDArray[np.int64]  # [drive] index of the state that is its slope, -1: none
     low: NDArray[np.float64]  # [drive]
     high: NDArray[np.float64]  # [drive]
-    force: NDArray[np.float64]  # [drive] in force
+    force: NDArray[np.float64]  # [drive] the command in force
     queue: NDArray[np.int64]  # [line, waiting, 3]
     queued: NDArray[np.float64]  # [waiting, drive]
     rows: NDArray[np.int64]  # [line, row, 3]
@@ -73,7 +73,7 @@ class Controls(NamedTuple):
 
 
 def controls(lines: int = 0, reads: int = 0, drives: int = 0, frame: int = 1) -> Controls:
-    """Room for so many controllers, sensors that they read and actuators; frame [ns]."""
+    """Empty tables for `lines` controllers, `reads` sensor inputs and `drives` actuators. `frame` in ns."""
     rows = ROWS if lines else 1
     whole, real = np.int64, np.float64
     return Controls(
@@ -109,9 +109,10 @@ ask: Any = intrinsic(_ask)
 
 @inner
 def control(c: Any, latest: Any, x: Any) -> bool:
-    """Let the controllers answer and act at the tick of the clock; False: somebody has to look, nothing is in force.
+    """Ask the controllers that are due at the current tick and put commands into force.
 
-    `latest`: of each sensor; x: the state that the commands are written to.
+    Returns False if the caller has to act first; then nothing has been put into force. `latest` [sensor]: latest
+    measurements. `x`: the state to which commands are written.
     """
     lines, now, usual = c.lines, c.clock[NOW], True
     for i in range(c.clock[COUNT]):
@@ -152,7 +153,7 @@ def control(c: Any, latest: Any, x: Any) -> bool:
 
 @inner
 def take(c: Any, line: Any, i: int, now: int, x: Any) -> None:
-    """Put the oldest command of a line into force."""
+    """Put the oldest waiting command of controller `i` into force, clamped to the range of its actuators."""
     row, clamped, entry = line.kept, 0, c.queue[i, line.oldest]
     for k in range(line.drives, line.driven):
         value = c.queued[line.oldest, k]

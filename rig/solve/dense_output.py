@@ -1,7 +1,7 @@
-"""The quartic through a step of dopri5, and the first fall of a guard along it.
+"""The quartic through a step of dopri5 (dense output), and the first event along it.
 
-A guard that is a row over the state is a quartic too. One that needs the inputs is fitted by one; what the fit tells is
-held against the guard itself, before and after it is believed.
+A guard that is a row over the state is a quartic too. A guard that depends on the inputs is approximated by a quartic.
+The guard itself is evaluated to estimate the error of this fit and to confirm the event that the fit predicts.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from rig.solve.segment_output import quartic
 from rig.solve.specialised import any_shape, states
 
 _EARLY = 0.5  # share of a step
-_PROBE = 0.9  # of a step, where a quartic through its quarters is off by most
-_OFF = 4.0  # times what it is off there: more than anywhere
-_FAINT = 0.03  # of the bound on the rounding of a guard: its own
+_PROBE = 0.9  # place in a step where the error of a quartic through the quarters is largest
+_OFF = 4.0  # safety factor on the error found there: bounds it everywhere
+_FAINT = 0.03  # share of the rounding bound of a guard: its actual rounding error
 
 
 @inlined
@@ -47,14 +47,14 @@ def dense(shape, k, x, y, h, d):
 
 @inlined
 def at(shape, d, theta, x):
-    """X = dense output at theta."""
+    """Evaluate the dense output at theta and write the state to x."""
     for i in range(states(shape)):
         x[i] = d[0, i] + theta * (d[1, i] + theta * (d[2, i] + theta * (d[3, i] + theta * d[4, i])))
 
 
 @inner
 def actual(t, mode_set, w, f, g, theta):
-    """Guard g, which needs the inputs, at the state that the dense output has at theta."""
+    """The value of guard g, which depends on the inputs, at theta of the dense output."""
     at(any_shape(w.y2.shape[0]), w.derivatives, theta, w.y2)
     refill(f, w.y2)
     return dot(t.G[mode_set, g], w.y2) + dot(t.GT[mode_set, g], w.T)
@@ -62,14 +62,14 @@ def actual(t, mode_set, w, f, g, theta):
 
 @inlined
 def located(t, mode_set, w, f, g, theta, noise):
-    """Where guard g, whose fit falls at `theta`, has itself fallen by no more than `noise`; NONE if it does not fall.
+    """The place where guard g itself becomes zero, at most `noise` below zero; NONE if it has no zero.
 
-    The state that is handed on has to say the same as the event: a contact let go by the error of the fit alone would
-    not move off, but stick again at once.
+    `theta`: zero of its fit. The state at the event has to agree with the event. A contact released only by the error
+    of the fit would not move off; it would stick again at once.
     """
     low, high = theta, theta
     above = below = actual(t, mode_set, w, f, g, theta)
-    if above > 0.0:  # the fit was early: the guard falls before its next place, where both agree
+    if above > 0.0:  # the fit was early: search up to its next node, where fit and guard agree
         if theta >= 1.0:
             return NONE
         high = min(0.25 * (np.floor(4.0 * theta) + 1.0), 1.0)
@@ -79,7 +79,7 @@ def located(t, mode_set, w, f, g, theta, noise):
     elif theta > 0.0:
         low = 0.25 * (np.ceil(4.0 * theta) - 1.0)
         above = actual(t, mode_set, w, f, g, low)
-    kept = 0  # the end that stayed at the last secant; the value of one that stays twice is halved (Illinois)
+    kept = 0  # the end kept by the last secant; its value is halved if it is kept twice (Illinois)
     while above > 0.0 and below < -noise:
         u = low + (high - low) * above / (above - below)
         if not low < u < high:
@@ -102,7 +102,9 @@ def located(t, mode_set, w, f, g, theta, noise):
 
 @inlined
 def sampled(t, mode_set, w, f):
-    """w.fits[g] = guard g, if it needs the inputs, at five places and at `_PROBE`; the bound on its rounding."""
+    """Evaluate the guards that depend on the inputs: w.fits[g] = values at the quarters and at `_PROBE`, rounding
+    bound.
+    """
     found, fits = False, w.fits
     for g in range(t.guards[mode_set]):
         if t.needs[mode_set, g]:
@@ -120,10 +122,11 @@ def sampled(t, mode_set, w, f):
 
 @inlined
 def fitted(t, mode_set, w, f, g, noise):
-    """First fall (theta or NONE) of guard g, which needs the inputs, and whether the step is too long to tell.
+    """The first event of guard g, which depends on the inputs, and whether the step is too long to be sure.
 
-    A quartic through five places, which a sixth one tells the error of: where the guard might fall within that error
-    in a quarter before the one in which it does, it has not been seen well enough.
+    Returns theta (or NONE) and a flag. The guard is fitted by a quartic through five points; a sixth point gives the
+    error of the fit. The flag is set if, within this error, an event is possible in an earlier quarter than the one
+    found.
     """
     fit, poly = w.fits[g], w.poly
     poly[0], poly[1], poly[2], poly[3], poly[4] = quartic(fit[0], fit[1], fit[2], fit[3], fit[4])
@@ -144,12 +147,11 @@ def fitted(t, mode_set, w, f, g, noise):
 
 @inlined
 def fall(t, mode_set, w, f):
-    """First fall of any guard along the dense output in w.derivatives.
+    """The first event of any guard along the dense output in w.derivatives.
 
-    Returns theta or NONE, the guard, and whether the step is too long to tell.
-
-    So it is also where a guard begins at zero, as when a contact has just been let go, and falls early without having
-    begun to fall: the error of the step, which does not shrink towards its begin as the guard does, may be all of it.
+    Returns theta (or NONE), the guard, and whether the step is too long to be sure. The flag is also set if a guard
+    begins at zero, as after a contact was released, and has its event early in the step without falling at the begin.
+    The guard is small there, but the error of the step is not, so the event may be nothing but this error.
     """
     first, guard, doubtful = NONE, -1, False
     sampled(t, mode_set, w, f)
@@ -173,7 +175,7 @@ def fall(t, mode_set, w, f):
 
 @inlined
 def clear(shape, f, d, size):
-    """Whether it is plain from the coefficients that no guard falls along the dense output; else `fall` is asked."""
+    """Whether the coefficients alone prove that no guard has an event along the dense output. Else `fall` decides."""
     for g in range(f.G.shape[0]):
         if f.needs[g]:
             return False

@@ -1,9 +1,10 @@
-"""Dormand-Prince 5(4) with dense output and events, for what is not linear: laws over speed in slip, products.
+"""Dormand-Prince 5(4) with dense output and events, for mode sets that are not linear: speed-dependent friction,
+products.
 
-x' = A x + b T(x). Steps are not cut at ticks; the quartic dense output gives the state there. Guards are polynomials
-of the dense output and their first fall ends the step. Stick is linear for any law and, without products, is left to
-the exact propagator. Signals that swing for ever, such as dither, are put to their exact values after every step. The
-law is continued smoothly through w = 0, so the trial step over an event keeps its order.
+x' = A x + b T(x). Steps are not cut at ticks: the quartic dense output gives the state there. Guards are polynomials
+along the dense output; the first event ends the step. Stick is linear for any friction law; without products it is left
+to the exact propagator. Undamped generators, such as dither, are set to their exact values after every step. The
+friction law is continued smoothly through w = 0, so a trial step beyond an event keeps its order.
 
 Source: Dormand and Prince, J. Comp. Appl. Math. 6 (1980) 19; dense output: Hairer, Norsett, Wanner, Solving Ordinary
 Differential Equations I, section II.6.
@@ -26,15 +27,15 @@ from rig.solve.segment_output import close, crowded, part, through
 from rig.solve.specialised import any_shape, call, local, states
 
 _SAFETY, _SHRINK, _GROW = 0.9, 0.2, 5.0
-_LEAST = 1e-6  # of the largest coordinate or speed
-_MOST = 200_000  # trials for one tick
+_LEAST = 1e-6  # share of the largest coordinate or speed
+_MOST = 200_000  # trial steps for one tick
 ENDED, ASKS, CLEAR, FAILED = range(4)  # what the leaf returns
-_SHARE = 0.7  # of the tolerance for the local error, so that event times keep within ten times the tolerance
+_SHARE = 0.7  # share of the tolerance that a local error may use; keeps event times within ten times the tolerance
 
 
 @inlined
 def trial(shape, f, rub, k, x, h, y, z):
-    """Stages k[1..6] and the end y of a step h from x, whose k[0] is known; z is scratch."""
+    """Compute the stages k[1..6] and the end y of a step h from x; k[0] is known, z is scratch."""
     n = states(shape)
     for i in range(n):
         z[i] = x[i]
@@ -69,10 +70,10 @@ def trial(shape, f, rub, k, x, h, y, z):
 
 @inlined
 def error(shape, k, y, size, h, tolerance):
-    """Largest local error of the step, each state against `tolerance` times its largest size so far.
+    """The largest local error of the step; each state is scaled by `tolerance` times its largest value so far.
 
-    Infinite where a stage has left the range of numbers: a law continued far below w = 0 grows without bound, and the
-    step must shrink then, not pass for one without error.
+    Returns infinity if a stage overflowed. A law continued far below w = 0 grows without bound; the step must then
+    shrink instead of being accepted as free of error.
     """
     n = states(shape)
     worst = 0.0
@@ -98,9 +99,10 @@ def error(shape, k, y, size, h, tolerance):
 
 @inlined
 def growth(e):
-    """0.9 e^(-1/5) for 0 <= e <= 1, at most `_GROW`: by a cubic within 3 % of it where the step is about right.
+    """The factor for the next step: 0.9 e^(-1/5) for 0 <= e <= 1, at most `_GROW`.
 
-    The next step waits for it, and a power takes as long as a stage.
+    A cubic approximates it to 3 % where the step is about right: the next step waits for this value, and a power takes
+    as long as a stage.
     """
     if e < 1e-4:
         return _GROW
@@ -111,9 +113,9 @@ def growth(e):
 
 @inlined
 def alike(rates, count, step, size):
-    """Coordinates, and speeds, that are next to nothing beside the largest of them are judged by a share of that.
+    """Raise the scale of very small coordinates, and speeds, to a share `_LEAST` of the largest one.
 
-    What only rounding moves, such as a mode of a plate that is in equilibrium, has an error as large as itself.
+    A state that is moved by rounding alone, such as a mode of a plate in equilibrium, has an error as large as itself.
     """
     for first in (0, count):
         top = 0.0
@@ -125,7 +127,7 @@ def alike(rates, count, step, size):
 
 @inlined
 def book_step(shape, t, w, f, theta, h, energy):
-    """Energy up to `theta` of the step, by Gauss-Legendre."""
+    """Add the energy terms up to `theta` of the step, by Gauss-Legendre quadrature."""
     for q in range(w.nodes3.shape[0]):
         at(shape, w.derivatives, w.nodes3[q] * theta, w.y2)
         refill(f, w.y2)
@@ -134,9 +136,10 @@ def book_step(shape, t, w, f, theta, h, energy):
 
 @inner
 def emit(t, w, f, from_theta, to_theta, h, start, seg):
-    """One segment of the signals between two instants of the step.
+    """Write one segment of the outputs between two places in the step.
 
-    What depends on no input is a row over the quartic of the state; a quartic through five places stands for the rest.
+    An output that depends on no input is a row over the quartic of the state. Any other is a quartic through five
+    points.
     """
     mode_set, at_once, width, asked = f.mode_set, seg.count[0], to_theta - from_theta, False
     for s in range(seg.coef.shape[1]):
@@ -162,10 +165,10 @@ def emit(t, w, f, from_theta, to_theta, h, start, seg):
 
 @inlined
 def swing(shape, t, w, time, x):
-    """Put the generators among the signals of x to their exact values, `time` [s] after the block began.
+    """Set the generators among the state variables to their exact values, `time` [s] after the block began.
 
-    Nothing damps them: the errors of the steps would add up, in amplitude and in phase. Every index of x is a constant
-    of the compiled code, so that x stays in registers.
+    Generators are undamped, so the errors of the steps would accumulate in amplitude and phase. Every index of x is a
+    constant of the compiled code, so that x stays in registers.
     """
     for g in range(t.swing.shape[0]):
         turn = t.swing_rate[g] * time
@@ -180,7 +183,7 @@ def swing(shape, t, w, time, x):
 
 @inlined
 def accept(shape, t, mode_set, w, k, y, x, here):
-    """Go on from the end y of a step; `here` is the state, x lent to others."""
+    """Accept the end y of a step as the new state `here`; x is passed to functions that are not inlined."""
     for i in range(states(shape)):
         here[i] = y[i]
         k[0, i] = k[6, i]
@@ -195,7 +198,10 @@ def accept(shape, t, mode_set, w, k, y, x, here):
 
 @inlined
 def reach(tick, place, done, share, ticks, last):
-    """Where in the step the tick ends: `done` of it is behind; at its end if it is the `last`, cut for the ticks."""
+    """The place in the step at which the tick ends; `done` is the place already reached.
+
+    It is 1 for the last of the ticks if the step was cut to end there (`last`).
+    """
     to = done + (1.0 - place) * share
     if last and tick == ticks - 1:
         to = 1.0
@@ -204,11 +210,13 @@ def reach(tick, place, done, share, ticks, last):
 
 @inner
 def steps(shape, t, w, state, log, seg, plan, ticks):
-    """Leaf: steps on from state.x, its derivative in w.k[0], until the ticks end or somebody has to look at a step.
+    """Take steps from state.x, with its derivative in w.k[0], to the end of the ticks or to a step that `stretch` must
+    handle.
 
-    ASKS, or CLEAR where no guard can fall in it: its length is fc[LENGTH], its end w.y, its stages w.k, its dense
-    output w.derivatives; state, tick and place are those of its begin. FAILED: no step is short enough. What a step
-    works on is lent to nobody, so that it stays in registers.
+    A leaf (rig.solve.specialised). Returns ENDED; ASKS; CLEAR, if the step is proved free of events; or FAILED, if no
+    step is short enough. With ASKS and CLEAR the length of the step is in fc[LENGTH], its end in w.y, its stages in w.k
+    and its dense output in w.derivatives; state, tick and place are those at its begin. Working arrays are passed to no
+    function that is not inlined, so that they stay in registers.
     """
     n, tick_length, looked = states(shape), t.step[0], plan.with_energy or plan.emitting
     ic, fc, x, size, mode_set = state.ic, state.fc, state.x, w.size, t.mode_set_of[state.ic[KEY]]
@@ -234,7 +242,7 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
                 break
             continue
         grow = growth(e)
-        if h >= next_h or grow < 1.0:  # an error that grows goes on growing
+        if h >= next_h or grow < 1.0:  # the error is likely to go on growing
             next_h = h * max(_SHRINK, min(grow, (grow * grow) * (h / hoped)))
         hoped = h * grow
         dense(shape, k, here, y, h, d)
@@ -269,9 +277,9 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
 
 @inner
 def stretch(shape, t, w, state, log, seg, plan, ticks):
-    """Part: carry the state in slip until an event or the end of the ticks asked for.
+    """Advance the state within one mode set to an event or to the end of the ticks; a part (rig.solve.specialised).
 
-    Returns the guard, -1 at the end, -2 where no step is short enough.
+    Returns the guard, -1 at the end of the ticks, -2 if no step is short enough.
     """
     ic, fc, x, size, mode_set = state.ic, state.fc, state.x, w.size, t.mode_set_of[state.ic[KEY]]
     tick_length, origin, n = t.step[0], ic[REACHED], x.shape[0]

@@ -1,18 +1,19 @@
-"""The energy balance: where the energy of structure and network comes from and where it goes, each term on its own.
+"""The energy balance of structure and network. Each term is integrated on its own.
 
     stored'  = v.M a + q.K v + (x.H x / 2)' = drive - friction - damper + forces + normal - resistor - switch + edges
     drive    = sum_p T_p V_p      supplied by the belt or disc; V_p = w_p + t_p.v
-    friction = sum_p T_p w_p      turned into heat at the contacts, never negative
-    damper   = v.D v
+    friction = sum_p T_p w_p      dissipated at the contacts, never negative
+    damper   = v.D v              dissipated in the dampers
     forces   = v.(F x + F_t T)    supplied by external forces and products
     normal   = sum_k N_k n_k.v    supplied through normal forces
-    resistor = sum i^2 R          heat of the network's resistors
-    edges    = q.dK q / 2         comes in with the stiffness of the next sector, at once
-    switch                        what the network stores less after a switch was thrown: a current interrupted
+    resistor = sum i^2 R          dissipated in the resistors of the network
+    edges    = q.dK q / 2         supplied when the stiffness changes at the edge of a sector
+    switch                        lost from the network when a switch interrupts a current
 
-Every power is a quadratic form x.Q x of the mode set; its integral over a cell is x.W x with W from the same ladder as
-the propagator, W(2h) = W(h) + Phi(h)^T W(h) Phi(h). No term is the difference of the others, so that their sum is a
-check. For laws over speed the forms hold the part that is linear in x; the rest is summed on the dense output.
+Every power is a quadratic form x.Q x of the mode set. Its integral over a cell is x.W x. The matrices W come from the
+same sequence of halved cells as the propagators: W(2h) = W(h) + Phi(h)^T W(h) Phi(h). No term is computed as the
+difference of the others, so their sum is a check. With speed-dependent friction the forms hold the part that is linear
+in x; the rest is integrated along the dense output.
 """
 
 from __future__ import annotations
@@ -32,7 +33,7 @@ NODES, WEIGHTS = (0.5 * (a + o) for a, o in zip(np.polynomial.legendre.leggauss(
 
 @inner
 def held(H, x):
-    """Energy stored in the network, from twice its form."""
+    """The energy stored in the network; H is twice its quadratic form."""
     s = 0.0
     for i in range(x.shape[0]):
         for j in range(x.shape[0]):
@@ -42,7 +43,7 @@ def held(H, x):
 
 @inner
 def add_energy(W, active, x, energy):
-    """energy[term] += x.W[term] x for the terms that are active."""
+    """Add x.W[term] x to energy[term] for every active term."""
     n = x.shape[0]
     for term in range(energy.shape[0]):
         if active[term]:

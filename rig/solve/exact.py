@@ -1,9 +1,10 @@
-"""Exact propagation within a mode set: quiet ticks, and the ticks that must be opened.
+"""Exact propagation within a mode set: quiet ticks, and ticks that are subdivided.
 
-A quiet tick is one product y = x + E x with a proof that no guard fell in it. A tick without that proof is opened:
-cells of step / 2^j from the ladder, left to right, as coarse as alignment and certificate allow; in a finest cell every
-guard is a Taylor polynomial whose first fall is found. After an event the state goes by Taylor to the next grid point
-and the ladder climbs again. Event times are exact to rounding at every step size.
+A quiet tick is one product y = x + E x with a proof that no guard has an event in it. A tick without this proof is
+subdivided into cells of step / 2^j, from left to right. Each cell is as long as alignment and certificate allow, and
+has its own propagator. In a cell of the smallest size every guard is a Taylor polynomial, whose first zero crossing is
+located. After an event a Taylor series carries the state to the next grid point, and the cells become longer again.
+Event times are exact to rounding at every step size.
 """
 
 from __future__ import annotations
@@ -26,7 +27,10 @@ from rig.solve.specialised import call, local, states
 
 @inner
 def quiet(shape, t, w, state, log, seg, plan, ticks):
-    """Leaf: up to `ticks` certified ticks on from state.x, written to the rows of the log. Returns their number."""
+    """Advance state.x by up to `ticks` certified ticks and write the rows of the log. Returns the number of ticks done.
+
+    A leaf (rig.solve.specialised).
+    """
     mode_set, first = t.mode_set_of[state.ic[KEY]], state.ic[TICK]
     n, count = states(shape), t.guards[mode_set]
     E, G, B, g, x, out = t.E[mode_set, 0], t.G[mode_set], t.B[mode_set], w.g, state.x, log.out
@@ -62,7 +66,7 @@ def quiet(shape, t, w, state, log, seg, plan, ticks):
 
 @inlined
 def series(A, x, length, terms, derivatives):
-    """derivatives[k] = A^k x length^k / k!, k = 0 .. terms."""
+    """Taylor terms: derivatives[k] = A^k x length^k / k!, k = 0 .. terms."""
     n = x.shape[0]
     for i in range(n):
         derivatives[0, i] = x[i]
@@ -74,7 +78,7 @@ def series(A, x, length, terms, derivatives):
 
 @inner
 def along(derivatives, terms, u, x):
-    """X = sum_k derivatives[k] u^k."""
+    """Evaluate the Taylor series: x = sum_k derivatives[k] u^k."""
     for i in range(x.shape[0]):
         s = derivatives[terms, i]
         for k in range(terms - 1, -1, -1):
@@ -84,7 +88,7 @@ def along(derivatives, terms, u, x):
 
 @inlined
 def certified(t, mode_set, x, y, shrink):
-    """Whether no guard can fall between x and y, the ends of a cell `shrink` = 4^-level of a step."""
+    """Whether it is proved that no guard has an event between x and y, the ends of a cell; `shrink` = 4^-level."""
     G, B, BA = t.G[mode_set], t.B[mode_set], t.BA[mode_set]
     for k in range(t.guards[mode_set]):
         before, after, bound, slope_bound = 0.0, 0.0, 0.0, 0.0
@@ -106,7 +110,7 @@ def certified(t, mode_set, x, y, shrink):
 
 @inlined
 def earliest(t, mode_set, size, derivatives, terms, poly, work):
-    """First fall of any guard along a Taylor cell: (u in [0, 1] or NONE, guard)."""
+    """The first event of any guard along a Taylor cell: (u in [0, 1] or NONE, guard)."""
     G, first, guard = t.G[mode_set], NONE, -1
     for k in range(t.guards[mode_set]):
         for d in range(terms + 1):
@@ -119,7 +123,10 @@ def earliest(t, mode_set, size, derivatives, terms, poly, work):
 
 @inner
 def stretch(shape, t, w, state, log, seg, plan, ticks):
-    """Part: quiet ticks as far as they go, else an opened one, in a linear mode set. Returns the guard or -1."""
+    """Advance by quiet ticks as far as possible, or else by one subdivided tick, in a linear mode set.
+
+    A part (rig.solve.specialised). Returns the guard of the event, or -1.
+    """
     ic, x, with_energy, emitting = state.ic, state.x, plan.with_energy, plan.emitting
     n, origin, mode_set = x.shape[0], ic[REACHED], t.mode_set_of[ic[KEY]]
     if state.fc[PLACE] == 0.0 and plan.wide:
@@ -158,9 +165,9 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
 
 @inlined
 def opened(t, w, state, seg, plan, mode_set):
-    """Carry the state through (the rest of) one tick, up to its end or the first event.
+    """Subdivide one tick, or the rest of it, and advance the state to its end or to the first event.
 
-    Returns the guard that fell, or -1 at the end of the tick.
+    Returns the guard of the event, or -1 at the end of the tick.
     """
     ic, fc, x, energy, with_energy, wide = state.ic, state.fc, state.x, state.energy, plan.with_energy, plan.wide
     n, h, y = x.shape[0], t.step[0], w.y
@@ -179,7 +186,7 @@ def opened(t, w, state, seg, plan, mode_set):
                 whole //= 2
                 level -= 1
             found = False
-            while not wide or depth > 0:  # a wide rig's tick has just been found to have no proof
+            while not wide or depth > 0:  # of a rig with many states, the whole tick was tried before
                 E = t.E[mode_set, level]
                 for i in range(n):
                     y[i] = x[i] + dot(E[i], x)
@@ -238,7 +245,7 @@ def opened(t, w, state, seg, plan, mode_set):
 
 @inlined
 def book_series(t, mode_set, w, terms, reach, length, energy):
-    """Energy along a Taylor cell up to `reach`, by Gauss-Legendre at eight nodes."""
+    """Add the energy terms along a Taylor cell up to `reach`, by Gauss-Legendre quadrature at eight nodes."""
     for q in range(w.nodes.shape[0]):
         along(w.derivatives, terms, w.nodes[q] * reach, w.y)
         scale = w.weights[q] * reach * length

@@ -1,8 +1,8 @@
-"""Matrix exponentials by a fixed order of operations.
+"""Matrix exponentials computed in a fixed order of operations.
 
-A BLAS-backed routine may differ in its last bits with the number of threads and the processor; this one does not.
-The matrix is balanced by powers of two, the finest cell's exponential minus one is summed as a Taylor series, and
-coarser cells follow by squaring E -> 2 E + E^2, which keeps what is small beside one.
+The last bits of a BLAS-backed routine may depend on the number of threads and on the processor; here they do not. The
+matrix is balanced by powers of two. The exponential minus one of the finest cell is summed as a Taylor series. Coarser
+cells follow by squaring, E -> 2 E + E^2, which keeps the digits of entries that are small beside one.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from rig.kernel import kernel
 
 Array = NDArray[np.float64]
 ORDER = 14
-LONGEST = 12  # terms of a cell's Taylor polynomial
+LONGEST = 12  # largest number of terms of the Taylor polynomial of a cell
 REACH = 0.25  # |A| h of a finest cell: Taylor of order 12 is then exact to 3e-18
 DEEPEST = 40
 
 
 @kernel
 def balance(A):
-    """Powers of two d with d[i] A[i, j] / d[j] balanced (Osborne); rows of zeros (constants) take no part."""
+    """Powers of two d such that d[i] A[i, j] / d[j] is balanced (Osborne). Rows of zeros (constants) are left out."""
     n = A.shape[0]
     d = np.ones(n)
     for _ in range(40):
@@ -45,7 +45,7 @@ def balance(A):
 
 @kernel
 def norm(A, d):
-    """1-norm of the balanced matrix over the columns that move."""
+    """The 1-norm of the balanced matrix over the columns of states that change."""
     n = A.shape[0]
     worst = 0.0
     for j in range(n):
@@ -62,7 +62,10 @@ def norm(A, d):
 
 @kernel
 def multiply(X, Y, out):
-    """Out = X Y, sums in index order, row by row: what lies side by side is multiplied side by side."""
+    """The product X Y, written to out; sums run in index order.
+
+    The inner loop runs along rows, so that the compiler can vectorise it.
+    """
     n, m, k = X.shape[0], Y.shape[1], X.shape[1]
     for i in range(n):
         for j in range(m):
@@ -75,7 +78,7 @@ def multiply(X, Y, out):
 
 @kernel
 def taylor(A, h, order):
-    """exp(A h) - 1 by its series of `order` terms; for |A| h up to about a quarter."""
+    """exp(A h) - 1 by the Taylor series with `order` terms, for |A| h up to about a quarter."""
     n = A.shape[0]
     term = np.eye(n)
     out = np.zeros((n, n))
@@ -91,7 +94,7 @@ def taylor(A, h, order):
 
 @kernel
 def depth(A, h):
-    """Halvings that bring |A| h of the balanced matrix down to REACH."""
+    """The number of halvings of h that reduces |A| h of the balanced matrix to REACH."""
     size = norm(A, balance(A)) * h
     level = 0
     while size > REACH and level < DEEPEST:
@@ -102,7 +105,7 @@ def depth(A, h):
 
 @kernel
 def order(A, h):
-    """Terms of the Taylor series of exp(A h / 2^depth) that leave less than a tenth of a rounding error."""
+    """The number of Taylor terms of exp(A h / 2^depth) that leaves less than a tenth of a rounding error."""
     size = norm(A, balance(A)) * h / 2.0 ** depth(A, h)
     terms, left = 1, 0.5 * size * size
     while left > 2e-17 and terms < LONGEST:
@@ -115,7 +118,8 @@ def order(A, h):
 def ladder(A, h):
     """exp(A h / 2^j) - 1 for j = 0 .. depth, shape [depth + 1, n, n].
 
-    Less one, because a tick x + E x keeps what the rounding of a one would lose: over 1e4 ticks a period that is 1e-12.
+    One is subtracted, because a tick x + E x keeps the digits that the rounding of 1 + E would lose: 1e-12 over 1e4
+    ticks of a period.
     """
     n = A.shape[0]
     levels = depth(A, h)

@@ -1,7 +1,7 @@
-"""The exponential function, written into who waits for it.
+"""The exponential function, inlined into its callers.
 
-A call of the library's takes as long as all the rest of a stage of dopri5. e^u = e^(k/16) e^r with k an integer and
-|r| <= 1/32: the first from a table, the second by its series, both to rounding; r is exact.
+A call of the library takes as long as the rest of a dopri5 stage. e^u = e^(k/16) e^r with an integer k and |r| <= 1/32.
+The first factor comes from a table, the second from its series, both accurate to rounding; r is exact.
 """
 
 from __future__ import annotations
@@ -10,14 +10,14 @@ import numpy as np
 
 from rig.kernel import inlined
 
-_LEAST, _MOST = -48, 16  # beyond, the library is asked
+_LEAST, _MOST = -48, 16  # outside of this range the library function is called
 _TABLE = np.exp(np.arange(16 * _LEAST, 16 * _MOST + 1) / 16.0)
-_SHIFT = 1.5 * 2.0**52  # a number so large has no digits behind the point: adding it rounds
+_SHIFT = 1.5 * 2.0**52  # at this size a double has no fraction bits: adding it rounds to an integer
 
 
 @inlined
 def factors(u):
-    """Two numbers whose product is e^u to two units in the last place; the first is there before the second."""
+    """Two numbers whose product is e^u to two units in the last place. The first is available before the second."""
     if _LEAST < u < _MOST:
         k = (16.0 * u + _SHIFT) - _SHIFT
         r = u - 0.0625 * k

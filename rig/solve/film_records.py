@@ -1,4 +1,4 @@
-"""What the steps of a film read: the tables of the film and of the structure under it, as records."""
+"""The tables that the steps of a film read: of the film and of the structure under it."""
 
 from __future__ import annotations
 
@@ -19,51 +19,55 @@ and 2 us, it is right to 1 %, where chords leave 9 %."""
 
 
 class Side(NamedTuple):
-    """Coordinates that move both sides of the line of travel alike, or against each other. A lane: of a pair of points
-    a direction.
+    """Coordinates of one symmetry: they move both sides of the line of travel alike, or in opposite directions.
+
+    A lane is one direction of a pair of mirrored points.
     """
 
     rows: Array  # [place, coordinate, lane]
     which: NDArray[np.int64]  # [coordinate] number
-    rise: Array  # scratch [coordinate, lane] from the place below to the next one
+    rise: Array  # scratch [coordinate, lane] rows at the next place minus rows at the place below
     now: Array  # scratch [coordinate, lane] rows at this instant
     values: Array  # scratch [coordinate]
     felt: Array  # scratch [lane]
 
 
 class Riding(NamedTuple):
-    """Tables of a film and the structure under it, of length zero without one. m: signals that are not the film's."""
+    """Tables of a film and of the structure under it; of length zero without a film.
+
+    m: number of driving states, which are neither coordinates nor speeds nor states of the film.
+    """
 
     alike: Side
     against: Side
     numbers: Array  # see PITCH
     where: NDArray[np.int64]  # see TRAVEL
-    below: NDArray[np.int64]  # scratch [1] the place that the rise begins at; -1: none yet
-    share: Array  # scratch [1] of the rise that the rows have now
-    places: Array  # [2, point] of the points on the slider
+    below: NDArray[np.int64]  # scratch [1] the place at which `rise` begins; -1: none yet
+    share: Array  # scratch [1] share of `rise` in the present rows
+    places: Array  # [2, point] positions of the points on the slider [m]
     kick: Array  # [coordinate] h / 2 / mass
-    turn: Array  # [4, coordinate] flow of place and velocity over a step, less one
-    loss: Array  # [3, coordinate] what the damper takes over a step, of q^2, q v, v^2
-    damped: Array  # scratch [coordinate] what it has taken in the stretch so far
+    turn: Array  # [4, coordinate] propagator of position and velocity over a step, minus one
+    loss: Array  # [3, coordinate] energy dissipated by the damper over a step: factors of q^2, q v, v^2
+    damped: Array  # scratch [coordinate] energy dissipated by the damper since it was last added
     before: Array  # scratch [coordinate]
-    pushed: NDArray[np.int64]  # coordinates that signals push
-    column: Array  # [pushed, 2, m] what that moves them in a step
+    pushed: NDArray[np.int64]  # coordinates on which driving states act
+    column: Array  # [pushed, 2, m] their change of position and velocity in a step
     push: Array  # [pushed, m] force
-    signal: Array  # [m, m] flow of the signals over a step, less one
-    begins: NDArray[np.int64]  # [output + 1] where the entries of one begin
+    signal: Array  # [m, m] propagator of the driving states over a step, minus one
+    begins: NDArray[np.int64]  # [output + 1] index of the first entry of each output
     entry: NDArray[np.int64]  # [entries] state
     value: Array  # [entries]
-    summed: NDArray[np.int64]  # [1] 1: the sensors read sums over the points
-    seen: Array  # scratch [direction, point] where the points are
-    last: Array  # scratch, the step before
-    gives: Array  # scratch, forces along the rows
-    lost: Array  # scratch [3, point] of the stretch so far: mean friction times travel, times sliding; lost in the film
+    summed: NDArray[np.int64]  # [1] 1: sensors read sums over the points
+    seen: Array  # scratch [direction, point] positions of the points
+    last: Array  # scratch, positions at the previous step
+    gives: Array  # scratch, forces at the points along the rows
+    lost: Array  # scratch [3, point] work since last added: friction times travel, friction times sliding, film damper
     moved: Array  # scratch [m]
-    begun: Array  # scratch [2, m] signals at the begin of the tick, and how far they have moved since
+    begun: Array  # scratch [2, m] driving states at the begin of the tick, and their change since
     held: Array  # scratch [pushed]
-    riders: Array  # [rider, point] normal rows of the coordinates whose rows are the same everywhere: the slider's
+    riders: Array  # [rider, point] normal rows of the slider's coordinates: the same at every place
     advance: Array  # [rider] h^2 / 12 / mass
     ahead: Array  # scratch [rider]
     pressed: Array  # scratch [point]
     fits: Array  # [steps, GROUP + 1, GROUP + 1] coefficients of the polynomial through values at the ends of steps
-    values: Array  # scratch [GROUP + 1, read] of these
+    values: Array  # scratch [GROUP + 1, read] outputs at these ends

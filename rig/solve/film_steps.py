@@ -1,21 +1,22 @@
-"""Steps of the method kick where the contacts are a film under a slider that travels (rig.model.film).
+"""Steps of the method kick for contacts that are a film under a travelling slider (rig.model.film).
 
     v += h/2 M^-1 F;   (q, v) <- exact flow of the structure, s <- s + travel;   F of the film there;   v += h/2 M^-1 F
 
-Between two kicks each coordinate moves on its own: a damped turn of its place and velocity. What the points press with
-rests on where they are, and their friction on how far they were carried since the step before, so that the composition
-is of second order (compare rig.solve.kick). Its largest error is that of the stiff film under the light slider. The
-film is therefore looked at h^2/12 further along the acceleration that its pressure gives the slider, which takes that
-error out of the potential of the two (Takahashi and Imada) and costs no product with the rows. The compression speed of
-a damped film is taken from the last three places, for the velocity at the end of a step is not known before its kick. A
-force that is held over the step instead feeds the vibration at any step.
+Between two kicks each coordinate moves on its own: its position and velocity follow a damped rotation. The pressures of
+the points depend on their positions; their friction depends on the distance travelled since the previous step. The
+composition is therefore of second order (compare rig.solve.kick). Its largest error comes from the stiff film under the
+light slider. The positions used for the pressure are therefore extrapolated by h^2/12 along the acceleration that the
+pressure gives the slider. This removes that error from the potential of film and slider (Takahashi and Imada) and needs
+no further product with the rows. The compression speed of a damped film is computed from the last three positions,
+because the velocity at the end of a step is known only after its kick. A force held over the step would feed energy
+into the vibration at any step.
 
-Energy: the friction of a step is the mean of its ends, so that what a point is given by the drive, f times the travel,
-is exactly what it loses in sliding, what its shear stores and what the structure gets. What does not close is what the
-kicks do beside the work of the springs, by the square of the step.
+Energy: the friction of a step is the mean of its ends. The work of the drive on a point, f times the travel, is then
+exactly the sum of what it loses in sliding, stores in shear and passes to the structure. The residual is the difference
+between the work of the kicks and that of the springs, of second order in the step.
 
-What a step costs is the interpolation of the rows with the product that says where the points are, and the product that
-says what they push (rig.solve.column_blocks).
+Most of the computing time goes into two products: the interpolation of the rows together with the positions of the
+points, and the forces of the points on the coordinates (rig.solve.column_blocks).
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ _EDGE = 1e-11
 
 @inner
 def _climb(side, low):
-    """Put the rise from one place to the next into side.rise."""
+    """Write the difference between the rows at place `low` + 1 and at place `low` to side.rise."""
     here, there = side.rows[low], side.rows[low + 1]
     for j in range(here.shape[0]):
         for lane in range(here.shape[1]):
@@ -58,7 +59,7 @@ def _climb(side, low):
 
 @inlined
 def _felt(side, x, base, share):
-    """What the coordinates of one side do at the points, in side.felt."""
+    """Interpolate the rows of one side and write the displacements at the points to side.felt."""
     which, values = side.which, side.values
     for j in range(which.shape[0]):
         values[j] = x[which[j]]
@@ -67,7 +68,7 @@ def _felt(side, x, base, share):
 
 @inlined
 def _pushed(side, forces):
-    """forces[coordinate] of one side = what side.felt comes to."""
+    """forces[coordinate] of one side = the generalised forces of the values in side.felt."""
     which, values = side.which, side.values
     across(side.now, side.felt, values)
     for j in range(which.shape[0]):
@@ -76,10 +77,11 @@ def _pushed(side, forces):
 
 @inlined
 def look(own, x, anew):
-    """Where the points are, in own.seen, and the rows there; false where the slider is off the structure.
+    """Compute the positions of the points, own.seen, and the rows there. Returns False if the slider is off the
+    structure.
 
-    Rows are those of the step before and a bit of the rise, which stay in the processor's nearest cache; `anew`: made
-    from those of the place, as at the begin of every tick, so that they know nothing of the past.
+    The rows are those of the previous step plus a share of the rise; both stay in the fastest cache of the processor.
+    `anew`: interpolate them from the table, as at the begin of every tick, so that they do not depend on the past.
     """
     travel = x[own.where[TRAVEL]]
     place = travel / own.numbers[PITCH]
@@ -107,7 +109,7 @@ def look(own, x, anew):
 
 @inlined
 def push(own, forces):
-    """forces[coordinate] = what own.gives comes to."""
+    """forces[coordinate] = the generalised forces of the point forces own.gives."""
     pairs = own.seen.shape[1] // 2
     for direction in range(own.seen.shape[0]):
         side = -1.0 if direction == 2 else 1.0
@@ -122,9 +124,10 @@ def push(own, forces):
 
 @inlined
 def flow(own, x, one):
-    """Kick the coordinates by half a step, carry them and the signals over a whole one without the film.
+    """Kick the coordinates by half a step, then propagate coordinates and driving states over a whole step without the
+    film.
 
-    What the dampers take goes to own.damped. Returns the work of what signals push.
+    The energy that the dampers dissipate is added to own.damped. Returns the work of the driving states.
     """
     nq, m, work = own.kick.shape[0], own.moved.shape[0], 0.0
     places, speeds, forces = x[:nq], x[nq : 2 * nq], x[one + m : one + m + nq]
@@ -166,9 +169,9 @@ def flow(own, x, one):
 
 @inner
 def press(own, x, travelled, h):
-    """What every point presses with and what its friction is, after a step in which the slider has travelled so far.
+    """Compute pressure and friction of every point after a step in which the slider travelled by `travelled` [m].
 
-    Returns how many have opened.
+    Returns the number of points that opened.
     """
     points, directions = own.where[POINTS], own.where[DIRECTIONS]
     first = own.where[FIRST] + own.kick.shape[0] + len(SUMS)
@@ -234,7 +237,7 @@ def press(own, x, travelled, h):
 
 @inlined
 def total(own, x, opened):
-    """Sums over the points."""
+    """Update the sums over the points."""
     first, points = own.where[FIRST] + own.kick.shape[0], own.where[POINTS]
     normal, friction, closed, along, aside = 0.0, 0.0, 0, 0.0, 0.0
     for i in range(points):
@@ -252,7 +255,7 @@ def total(own, x, opened):
 
 @inlined
 def read(own, x, values):
-    """values[output] = the first outputs at x."""
+    """values[output] = the outputs at x, as many as `values` holds."""
     begins, entry, value = own.begins, own.entry, own.value
     for s in range(values.shape[0]):
         total = 0.0
@@ -263,7 +266,7 @@ def read(own, x, values):
 
 @inlined
 def emit(own, values, steps, start, length, seg):
-    """One segment over so many steps: the polynomial through what was read at their ends."""
+    """Write one segment over `steps` steps: the polynomial through the outputs at the ends of these steps."""
     at, fit = seg.count[0], own.fits[steps - 1]
     seg.count[0] = at + 1
     for s in range(values.shape[1]):
@@ -279,7 +282,7 @@ def emit(own, values, steps, start, length, seg):
 
 @inlined
 def add_energy(own, energy):
-    """Add what dampers have taken, what points have been given and have lost in this stretch."""
+    """Add the work that dampers and points have collected to the energy balance and reset it."""
     for i in range(own.damped.shape[0]):
         energy[2] += own.damped[i]
         own.damped[i] = 0.0
@@ -293,7 +296,10 @@ def add_energy(own, energy):
 
 @inner
 def stretch(shape, t, w, state, log, seg, plan, ticks):
-    """Part: carry the state until the end of the ticks asked for. Returns -1; -2 where the slider leaves the rig."""
+    """Advance the state to the end of the ticks; a part (rig.solve.specialised).
+
+    Returns -1, or -2 if the slider leaves the structure.
+    """
     own, ic, fc, x, energy = t.film, state.ic, state.fc, state.x, state.energy
     substeps, emitting, origin = plan.substeps, plan.emitting, ic[REACHED]
     n, nq, h = x.shape[0], own.kick.shape[0], t.step[0] / substeps
@@ -321,7 +327,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         for i in range(nq):
             speeds[i] += kick[i] * forces[i]
         done += 1
-        if done == substeps:  # signals are rounded once a tick: millions of steps in one direction would add up
+        if done == substeps:  # round once per tick: rounding at each of millions of steps would drift
             for j in range(own.moved.shape[0]):
                 x[one + j] = own.begun[0, j] + own.begun[1, j]
         if done == substeps or (emitting and own.summed[0]):

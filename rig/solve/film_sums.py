@@ -1,4 +1,4 @@
-"""What is summed over the points of a film."""
+"""The sums over the points of a film."""
 
 from __future__ import annotations
 

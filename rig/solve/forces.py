@@ -1,8 +1,8 @@
-"""The inputs of the equations: friction forces of laws over speed, and products. One mode set's field, x' = A x + b
-T(x).
+"""The right-hand side of one mode set, x' = A x + b T(x), with its inputs T: speed-dependent friction forces and
+products.
 
-The arrays of the mode set are lent once for a stretch of steps; what runs many times in a step is written into the
-callers. That is what brings plain array code near the speed of C.
+The arrays of the mode set are taken from the tables once for a stretch of steps. Functions that run many times in a
+step are inlined into their callers. Both bring plain array code close to the speed of C.
 """
 
 from __future__ import annotations
@@ -23,8 +23,10 @@ Array = NDArray[np.float64]
 
 
 class Field(NamedTuple):
-    """The mode set's tables (see rig.model.tables.Tables), the scratch of the inputs T [friction forces, products], all
-    tables `t`.
+    """The right-hand side of one mode set: its tables (see rig.model.tables.Tables), scratch for its inputs, all tables
+    `t`.
+
+    T [friction forces, products]: the inputs.
     """
 
     A: Array
@@ -47,7 +49,7 @@ class Field(NamedTuple):
 
 @inlined
 def lend(t, mode_set, T, scratch):
-    """The field of a mode set; T [inputs] and `scratch` [patch, patch] are written to."""
+    """The field of a mode set. T [inputs] and `scratch` [patch, patch] are overwritten."""
     count = t.guards[mode_set]
     return Field(
         t.A[mode_set],
@@ -71,10 +73,10 @@ def lend(t, mode_set, T, scratch):
 
 @inlined
 def drag(f, p, x, others):
-    """The friction force of patch p at x, 0 without a law over speed; `others`: what inputs add to its load.
+    """The friction force of patch p at x; 0 if its friction does not depend on speed.
 
-    mu(pace x) (bear x + others): both rows have the sign of the slip. Rows are summed from their end, where the signals
-    are that a step does not change.
+    mu(pace x) (bear x + others): both rows carry the sign of the slip; `others` is the part of the load that depends on
+    inputs. Rows are summed from their end, because the last state variables do not change during a step.
     """
     force = 0.0
     if f.sigma[p] != 0.0 and f.code[p] != 0:
@@ -82,7 +84,7 @@ def drag(f, p, x, others):
         N = others
         for j in range(last, -1, -1):
             N += f.bear[p, j] * x[j]
-        if f.code[p] == STRIBECK:  # the next stage waits for the exponential: little is left to do before and after it
+        if f.code[p] == STRIBECK:  # the next stage waits for the exponential: keep the work before and after it short
             u = -(f.numbers[p, 2] * f.pace[p, last]) * x[last]
             for j in range(last):
                 u -= (f.numbers[p, 2] * f.pace[p, j]) * x[j]
@@ -98,9 +100,10 @@ def drag(f, p, x, others):
 
 @inlined
 def fill(f, x):
-    """f.T = the inputs at x: friction forces of the slipping patches with a law over speed (else 0), then products.
+    """f.T = the inputs at x: friction forces of slipping patches with a speed-dependent law (otherwise 0), then
+    products.
 
-    `coupled`: some load does depend on a friction force.
+    `coupled`: at least one load depends on a friction force.
     """
     early(f.t, f.mode_set, x, f.T)
     patches = f.sigma.shape[0]
@@ -123,15 +126,15 @@ def inputs(t, mode_set, x, T, scratch):
 
 @inner
 def refill(f, x):
-    """f.T = the inputs at x, of a field that is lent for a stretch."""
+    """f.T = the inputs at x, for a field that is already set up."""
     fill(f, x)
 
 
 @inner
 def couple(sigma, code, numbers, pace, bear_t, x, T, M):
-    """Solve T = T0 + diag(mu) bear_t T for the friction forces T, in place of T0; M is scratch.
+    """Solve T = T0 + diag(mu) bear_t T for the friction forces T; T holds T0 at first. M is scratch.
 
-    Elimination without pivoting: the matrix is one plus a small coupling.
+    Gaussian elimination without pivoting, because the matrix is the identity plus a small coupling.
     """
     P = sigma.shape[0]
     for p in range(P):
@@ -155,9 +158,9 @@ def couple(sigma, code, numbers, pace, bear_t, x, T, M):
 
 @inlined
 def rate(shape, f, bent, x, k):
-    """Derivative k = A x + b T(x); `bent`: False for a system that is linear in every mode set, T = 0.
+    """The derivative k = A x + b T(x). `bent`: False for a system that is linear in every mode set (T = 0).
 
-    Where the inputs are friction forces that depend on no other, as on most rigs, they do not go through memory.
+    If no friction force depends on another one, as on most rigs, the friction forces are not stored in memory.
     """
     for i in range(states(shape)):
         s = 0.0
@@ -179,7 +182,7 @@ def rate(shape, f, bent, x, k):
 
 @inlined
 def guard(shape, f, bent, g, x):
-    """Guard g at x."""
+    """The value of guard g at x."""
     value = 0.0
     for j in range(states(shape)):
         value += f.G[g, j] * x[j]

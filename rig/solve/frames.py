@@ -1,8 +1,8 @@
-"""Plant, instruments and controllers carried through frames together: one compiled loop.
+"""One compiled loop that advances plant, instruments and controllers through many frames.
 
-It goes on while nobody outside has to be asked and ends after a frame at which somebody must look: after an event, an
-output beyond its bound, random numbers or room for samples that are used up, a command that is not as usual. So one
-frame for who listens at every tick, and a thousand frames in which nobody listens, are the same code and the same bits.
+It runs until the caller has to act, and then ends after a frame: after an event, an output beyond its bound, exhausted
+random numbers, a full sample buffer, or an unusual command. A single frame and a thousand frames without an
+interruption run the same code and give the same bits.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rig.solve.specialised import any_shape, call
 
 
 class Around(NamedTuple):
-    """What is around a plant: its instruments, its controllers, chance."""
+    """What surrounds a plant: instruments, controllers, random input."""
 
     rack: Rack
     controls: Controls
@@ -29,10 +29,11 @@ class Around(NamedTuple):
 
 @kernel
 def frames(tables, loan, begin, first, last, steps, around):
-    """Carry plant and instruments from row `first` of the log up to row `last`, `steps` rows a frame; like `advance`.
+    """Advance plant and instruments from row `first` of the log to row `last`, `steps` rows per frame; status as in
+    `advance`.
 
-    `around`: Around, lent; its controllers act from the second frame on. LOOK where it has ended for somebody to look;
-    ic[REACHED] tells how far it came.
+    `around`: Around, lent (rig.lent_records); its controllers act from the second frame on. Returns LOOK if it ended
+    early because the caller has to act; ic[REACHED] is the row reached.
     """
     work, state, log, seg, plan = loan.work, loan.state, loan.log, loan.segments, loan.plan
     ic, rack, controls = state.ic, around.rack, around.controls

@@ -1,15 +1,15 @@
-"""Friction coefficient over slip speed, as kernels see it: a code and a row of numbers.
+"""Friction coefficient over slip speed for kernels: a code and a row of numbers.
 
-A law is smooth for speeds v > 0 and is continued smoothly below zero (never through |v|), so that a trial step over
-the instant of sticking keeps its order. One runtime switch serves all laws: it costs about a nanosecond beside the
+A law is smooth for speeds v > 0 and is continued smoothly below zero (never through |v|), so that a trial step over the
+instant of sticking keeps its order. One runtime switch selects the law. It costs about a nanosecond beside the
 exponential, and one compiled solver serves every rig.
 
     COULOMB      mu_k                                           constant: propagators stay exact
     STRIBECK     mu_d + (mu_s - mu_d) exp(-v / v_s)             Kroeger et al. 2008, characteristic A
     FALLING      max(mu_0 - slope v, floor)                     ibid., characteristic B
     TABLE        monotone cubic (PCHIP) through given points    constant beyond the last
-    SEAL         mixed / (1 + decay v) + film sqrt(v + offset)  ibid., equation 3.1; goes on straight below v = 0
-    SMOOTH       tanh(v / scale) times another law at |v|       for comparison only: through rest, and never at rest
+    SEAL         mixed / (1 + decay v) + film sqrt(v + offset)  ibid., equation 3.1; continued linearly below v = 0
+    SMOOTH       tanh(v / scale) times another law at |v|       for comparison only: passes through rest, never sticks
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ def _seal(p, v):
 
 @inlined
 def plain(code, p, v):
-    """Coefficient of a law that is not smoothed."""
+    """The coefficient of a law without smoothing."""
     if code == STRIBECK:
         m = p[0] + p[1] * np.exp(-v * p[2])
     elif code == COULOMB:
@@ -79,7 +79,7 @@ def _smooth(p, v):
 
 @inner
 def coefficient(code, p, v):
-    """Coefficient of law (`code`, numbers `p`) at slip speed v [m/s]."""
+    """The coefficient of a law (`code`, numbers `p`) at slip speed v [m/s]."""
     if code == SMOOTH:
         m = _smooth(p, v)
     else:
@@ -96,7 +96,7 @@ def coefficients(code, p, speeds, values):
 
 @inner
 def slope(code, p, v):
-    """D mu / d v [s/m] of law (`code`, numbers `p`)."""
+    """The slope d mu / d v [s/m] of a law (`code`, numbers `p`)."""
     if code != SMOOTH:
         return _slope(code, p, v)
     rise, inside = np.tanh(v / p[0]), int(p[1])

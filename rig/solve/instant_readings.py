@@ -1,4 +1,4 @@
-"""What the energy balance and the sensors read of a rig at an instant of a mode set's field (see forces)."""
+"""Powers for the energy balance and outputs for the sensors at one instant."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from rig.solve.rows import dot
 
 @inner
 def add_energy(t, mode_set, T, x, scale, energy):
-    """Add `scale` times the powers at x, where the inputs are T, to energy."""
+    """Add `scale` times the powers at x, where the inputs are T, to the energy terms."""
     nq, patches = t.damping.shape[1], t.slip.shape[0]
     for p in range(patches):
         force = scale * (dot(t.friction[mode_set, p], x) + dot(t.friction_t[mode_set, p], T))
@@ -27,6 +27,6 @@ def add_energy(t, mode_set, T, x, scale, energy):
 
 @inner
 def read(t, mode_set, T, x, values):
-    """values[signal] = what the sensors read at x, where the inputs are T."""
+    """values[output] = the outputs that sensors read at x, where the inputs are T."""
     for s in range(values.shape[0]):
         values[s] = dot(t.signals[mode_set, s], x) + dot(t.signals_t[mode_set, s], T)

@@ -1,16 +1,16 @@
-"""Contacts that open and close all the time: exact flow of the structure, kicks by the contacts (Strang splitting).
+"""Strang splitting for contacts that open and close all the time: exact flow of the structure, kicks by the contacts.
 
-    v += h/2 M^-1 f(q);   x <- exp(A h) x;   v += h/2 M^-1 f(q)          f: what presses, and its friction
+    v += h/2 M^-1 f(q);   x <- exp(A h) x;   v += h/2 M^-1 f(q)          f: normal forces and their friction
 
-A contact force that rests on positions alone changes no position while it kicks, so each part is solved exactly and
-their composition is symplectic: of second order, and the energy of a contact that opens and closes neither grows nor
-dies. A force that is held over the step instead feeds the vibration at any step. No lift-off is located: a contact is
-what is positive of its row. The end of slip and of stick are seen at the ends of steps.
+A contact force that depends on positions alone changes no position during a kick. Each part is therefore solved
+exactly, and their composition is symplectic and of second order: the energy of a contact that opens and closes neither
+grows nor decays. A force that is held over the step would feed energy into the vibration at any step. No lift-off is
+located: a normal force is the positive part of its row. The end of slip and of stick is detected at the ends of steps.
 
-What a step costs is four products with tables in the processor's vectors (rig.solve.column_blocks): the structure's
-step; what every point would press, and the guards; what that pushes (to pass over points that are open costs more than
-it saves); and x x^T for the energy balance, whose forms are worked out when somebody asks, as in rig.solve.many_states.
-The two half kicks at one instant are of the same forces, which are found once.
+A step takes four products with tables, in vector code (rig.solve.column_blocks): the step of the structure; the normal
+force of every point, with the guards; the effect of these forces (skipping open points costs more than it saves); and x
+x^T for the energy balance, whose terms are computed only when they are read, as in rig.solve.many_states. The two half
+kicks at one instant have the same forces, which are computed once.
 
 Source: Strang, SIAM J. Numer. Anal. 5 (1968) 506; Hairer, Lubich and Wanner, Geometric Numerical Integration, II.5.
 """
@@ -34,31 +34,32 @@ Array = NDArray[np.float64]
 
 
 class Flow(NamedTuple):
-    """Tables stacked by mode set, and scratch. Rows: the mode set's guards, then surface and slip speeds of the
-    patches.
+    """Tables of the method kick, stacked by mode set, and scratch.
 
-    Columns of `push`, what a newton at a point does: accelerations | the rows' change in a second | the guards', at
-    once | friction of the patches | forces along the coordinates | those that its spring takes up, along the
-    coordinates and along the states that are no motion.
+    Rows: the guards of the mode set, then surface and slip speeds of the patches.
+
+    Columns of `push`, the effect of a force of 1 N at a point: accelerations | rate of change of the rows | the guards,
+    at once | friction of the patches | forces along the coordinates | the part of these forces that its spring takes
+    up, along the coordinates and along the states that are neither positions nor velocities.
     """
 
-    step: Array  # [mode set, block, n, BLOCK] propagator less one, landing folded in
-    look: Array  # [mode set, block, n, BLOCK] what presses at each point, then the rows
+    step: Array  # [mode set, block, n, BLOCK] propagator minus one, projection of stick included
+    look: Array  # [mode set, block, n, BLOCK] normal force of each point, then the rows
     push: Array  # [mode set, block, point, BLOCK]
     work: Array  # [mode set, term, n, n] integrals of the powers over a step
-    whole: Array  # [mode set, n, n and what fills the block] sum of x x^T over the steps, after the first half kick
-    moved: Array  # scratch [what `step` gives]
-    seen: Array  # scratch [what `look` gives]
-    given: Array  # scratch [what `push` gives]
-    filled: Array  # scratch [n and what fills the block]
+    whole: Array  # [mode set, n, n padded to blocks] sum of x x^T over the steps, after the first half kick
+    moved: Array  # scratch [columns of `step`]
+    seen: Array  # scratch [columns of `look`]
+    given: Array  # scratch [columns of `push`]
+    filled: Array  # scratch [n padded to blocks]
     force: Array  # scratch [point]
     before: Array  # scratch [guard]
-    spring: Array  # [1] work that the kicks have done on the springs of the points [J]
+    spring: Array  # [1] work of the kicks on the springs of the points [J]
 
 
 @inlined
 def press(own, mode_set, x):
-    """What presses at x, its rows in own.seen, and what that pushes in own.given."""
+    """Compute the normal forces and the rows at x, own.seen, and the effect of the forces, own.given."""
     multiply(own.look[mode_set], x, 0, own.look.shape[1], own.seen)
     for k in range(own.force.shape[0]):
         own.force[k] = max(own.seen[k], 0.0)
@@ -67,7 +68,7 @@ def press(own, mode_set, x):
 
 @inlined
 def add_energy(own, nq, patches, x, scale, shift, energy):
-    """Add `scale` [s] times the powers of what pushes at x, its speeds those `shift` [s] later."""
+    """Add `scale` [s] times the powers of the contact forces at x, with the speeds `shift` [s] later."""
     rows = own.before.shape[0] + 2 * patches
     seen = own.force.shape[0] + own.before.shape[0]
     change = nq + own.before.shape[0]
@@ -89,7 +90,7 @@ def add_energy(own, nq, patches, x, scale, shift, energy):
 
 @inlined
 def commanded(own, n, nq, patches):
-    """Book half of what the springs take up over a step because a load moved, at the forces of now."""
+    """Add half of the work on the springs over a step in which a load was moved, at the present forces."""
     first = nq + 2 * (own.before.shape[0] + patches) + patches + 2 * nq
     s = 0.0
     for j in range(2 * nq, n):
@@ -99,7 +100,7 @@ def commanded(own, n, nq, patches):
 
 @inner
 def noise(own, t, mode_set, g, x):
-    """Size of the rounding error of guard g at x."""
+    """The size of the rounding error of guard g at x."""
     size, patches = rounding(t.G[mode_set, g], x), t.slip.shape[0]
     for k in range(own.force.shape[0]):
         size += ROUND * abs(t.GT[mode_set, g, patches + k] * own.force[k])
@@ -108,7 +109,10 @@ def noise(own, t, mode_set, g, x):
 
 @inlined
 def fell(own, t, mode_set, nq, x):
-    """The first guard that is no longer positive at x, or has clearly fallen; -1 if none. Keeps them in own.before."""
+    """The first guard that is no longer positive at x, or is clearly negative; -1 if there is none.
+
+    Updates own.before, the values of the guards.
+    """
     fallen = -1
     points, at_once = own.force.shape[0], nq + own.before.shape[0] + 2 * t.slip.shape[0]
     for g in range(t.guards[mode_set]):
@@ -123,7 +127,10 @@ def fell(own, t, mode_set, nq, x):
 
 @inlined
 def tell(own, t, mode_set, T, x, values):
-    """What the sensors read at x, where `press` has just been asked; laws over speed there are none."""
+    """Write the outputs that sensors read at x; `press` must have been called at x.
+
+    No patch has speed-dependent friction here.
+    """
     patches = T.shape[0] - own.force.shape[0]
     for p in range(patches):
         T[p] = 0.0
@@ -134,7 +141,10 @@ def tell(own, t, mode_set, T, x, values):
 
 @inner
 def stretch(shape, t, w, state, log, seg, plan, ticks):
-    """Part: carry the state until an event or the end of the ticks asked for. Returns the guard or -1."""
+    """Advance the state to an event or to the end of the ticks; a part (rig.solve.specialised).
+
+    Returns the guard of the event, or -1.
+    """
     own, ic, fc, x, energy = t.flow, state.ic, state.fc, state.x, state.energy
     substeps, with_energy, emitting, origin = plan.substeps, plan.with_energy, plan.emitting, ic[REACHED]
     mode_set = t.mode_set_of[ic[KEY]]
@@ -144,7 +154,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     given, seen, moved = own.given, own.seen, own.moved
     tick, done, fallen = ic[TICK], int(fc[PLACE] * substeps + 0.5), -1
     press(own, mode_set, x)
-    fell(own, t, mode_set, nq, x)  # where the guards begin
+    fell(own, t, mode_set, nq, x)  # the guards at the begin, kept in own.before
     if with_energy:
         add_energy(own, nq, patches, x, 0.5 * h, 0.25 * h, energy)
     if emitting:
@@ -182,7 +192,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
                 log.out[tick, i] = x[i]
             log.modes[tick] = mode_set
             tick, done = tick + 1, 0
-    if with_energy:  # the kick that begins the next step is not of this stretch
+    if with_energy:  # the kick that begins the next step belongs to the next stretch
         add_energy(own, nq, patches, x, -0.5 * h, 0.25 * h, energy)
     ic[TICK], fc[PLACE] = tick, done / substeps
     if fallen >= 0:

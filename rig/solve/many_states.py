@@ -1,16 +1,18 @@
-"""Exact propagation of rigs with many states: what a tick needs of the state is one product with one table.
+"""Exact propagation of rigs with many states: everything that a tick needs is one product of a table with the state.
 
-    columns of a mode set   E | certificates of the guards   and, where somebody reads, coefficients of the signals
+    columns of a mode set   E | certificates of the guards   and, if sensors read, coefficients of the outputs
 
-Over a cell (a tick, or a half, quarter ... of it, where the fastest eigenvalue turns by two radians at most) the state
-is a polynomial of degree ORDER, x(u) = sum_k u^k P_k x, economised (rig.model.economisation), and so is all that is
-linear in it. A guard is certified over a tick by the Bernstein coefficients of a polynomial of low degree: they bound
-it, less `margin`.|x|, which bounds what that degree leaves out. A guard that is not is looked at on its polynomial of
-full degree; only if that falls is the tick opened.
+A cell is a tick, or a half, a quarter ... of it, in which the fastest eigenvalue turns by at most two radians. Over a
+cell the state is a polynomial of degree ORDER, x(u) = sum_k u^k P_k x, economised (rig.model.economisation), and so is
+everything that is linear in it. A guard is certified over a tick by the Bernstein coefficients of a polynomial of low
+degree. They bound it from below after `margin`.|x| is subtracted, which bounds the truncation error of that degree. A
+guard that is not certified is evaluated with its polynomial of full degree. The tick is subdivided only if this one has
+a zero.
 
-The energy of a term over a tick is x.W x, of all ticks in a mode set therefore the sum of W[i, j] S[i, j] with
-S = sum x x^T: ticks add to S alone, and terms are worked out when somebody asks. So it is with the powers along parts
-of a tick. Products run along blocks of columns: the order of every sum is fixed, whatever the processor's registers.
+The energy of a term over a tick is x.W x. The energy over all ticks in a mode set is therefore the sum of W[i, j] S[i,
+j] with S = sum x x^T: a tick only adds to S, and the terms are computed when they are read. The same holds for the
+powers along parts of a tick. Products run along blocks of columns, so the order of every sum is the same on any
+processor.
 """
 
 from __future__ import annotations
@@ -29,40 +31,40 @@ from rig.solve.segments import DEGREE
 
 Array = NDArray[np.float64]
 QUICK = 4  # degree of a certificate
-TURN = 2.2  # rad, of the fastest eigenvalue in a cell: degree ORDER leaves 6e-13 of its amplitude
-SIZE = 6.0  # |A| of the balanced matrix times a cell: TERMS terms then leave 1e-14
+TURN = 2.2  # rad, turn of the fastest eigenvalue in a cell: the error of degree ORDER is 6e-13 of its amplitude
+SIZE = 6.0  # |A| of the balanced matrix times a cell: the error of TERMS terms is then 1e-14
 TERMS = 36
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)  # powers turn by twice as much: 1e-9 of those of the fastest motion
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(6)  # powers turn twice as fast: error 1e-9 for the fastest mode
 CHECKS = np.linspace(0.0, 1.0, 33)
 MARGIN = 1.25
 
 
 class Wide(NamedTuple):
-    """Tables of wide rigs, stacked by mode set, in blocks of BLOCK columns: [mode set, block, n, BLOCK]."""
+    """Tables of rigs with many states, stacked by mode set, in blocks of BLOCK columns: [mode set, block, n, BLOCK]."""
 
     tick: Array  # n + guard (QUICK + 1) columns, over a tick
-    signal: Array  # signal (DEGREE + 1) columns, over a cell
-    output: Array  # a column for each output, now
+    signal: Array  # output (DEGREE + 1) columns, over a cell: the outputs that sensors read
+    output: Array  # a column for each output, at the present state
     margin: Array  # guard columns
     state: Array  # ORDER n columns, over a cell
     guard: Array  # a block of ORDER + 1 columns for each guard, over a cell
-    field: Array  # n columns over [x, T]: the derivative, of rigs that are not linear
-    whole: Array  # [mode set, n, n and what fills the block] sum of x x^T over the ticks that were booked as a whole
-    part: Array  # the same, integral of x x^T over the parts of ticks that were
-    nodes: Array  # in [0, 1], and their weights: of Gauss and Legendre, for the powers along a part of a cell
+    field: Array  # n columns over [x, T]: the derivative, for rigs that are not linear
+    whole: Array  # [mode set, n, n padded to blocks] sum of x x^T over whole ticks
+    part: Array  # the same: integral of x x^T over parts of ticks
+    nodes: Array  # Gauss-Legendre nodes in [0, 1], for the powers along a part of a cell; their weights
     weights: Array
     product: Array  # scratch [widest of these]
     bound: Array  # scratch [guard columns]
     poly: Array  # scratch [BLOCK]
     size: Array  # scratch [n]
-    filled: Array  # scratch [n and what fills the block]
+    filled: Array  # scratch [n padded to blocks]
     path: Array  # scratch [block, ORDER + 1, BLOCK]: coefficients of the state over a cell
     power: Array  # scratch [ORDER + 1]
 
 
 @kernel
 def powers(table, out):
-    """out[j] = out[j - 1] B / j, rows filled up to whole blocks; `table`: B in blocks of columns."""
+    """out[j] = out[j - 1] B / j, rows padded to whole blocks. `table`: B in blocks of columns."""
     terms, n, width = out.shape
     for j in range(1, terms):
         for i in range(n):
@@ -73,9 +75,10 @@ def powers(table, out):
 
 @inner
 def quiet(t, mode_set, x, y, w, plan, start, seg):
-    """One certified tick from x to y, its energy and its segments with it; False, and nothing done, without a proof.
+    """Advance from x to y by one certified tick, with its energy and its segments. Returns False, changing nothing, if
+    a guard is not certified.
 
-    `w`: Workspace, whose `size` holds the sizes of the states so far.
+    `w`: Workspace; w.size holds the largest values of the states so far.
     """
     n, guards = x.shape[0], t.guards[mode_set]
     z, size, bound = t.wide.product, t.wide.size, t.wide.bound
@@ -103,7 +106,7 @@ def quiet(t, mode_set, x, y, w, plan, start, seg):
 
 @inlined
 def falls(t, mode_set, g, x, w):
-    """Whether guard g falls in a tick from x on that is one cell."""
+    """Whether guard g has an event in a tick from x that is a single cell."""
     poly = t.wide.poly
     multiply(t.wide.guard[mode_set], x, g, 1, poly)
     return first_fall(poly, ORDER, rounding(t.G[mode_set, g], w.size), w.roots) < NONE
@@ -111,7 +114,7 @@ def falls(t, mode_set, g, x, w):
 
 @inner
 def put(z, share, start, length, seg):
-    """One segment from the coefficients z of the signals over a cell, of which the first `share` is meant."""
+    """Write one segment from the coefficients z of the outputs over a cell; it covers the first `share` of the cell."""
     at = seg.count[0]
     seg.count[0] = at + 1
     first = 0
@@ -126,7 +129,7 @@ def put(z, share, start, length, seg):
 
 @inner
 def emit(t, mode_set, x, cells, start, length, seg):
-    """Segments of the signals from x on, over [start, start + length] s: `cells` cells, or a part of one."""
+    """Write the segments of the outputs from x over [start, start + length] s: `cells` cells, or a part of one."""
     n, level = x.shape[0], t.depth[mode_set]
     pieces = max(int(cells + 0.5), 1)
     here, z = t.wide.size, t.wide.product
@@ -147,7 +150,7 @@ def emit(t, mode_set, x, cells, start, length, seg):
 
 @inlined
 def expand(t, mode_set, x):
-    """Lay down the state over a cell from x on, for `along` and `book`."""
+    """Compute the polynomial of the state over a cell from x, for `along` and `add_energy`."""
     n, z, path = x.shape[0], t.wide.product, t.wide.path
     multiply(t.wide.state[mode_set], x, 0, t.wide.state.shape[1], z)
     for i in range(n):
@@ -159,7 +162,7 @@ def expand(t, mode_set, x):
 
 @inner
 def along(t, u):
-    """The state at u in the cell, filled up; to be read before the next."""
+    """Evaluate the state at u in the cell into `filled`, padded to whole blocks; the next call overwrites it."""
     power, out = t.wide.power, t.wide.filled
     power[0] = 1.0
     for k in range(1, ORDER + 1):
@@ -169,7 +172,7 @@ def along(t, u):
 
 @inner
 def add_energy(t, mode_set, share, length):
-    """Book the first `share` of the cell, `length` s, at the nodes of Gauss and Legendre."""
+    """Add the first `share` of the cell, `length` s long, to the energy sums by Gauss-Legendre quadrature."""
     for q in range(t.wide.nodes.shape[0]):
         along(t, t.wide.nodes[q] * share)
         gather(t.wide.part[mode_set], t.wide.filled, t.wide.weights[q] * length)
@@ -177,7 +180,7 @@ def add_energy(t, mode_set, share, length):
 
 @inner
 def earliest(t, mode_set, x, size, share, poly, work):
-    """First fall of any guard over `share` of a cell from x: (u in [0, 1] or NONE, guard)."""
+    """The first event of any guard over `share` of a cell from x: (u in [0, 1] or NONE, guard)."""
     guards, z = t.guards[mode_set], t.wide.product
     multiply(t.wide.guard[mode_set], x, 0, guards, z)
     first, guard = NONE, -1

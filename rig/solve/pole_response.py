@@ -7,8 +7,9 @@ Over a segment of length h with  y = sum_k c_k u^k,  0 <= u <= 1, the solution o
     w_0 = (e^x - 1)/x,    w_k = (k w_{k-1} - 1)/x          upward: an error shrinks by k/|x|
     w_8 = sum_m x^m 8!/(9+m)!,   w_{k-1} = (1 + x w_k)/k   downward: an error shrinks by |x|/k
 
-Upward while k <= |x|, downward for the rest, so no step enlarges an error, from |x| = 1e-9 to 1e4 and beyond; a pole
-at 0 is the plain integral. (phi functions: Hochbruck & Ostermann, Acta Numerica 19 (2010) 209, section 2.)
+The recursion runs upward for k <= |x| and downward for the rest, so no step amplifies an error, from |x| = 1e-9 to 1e4
+and beyond. A pole at 0 is the plain integral. (phi functions: Hochbruck & Ostermann, Acta Numerica 19 (2010) 209,
+section 2.)
 """
 
 from __future__ import annotations
@@ -22,9 +23,9 @@ from rig.solve.segments import DEGREE
 
 WIDTH = DEGREE + 2  # e^x and the weights h w_0 .. h w_8
 STATE, POLE, RESIDUE = 0, 1, 2  # columns of a table of poles [poles, COLUMNS], before the weights
-STEP = 3  # weights of a full sample step: most segments
-PART = STEP + WIDTH  # weights of the last length that was not a step
-PEEK = PART + WIDTH  # weights up to the last sample instant inside a segment
+STEP = 3  # weights for a full sample step, the length of most segments
+PART = STEP + WIDTH  # weights for the last other length
+PEEK = PART + WIDTH  # weights for the last sample instant inside a segment
 COLUMNS = PEEK + WIDTH
 
 
@@ -32,11 +33,11 @@ COLUMNS = PEEK + WIDTH
 def weigh(poles: Any, p: int, at: int, h: float) -> None:
     """Write e^x and h w_k(x) for pole p and length h [s] to poles[p, at : at + WIDTH]."""
     x = poles[p, POLE] * h
-    e = np.exp(x) if x.real > -700.0 else 0j  # beyond, e^x is a denormal number
+    e = np.exp(x) if x.real > -700.0 else 0j  # below, e^x would be a denormal number
     poles[p, at] = e
     size = abs(x)
     upward = DEGREE if size >= DEGREE else int(size)
-    lowest = 0  # index of the first weight that comes downward
+    lowest = 0  # index of the first weight from the downward recursion
     if upward > 0:
         w = (e - 1.0) / x
         poles[p, at + 1] = h * w
@@ -60,7 +61,9 @@ def weigh(poles: Any, p: int, at: int, h: float) -> None:
 
 @inner
 def settle(poles: Any, p: int, at: int, coef: Any, j: int, column: int, a: float) -> complex:
-    """State of pole p after the first share `a` of segment j of `coef`, with the weights found at `at`."""
+    """The state of pole p after the first share `a` of segment j of `coef`; `at`: column of the weights for that
+    length.
+    """
     z = poles[p, at] * poles[p, STATE]
     if a == 1.0:
         for k in range(DEGREE + 1):
@@ -75,7 +78,7 @@ def settle(poles: Any, p: int, at: int, coef: Any, j: int, column: int, a: float
 
 @inner
 def polynomial(coef: Any, j: int, column: int, a: float) -> float:
-    """Value of a signal at the share `a` of segment j."""
+    """The value of an output at the share `a` of segment j."""
     y = coef[j, column, DEGREE]
     for k in range(DEGREE - 1, -1, -1):
         y = y * a + coef[j, column, k]

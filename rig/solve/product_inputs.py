@@ -1,13 +1,13 @@
-"""Products: what a rig's equations hold beyond linear terms, e.g. x y, C (cos k phi - 1), N sin k phi.
+"""Products: the nonlinear terms in the equations of a rig, e.g. x y, C (cos k phi - 1), N sin k phi.
 
-A product is an input of the equations like the friction force of a law over speed: rows name it, and its value is
-found from the state. Factors are states, sine or cosine less one (versine, negative) of a row over the state, what of a
-row is positive (a contact that presses and never pulls), normal forces and friction forces. Order of evaluation, so
-that nothing depends on itself:
+A product is an input of the equations, like a speed-dependent friction force: rows refer to it, and its value is
+computed from the state. Its factors are states, the sine or the versine of an angle (cosine minus one, negative; the
+angle is a row over the state), the positive part of a row (a contact that presses and never pulls), normal forces and
+friction forces. Products are evaluated in levels, so that none depends on itself:
 
     level 0   states, angles, presses   these may enter a normal force
     level 1   with a normal force
-    level 2   with a friction force  these may not act on what a stuck contact needs
+    level 2   with a friction force  these must not act on what a stuck contact needs
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ STATE, SINE, VERSINE, NORMAL, FRICTION, PRESS = range(6)
 
 
 class Products(NamedTuple):
-    """All products of a system for the kernels, in the order of their levels, and the scratch of their factors."""
+    """All products of a system for the kernels, in the order of their levels, with scratch for their factors."""
 
-    patches: NDArray[np.int64]  # [1] number of friction forces before the products among the inputs
+    patches: NDArray[np.int64]  # [1] number of friction forces, which precede the products among the inputs
     upto: NDArray[np.int64]  # [3] number of products up to each level
     first: NDArray[np.int64]  # [product + 1] first factor of each
-    place: NDArray[np.int64]  # [factor] where in `values` it is
+    place: NDArray[np.int64]  # [factor] its index in `values`
     angles: Array  # [angle, n]
     presses: Array  # [press, n]
-    values: Array  # all that may be a factor, one after the other:
+    values: Array  # everything that may be a factor, stored one after the other:
     state: Array  # [n]
     sine: Array  # [angle]
     versine: Array  # [angle]
@@ -44,7 +44,7 @@ class Products(NamedTuple):
 
 @inner
 def _fill(t, begin, end, T):
-    """T of the products `begin` to `end`."""
+    """T of the products `begin` to `end` - 1."""
     p = t.products
     for j in range(begin, end):
         value = 1.0
@@ -55,7 +55,9 @@ def _fill(t, begin, end, T):
 
 @inner
 def early(t, mode_set, x, T):
-    """T of the products of levels 0 and 1; 0 for what is not known yet, which rows sum over."""
+    """T of the products of levels 0 and 1; inputs that are not known yet are set to 0, because rows sum over all
+    inputs.
+    """
     p = t.products
     if p.upto[2] == 0:
         return

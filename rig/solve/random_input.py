@@ -1,7 +1,7 @@
-"""A signal of random numbers: a new one at the begin of every frame, held until the next.
+"""A random input: a new number at the begin of every frame, held until the next.
 
-What it does to the rig is a row like that of a command, so that contacts that stick bear it and the energy balance
-books it.
+It acts on the rig through a row, like a command. A stuck contact therefore bears it, and the energy balance includes
+its work.
 """
 
 from __future__ import annotations
@@ -17,26 +17,28 @@ PLACE, DRAWN = range(2)  # of Chance.at
 
 
 class Chance(NamedTuple):
-    """Numbers drawn ahead. `at`: PLACE, the state that holds the number, -1 without one; DRAWN, numbers used up."""
+    """Random numbers drawn ahead. `at`: PLACE, index of the state that holds the number, -1: none; DRAWN, numbers used
+    up.
+    """
 
     at: NDArray[np.int64]  # [2]
     numbers: NDArray[np.float64]
 
 
 def none() -> Chance:
-    """For a rig without such a signal."""
+    """The record for a rig without a random input."""
     return Chance(np.array([-1, 0]), np.zeros(0))
 
 
 @inner
 def spent(chance: Any) -> bool:
-    """Whether there is no number for another frame."""
+    """Whether no number is left for another frame."""
     return chance.at[PLACE] >= 0 and chance.at[DRAWN] == chance.numbers.shape[0]  # type: ignore[no-any-return]
 
 
 @inner
 def shake(chance: Any, x: Any) -> None:
-    """The signal of state x takes its next number; it stays where there is none."""
+    """Write the next number to the state that holds it; keep that state if no number is left."""
     if chance.at[PLACE] >= 0 and not spent(chance):
         x[chance.at[PLACE]] = chance.numbers[chance.at[DRAWN]]
         chance.at[DRAWN] += 1

@@ -1,4 +1,4 @@
-"""What a kernel works on: the state of a motion, its scratch, what it writes down, how it is carried on."""
+"""The records on which a kernel works: state and scratch of a motion, the log it writes, the plan it follows."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ class Work(NamedTuple):
     ask_x: Array
     bear: Array
     bear_x: Array
-    both: Array  # [n + inputs]: `at` and T, the first and the last of them
+    both: Array  # [n + inputs]: `at` is its first part, T its last
     at: Array
     rates: Array
     T: Array
     scratch: Array
-    swung: Array  # [generator, 2] its signals when the block began
+    swung: Array  # [generator, 2] its states when the block began
     derivatives: Array
     spare: Array
     poly: Array
@@ -65,39 +65,39 @@ class Log(NamedTuple):
 
 
 class State(NamedTuple):
-    """What lives between calls."""
+    """What persists between calls."""
 
     ic: NDArray[np.int64]  # [COUNTERS]
     fc: Array  # [PLACES]
     x: Array
     energy: Array
-    edges: Array  # [1] energy that came in with the stiffness of new sectors
-    tally: NDArray[np.int64]  # ticks spent in each mode set; the last counts all beyond
-    watched: NDArray[np.int64]  # outputs that have a bound
-    bound: Array  # of their sizes
+    edges: Array  # [1] energy supplied by changes of stiffness at the edges of sectors
+    tally: NDArray[np.int64]  # ticks spent in each mode set; the last entry counts all further mode sets
+    watched: NDArray[np.int64]  # indices of the outputs that have a bound
+    bound: Array  # largest allowed absolute value of each
 
 
 class Plan(NamedTuple):
-    """How a motion is carried on. Addresses of code (rig.solve.specialised) are 0 where none is asked; 1: yes."""
+    """How a motion is advanced: addresses of code (rig.solve.specialised; 0: not needed), flags (1: yes), settings."""
 
-    carry: int  # of the loop over stretches in one mode set
-    linear: int  # of a stretch in a linear one, and
-    quiet: int  # of the leaf for its quiet ticks
-    stretch: int  # of a stretch in any other one, and
-    steps: int  # of the leaf for its steps
-    whole: int  # of the derivative of rigs with more than one patch, or products
+    carry: int  # the loop over stretches, each in one mode set
+    linear: int  # a stretch in a linear mode set, and
+    quiet: int  # the leaf for its quiet ticks
+    stretch: int  # a stretch in any other mode set, and
+    steps: int  # the leaf for its steps
+    whole: int  # the derivative, for rigs with more than one patch or with products
     wide: int  # many states: rig.solve.many_states
-    bends: int  # some mode set is not linear
-    fixed: int  # steps, of rk4 or kick
-    substeps: int  # of fixed steps in a tick
-    tolerance: float  # of dopri5
+    bends: int  # at least one mode set is not linear
+    fixed: int  # fixed steps: rk4 or kick
+    substeps: int  # number of fixed steps in a tick
+    tolerance: float  # relative tolerance of dopri5
     with_energy: int  # keep the energy balance
     emitting: int  # write segments for the sensors
-    limit: float  # of the size of a state
+    limit: float  # largest allowed absolute value of a state
 
 
 class Carried(NamedTuple):
-    """All of this together, as a motion lends it."""
+    """All these records together, as a motion lends them to a kernel."""
 
     work: Work
     state: State

@@ -1,7 +1,8 @@
-"""The classical Runge-Kutta method at a fixed step, events by bisection: the papers' own.
+"""The classical Runge-Kutta method with a fixed step and events by bisection, as in the papers.
 
-One-sided sign tests at step ends, so a stick phase shorter than the step is missed; that is the method's nature and
-the reason it is not the default. It serves comparison, and it serves every mode set alike.
+Guards are tested for their sign at the ends of steps only, so a stick phase shorter than a step is missed. This is
+inherent to the method and the reason why it is not the default. It serves for comparison and treats every mode set
+alike.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ ENDED, ASKS = range(2)  # what the leaf returns
 
 @inlined
 def move(shape, f, bent, k, x, h, y, z):
-    """One step of length h from x, whose derivative k[0] is known: its end y; z is scratch."""
+    """Take one step of length h from x, with the derivative k[0] known, to its end y; z is scratch."""
     n = states(shape)
     for stage in range(3):
         reach = h if stage == 2 else 0.5 * h
@@ -34,7 +35,7 @@ def move(shape, f, bent, k, x, h, y, z):
 
 @inner
 def noise(row, row_t, needs, x, T):
-    """Size of the rounding error of a guard at x, whose inputs are T where it `needs` them."""
+    """The size of the rounding error of a guard at x; `needs`: the guard depends on the inputs T."""
     size = rounding(row, x)
     if needs:
         size = max(size, rounding(row_t, T))
@@ -43,7 +44,7 @@ def noise(row, row_t, needs, x, T):
 
 @inlined
 def fell(shape, f, bent, x, y):
-    """The first guard that is not positive at y though it was at x, or has clearly fallen; -1 if none."""
+    """The first guard that is positive at x and not at y, or is clearly negative at y; -1 if there is none."""
     fallen = -1
     for g in range(f.G.shape[0]):
         if fallen < 0 and guard(shape, f, bent, g, y) <= 0.0:
@@ -57,7 +58,10 @@ def fell(shape, f, bent, x, y):
 
 @inlined
 def bisect(shape, f, bent, x, h, w):
-    """Shorten the step from x until the first guard is zero to rounding: its length and that guard; the end in w.y."""
+    """Shorten the step from x until the first guard is zero to rounding.
+
+    Returns the length and the guard; the end is in w.y.
+    """
     k, y, z = local(shape, w.k), local(shape, w.y), local(shape, w.y2)
     rate(shape, f, bent, x, k[0])
     low, high = 0.0, h
@@ -78,7 +82,7 @@ def bisect(shape, f, bent, x, h, w):
 
 @inlined
 def between(shape, k, x, y, h, u, z):
-    """Z = the cubic through x and y with the slopes k[0] and k[1], at u."""
+    """Write the cubic through x and y with the slopes k[0] and k[1], at u in [0, 1], to z."""
     a, b = 2.0 * u * u * u - 3.0 * u * u + 1.0, u * u * u - 2.0 * u * u + u
     c, d = 1.0 - a, u * u * u - u * u
     for i in range(states(shape)):
@@ -87,7 +91,7 @@ def between(shape, k, x, y, h, u, z):
 
 @inlined
 def observe(shape, f, w, energy, seg, plan, h, start):
-    """Energy (Simpson) and signals along a step of length h to w.y, from w.x0."""
+    """Add the energy terms (Simpson's rule) and write the outputs along a step of length h from w.x0 to w.y."""
     x, bent, with_energy, emitting = w.x0, plan.bends, plan.with_energy, plan.emitting
     rate(shape, f, bent, x, w.k[0])
     rate(shape, f, bent, w.y, w.k[1])
@@ -104,7 +108,7 @@ def observe(shape, f, w, energy, seg, plan, h, start):
 
 @inlined
 def next_step(place, substeps, full):
-    """From `place` in a tick: the number of the step that ends next, and how long it is to there."""
+    """From `place` in a tick: the number of the step that ends next, and the length up to its end."""
     position = place * substeps
     whole = int(position + 1e-12) + 1
     return whole, full if position - (whole - 1) <= 1e-12 else (whole - position) * full
@@ -112,10 +116,10 @@ def next_step(place, substeps, full):
 
 @inner
 def steps(shape, t, w, state, log, seg, plan, ticks):
-    """Leaf: steps on from state.x until the ticks end or somebody has to look at one.
+    """Take steps from state.x to the end of the ticks or to a step that `stretch` must handle.
 
-    ASKS: its end is w.y, its length fc[LENGTH], the guard that fell in it ic[FELL]; state, tick and place are those of
-    its begin.
+    A leaf (rig.solve.specialised). Returns ENDED or ASKS. With ASKS the end of the step is in w.y, its length in
+    fc[LENGTH], the guard that had an event in ic[FELL]; state, tick and place are those at its begin.
     """
     n, looked, bent = states(shape), plan.with_energy or plan.emitting, bends(shape)
     ic, fc, x, substeps, out = state.ic, state.fc, state.x, plan.substeps, log.out
@@ -158,7 +162,10 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
 
 @inner
 def stretch(shape, t, w, state, log, seg, plan, ticks):
-    """Part: carry the state until an event or the end of the ticks asked for. Returns the guard or -1."""
+    """Advance the state to an event or to the end of the ticks; a part (rig.solve.specialised).
+
+    Returns the guard of the event, or -1.
+    """
     ic, fc, x, substeps, bent = state.ic, state.fc, state.x, plan.substeps, plan.bends
     n, full, origin = x.shape[0], t.step[0] / plan.substeps, ic[REACHED]
     mode_set = t.mode_set_of[ic[KEY]]

@@ -1,9 +1,10 @@
-"""The first instant at which a polynomial falls through zero.
+"""Locates the first zero crossing of a polynomial from above.
 
-A guard holds while it is positive. Over a cell or a step it is a polynomial in u in [0, 1]; its first fall is isolated
-in Bernstein form (all coefficients positive proves that there is none; de Casteljau halves what is left, leftmost
-first) and polished by safeguarded Newton. A dip that touches zero is a fall. A guard that starts at zero and rises,
-because its mode has just begun, is divided by u first: what fell at u = 0 has been dealt with.
+A guard holds while it is positive. Over a cell or a step it is a polynomial in u in [0, 1]. Its first crossing is
+isolated in Bernstein form: if all coefficients are positive, there is none; otherwise de Casteljau's algorithm halves
+the interval, the left half first. Safeguarded Newton iterations refine the root. A dip that touches zero counts as a
+crossing. A guard that starts at zero and rises, because its mode has just begun, is divided by u first, since the event
+at u = 0 has been handled already.
 """
 
 from __future__ import annotations
@@ -15,12 +16,12 @@ from rig.kernel import inner
 DEGREE = 12
 NONE = 2.0
 WORK_ROWS, WORK_COLUMNS = 48, DEGREE + 3
-_FAINT = 1e-10  # of the sum of coefficients: as a slope at zero it dips by 1e-20 of them, far below their rounding
+_FAINT = 1e-10  # share of the sum of coefficients: with this slope at zero a dip is 1e-20 of them, far below rounding
 _AT, _WIDTH = DEGREE + 1, DEGREE + 2
 
 
 def _to_bernstein() -> np.ndarray:
-    """Power basis to Bernstein basis, [degree, row, column], padded with zeros."""
+    """Conversion from the power basis to the Bernstein basis, [degree, row, column], padded with zeros."""
     from math import comb
 
     out = np.zeros((DEGREE + 1, DEGREE + 1, DEGREE + 1))
@@ -52,7 +53,7 @@ def _slope(c, low, degree, u):
 
 @inner
 def _polish(c, low, degree, a, b):
-    """Root in [a, b] with p(a) > 0 >= p(b)."""
+    """The root in [a, b] with p(a) > 0 >= p(b)."""
     u = 0.5 * (a + b)
     for _ in range(80):
         p = _value(c, low, degree, u)
@@ -70,7 +71,7 @@ def _polish(c, low, degree, a, b):
 
 @inner
 def _split(work, row, d):
-    """De Casteljau at the middle: the right half stays in `row`, the left half goes to the row above."""
+    """Split at the middle by de Casteljau: the right half stays in `row`, the left half goes to the next row."""
     work[row + 1, 0] = work[row, 0]
     for level in range(d):
         for i in range(d - level):
@@ -80,16 +81,16 @@ def _split(work, row, d):
 
 @inner
 def first_fall(c, degree, zero, work):
-    """Smallest u in [0, 1] at which sum_k c[k] u**k falls to or below zero; NONE if it stays positive.
+    """The smallest u in [0, 1] at which sum_k c[k] u**k becomes zero or negative; NONE if it stays positive.
 
-    `zero`: |c[0]| up to which the guard counts as starting at zero. `work`: float64[WORK_ROWS, WORK_COLUMNS].
+    `zero`: up to this value of |c[0]| the guard counts as starting at zero. `work`: float64[WORK_ROWS, WORK_COLUMNS].
     """
     low = 0
     if abs(c[0]) <= zero:
         size = 0.0
         for k in range(1, degree + 1):
             size += abs(c[k])
-        if size <= zero:  # too short a cell to tell; the next one will
+        if size <= zero:  # the cell is too short to decide; the next one decides
             return NONE
         low = 1
         while low < 3 and low < degree and abs(c[low]) <= max(_FAINT * size, zero):

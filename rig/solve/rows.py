@@ -1,4 +1,4 @@
-"""Rows over the state: their product with it, and what rounding may make of that product."""
+"""Rows over the state: their product with it, and the rounding error of this product."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ ROUND = 64.0 * 2.2e-16
 
 @inner
 def dot(row, x):
-    """Row . x, summed in index order."""
+    """The product row . x, summed in index order."""
     s = 0.0
     for j in range(row.shape[0]):
         s += row[j] * x[j]
@@ -18,7 +18,7 @@ def dot(row, x):
 
 @inner
 def rounding(row, x):
-    """Size of the rounding error of row . x."""
+    """The size of the rounding error of row . x."""
     s = 0.0
     for j in range(row.shape[0]):
         s += abs(row[j] * x[j])

@@ -1,9 +1,9 @@
-"""A stage of a Runge-Kutta method, written so that the next one waits for little but the law of friction.
+"""One stage of a Runge-Kutta method, arranged so that the critical path is one friction law and one multiplication.
 
-Stages are a chain: force, derivative, state, slip speed, law, force. All between two laws is linear in the force F, so
-that the slip speed and the load can be summed without it, by the stage before, and F is added last: from one law to
-the next there is one multiplication. That is for rigs of one patch; with more, or with products, the derivative is
-asked as it is.
+Stages form a chain: force, derivative, state, slip speed, law, force. Everything between two evaluations of the law is
+linear in the force F. The slip speed and the load are therefore summed without F during the previous stage, and F is
+added last: one multiplication lies between one law and the next. This applies to rigs with one patch. With more
+patches, or with products, the derivative is computed as a whole.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ Array = NDArray[np.float64]
 
 
 class Rub(NamedTuple):
-    """What the only patch rubs with. `alone`: there is no other, it has a law over speed, there are no products.
+    """The friction of the only patch. `alone`: there is one patch, its friction depends on speed, and there are no
+    products.
 
-    ask . x: what the law is asked at, the exponent of STRIBECK, else the slip speed; bear . x: the load. *_x [n] and
-    *_f: their rates of change with the state and with the force of the patch.
+    ask . x: argument of the law, which is the exponent of STRIBECK, otherwise the slip speed; bear . x: the load. *_x
+    [n] and *_f: rates of change of both with the state and with the friction force.
     """
 
     alone: bool
@@ -38,9 +39,9 @@ class Rub(NamedTuple):
     bear: Array
     bear_x: Array
     bear_f: float
-    at: Array  # scratch [n]: where `whole` is asked for the derivative, and
-    rates: Array  # what it answers
-    t: Any  # what it is lent, as all parts are (rig.solve.specialised)
+    at: Array  # scratch [n]: state at which `whole` computes the derivative, and
+    rates: Array  # its result
+    t: Any  # arguments of a call by address (rig.solve.specialised)
     w: Any
     state: Any
     log: Any
@@ -50,7 +51,7 @@ class Rub(NamedTuple):
 
 @inlined
 def rubbing(shape, f, t, w, state, log, seg, plan):
-    """The patch of field f; the others as parts are lent them."""
+    """The Rub of field f; the other arguments are kept for calls by address (rig.solve.specialised)."""
     n = states(shape)
     ask, bear = local(shape, w.ask), local(shape, w.bear)
     ask_x, bear_x = local(shape, w.ask_x), local(shape, w.bear_x)
@@ -73,7 +74,9 @@ def rubbing(shape, f, t, w, state, log, seg, plan):
 
 @inner
 def whole(shape, t, w, state, log, seg, plan, ticks):
-    """Part: the derivative w.rates at w.at, whatever the rig. A rig of one patch does not ask for it."""
+    """Compute the derivative w.rates at w.at for any rig; a part (rig.solve.specialised). Rigs with one patch do not
+    need it.
+    """
     mode_set = t.mode_set_of[state.ic[KEY]]
     if plan.wide:
         inputs(t, mode_set, w.at, w.T, w.scratch)
@@ -87,7 +90,9 @@ def whole(shape, t, w, state, log, seg, plan, ticks):
 
 @inlined
 def begin(shape, rub, k):
-    """What `stage` takes as `late`, where k[0] is complete: no force, and how what is asked and the load change."""
+    """The first `late` of `stage`, for a complete k[0]: no force is missing; rates of the argument of the law and of
+    the load.
+    """
     asked, borne = 0.0, 0.0
     if rub.alone:
         for i in range(states(shape)):
@@ -98,7 +103,7 @@ def begin(shape, rub, k):
 
 @inlined
 def complete(shape, f, rub, k, last, late):
-    """Add to derivative k[last] the force that it is without."""
+    """Add the missing friction force to derivative k[last]."""
     if rub.alone:
         for i in range(states(shape)):
             k[last, i] += f.b[i, 0] * late[0]
@@ -106,10 +111,11 @@ def complete(shape, f, rub, k, last, late):
 
 @fused
 def stage(shape, f, rub, reach, z, k, last, late):
-    """Z += reach times derivative k[last], which is completed; k[last + 1] = the derivative there, to be completed.
+    """Add reach times derivative k[last] to z, complete k[last], and compute k[last + 1] at z without its friction
+    force.
 
-    `late`: the force that k[last] is without, the rates without it of what the law is asked at and of the load.
-    Returns the same for k[last + 1].
+    `late`: the force missing in k[last], and the rates, without it, of the argument of the law and of the load. Returns
+    the same three values for k[last + 1].
     """
     n = states(shape)
     force, asked, borne = 0.0, 0.0, 0.0
@@ -135,7 +141,7 @@ def stage(shape, f, rub, reach, z, k, last, late):
             for j in range(n):
                 s += f.A[i, j] * z[j]
             k[last + 1, i] = s
-    else:  # what is in registers is lent to nobody
+    else:  # arrays kept in registers must not be passed: copy
         for i in range(n):
             z[i] += reach * k[last, i]
             rub.at[i] = z[i]

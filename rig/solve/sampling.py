@@ -13,16 +13,16 @@ from rig.solve.pole_response import PART, PEEK, RESIDUE, STATE, STEP, polynomial
 # One instrument: what it is, then where it stands. Sample n is published at `instant` n and taken `delay` earlier.
 FRONT = np.dtype(
     [
-        ("column", np.int64),  # of the signal in Segments
-        ("period", np.int64),  # whole ns between two samples, and what is left of it:
-        ("rest", np.int64),  # in parts of a nanosecond, of which
-        ("samples", np.int64),  # make one; so many samples later the pattern repeats,
-        ("cycle", np.int64),  # ns later
-        ("mean", np.float64),  # ns, the whole period
+        ("column", np.int64),  # of the output in Segments
+        ("period", np.int64),  # whole ns between two samples, plus
+        ("rest", np.int64),  # this many parts of a nanosecond, of which
+        ("samples", np.int64),  # make one; after this many samples the pattern repeats,
+        ("cycle", np.int64),  # this many ns later
+        ("mean", np.float64),  # ns, the exact period
         ("delay", np.int64),  # ns
-        ("first", np.int64),  # its poles are rows first .. last - 1 of the table
+        ("first", np.int64),  # its poles are rows first .. last - 1 of `poles`
         ("last", np.int64),
-        ("echo", np.int64),  # its echoes are rows echo .. silence - 1 of theirs
+        ("echo", np.int64),  # its echoes are rows echo .. silence - 1 of `echoes`
         ("silence", np.int64),
         ("averages", np.int64),
         ("holds", np.int64),
@@ -39,17 +39,17 @@ FRONT = np.dtype(
         ("resolution", np.float64),
         ("slew", np.float64),  # largest change per sample
         ("dropouts", np.int64),
-        ("most", np.int64),  # most samples in one frame
+        ("most", np.int64),  # largest number of samples in one frame
         ("taken", np.int64),  # samples so far
         ("published", np.int64),
-        ("kept", np.int64),  # of these, the last ones, in the row of samples
-        ("drawn", np.int64),  # next number in the row of noise
+        ("kept", np.int64),  # number of the latest samples kept in its row of `samples`
+        ("drawn", np.int64),  # next number in its row of `noise`
         ("gap", np.int64),  # next drop-out
         ("lost_until", np.int64),  # ns
-        ("followed", np.float64),  # what the slew limit has come to
+        ("followed", np.float64),  # output of the slew limit
         ("previous", np.float64),  # last sample taken
-        ("part", np.float64),  # s, length whose weights are at PART
-        ("peek", np.float64),  # s, length whose weights are at PEEK
+        ("part", np.float64),  # s, length that the weights at PART belong to
+        ("peek", np.float64),  # s, length that the weights at PEEK belong to
         ("clipped", np.int64),
         ("dropped_out", np.int64),
         ("slew_lost", np.int64),
@@ -67,21 +67,21 @@ class Rack(NamedTuple):
     fronts: NDArray[Any]  # FRONT [n]
     poles: NDArray[np.complex128]  # [pole, COLUMNS]
     latest: NDArray[np.float64]  # [n] the last published sample
-    fresh: NDArray[np.int64]  # [n] how many were published in the last frame
-    queue: NDArray[np.float64]  # [n, waiting] taken, not yet published
-    samples: NDArray[np.float64]  # [n, room] published, the last FRONT.kept of them
+    fresh: NDArray[np.int64]  # [n] number of samples published in the last frame
+    queue: NDArray[np.float64]  # [n, waiting] samples taken but not yet published
+    samples: NDArray[np.float64]  # [n, room] the latest FRONT.kept published samples
     noise: NDArray[np.float64]  # [n, drawn ahead]
     gaps: NDArray[np.int64]  # [n, drawn ahead, 2] start and end of drop-outs [ns]
-    past: NDArray[np.float64]  # [n, longest echo] filtered signal at the last samples, of instruments with echoes
-    echoes: NDArray[np.float64]  # [echo, 2] samples later, share
-    clock: NDArray[np.int64]  # NOW [ns]; SHORT: 1 where random numbers or room do not last for another frame
+    past: NDArray[np.float64]  # [n, longest echo] filtered output at the last samples, for instruments with echoes
+    echoes: NDArray[np.float64]  # [echo, 2] delay in samples, share
+    clock: NDArray[np.int64]  # NOW [ns]; SHORT: 1 if random numbers or room are short for another frame
     frame: int  # ns
     step: float  # s, length of a full segment
 
 
 @inner
 def instant(s: Any, k: int) -> int:
-    """When sample k of instrument s is published [ns]: k periods, rounded, to the even one of two."""
+    """The instant at which sample k of instrument s is published [ns]: k periods, rounded half to even."""
     if s.rest == 0:
         return k * s.period  # type: ignore[no-any-return]
     cycles = k // s.samples
@@ -96,7 +96,7 @@ def instant(s: Any, k: int) -> int:
 
 @inner
 def share(s: Any) -> float:
-    """A period over the time since the last sample: what a mean over an uneven interval is corrected by."""
+    """The period over the time since the last sample: corrects a mean that was taken over an uneven interval."""
     if s.rest == 0 or s.taken == 0:
         return 1.0
     return s.mean / (instant(s, s.taken) - instant(s, s.taken - 1))  # type: ignore[no-any-return]
@@ -104,7 +104,7 @@ def share(s: Any) -> float:
 
 @inner
 def reading(s: Any, x: float, t: int, r: Any, i: int) -> float:
-    """The sample that instrument s (row i) makes of the filtered signal x at t [ns]; counts what went wrong."""
+    """The sample that instrument s (row i) makes of the filtered output x at t [ns]; counts faults."""
     noise, gaps, past = r.noise, r.gaps, r.past
     x *= s.gain
     if s.echo < s.silence:
@@ -148,20 +148,20 @@ def reading(s: Any, x: float, t: int, r: Any, i: int) -> float:
 
 @kernel
 def prepare(rack: Any) -> None:
-    """Weigh all poles for a full segment."""
+    """Compute the weights of all poles for a full segment."""
     for p in range(rack.poles.shape[0]):
         weigh(rack.poles, p, STEP, rack.step)
 
 
 @kernel
 def advance(rack: Any, segments: Any) -> None:
-    """`sample` by itself: one frame of all instruments."""
+    """Run `sample` on its own: one frame of all instruments."""
     sample(rack, segments)
 
 
 @inner
 def sample(r: Any, segments: Any) -> None:
-    """Run all instruments of a Rack over the frame (now, now + frame] [ns] that `segments` describe."""
+    """Run all instruments over the frame (now, now + frame] [ns] that `segments` describes."""
     now, frame, step = r.clock[NOW], r.frame, r.step
     count, start, length, coef = segments.count, segments.start, segments.length, segments.coef
     fronts, poles, queue = r.fronts, r.poles, r.queue
@@ -179,7 +179,7 @@ def sample(r: Any, segments: Any) -> None:
             begin = start[j]
             h = length[j]
             end = begin + h
-            base = 0.0  # of the running mean: its integral at the last sample
+            base = 0.0  # for a running mean: the integral at the last sample
             while tau < end - snap and due <= end_ns:  # samples inside the segment
                 part = tau - begin
                 if abs(part - s.peek) > same:

@@ -1,8 +1,8 @@
-"""Writing down, segment by segment, the quantities that the sensors read.
+"""Writes the outputs that sensors read, segment by segment.
 
-Linear mode sets give Taylor polynomials; a segment is no longer than half a reciprocal norm, where nine terms leave
-5e-9. Mode sets with a law over speed give the quartic through five points of the dense output. Who writes asks before
-each step whether the buffers are `crowded`, and stops there until they have been enlarged.
+Linear mode sets give Taylor polynomials. A segment is at most half a reciprocal norm long; the error of nine terms is
+then 5e-9. Mode sets with speed-dependent friction give the quartic through five points of the dense output. A method
+checks before each step whether the buffers are `crowded`, and stops there until they have been enlarged.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from rig.solve.segments import DEGREE, Segments
 
 
 def empty_segments(signals: int, capacity: int) -> Segments:
-    """Buffers for `capacity` segments of `signals` quantities."""
+    """Buffers for `capacity` segments of `signals` outputs."""
     return Segments(
         np.zeros(1, dtype=np.int64),
         np.zeros(capacity),
@@ -25,13 +25,13 @@ def empty_segments(signals: int, capacity: int) -> Segments:
 
 @inlined
 def crowded(t, mode_set, seg, ticks):
-    """Whether `seg` may have no room for what one step or one tick writes, of a block with so many ticks left."""
+    """Whether `seg` may be too small for one more step or tick, with `ticks` ticks left in the block."""
     return seg.count[0] + ticks + 2 ** t.depth[mode_set] + 4 > seg.start.shape[0]
 
 
 @inner
 def emit_linear(t, mode_set, x, start, length, seg, derivatives):
-    """Segments of the signals over [start, start + length] s, from x at the start."""
+    """Write segments of the outputs over [start, start + length] s from the state x at the start."""
     n = x.shape[0]
     longest = 2.0 * t.step[0] / 2.0 ** t.depth[mode_set]
     pieces = int(length / longest * (1.0 - 1e-12)) + 1
@@ -65,7 +65,7 @@ def emit_linear(t, mode_set, x, start, length, seg, derivatives):
 
 @inner
 def emit_quartic(values, start, length, seg):
-    """One segment from signal values at u = 0, 1/4, 1/2, 3/4, 1: `values` [5, signal]."""
+    """Write one segment from output values at u = 0, 1/4, 1/2, 3/4, 1: `values` [5, output]."""
     for s in range(values.shape[1]):
         through(values, s, seg.coef[seg.count[0], s])
     close(start, length, seg)
@@ -73,7 +73,7 @@ def emit_quartic(values, start, length, seg):
 
 @inner
 def through(values, s, coef):
-    """The quartic through the values of signal s."""
+    """Write the coefficients of the quartic through the values of output s to `coef`."""
     coef[0], coef[1], coef[2], coef[3], coef[4] = quartic(
         values[0, s], values[1, s], values[2, s], values[3, s], values[4, s]
     )
@@ -81,7 +81,7 @@ def through(values, s, coef):
 
 @inner
 def part(coef, begin, width):
-    """Coefficients of a quartic over [begin, begin + width] of its interval, in place of those over the whole."""
+    """Replace the coefficients of a quartic by those over the part [begin, begin + width] of its interval."""
     if begin != 0.0:
         c1, c2, c3, c4 = coef[1], coef[2], coef[3], coef[4]
         coef[0] += begin * (c1 + begin * (c2 + begin * (c3 + begin * c4)))
@@ -97,7 +97,7 @@ def part(coef, begin, width):
 
 @inner
 def close(start, length, seg):
-    """Close the segment whose quartics are written."""
+    """Complete the segment whose quartics have been written."""
     at = seg.count[0]
     seg.count[0] = at + 1
     for s in range(seg.coef.shape[1]):
@@ -108,7 +108,7 @@ def close(start, length, seg):
 
 @inner
 def emit_chord(begin, end, start, length, seg):
-    """One segment from signal values at its ends: straight, for methods of second order."""
+    """Write one straight segment from output values at its ends, for methods of second order."""
     at = seg.count[0]
     seg.count[0] = at + 1
     for s in range(begin.shape[0]):
@@ -120,7 +120,7 @@ def emit_chord(begin, end, start, length, seg):
 
 @inner
 def quartic(a, b, c, d, e):
-    """Coefficients of the quartic through five equidistant values on [0, 1]."""
+    """The coefficients of the quartic through five equidistant values on [0, 1]."""
     return (
         a,
         (-25.0 * a + 48.0 * b - 36.0 * c + 16.0 * d - 3.0 * e) / 3.0,

@@ -1,4 +1,4 @@
-"""The signals of one frame as piecewise polynomials: smooth inside each segment, jumps only between segments."""
+"""Outputs over one frame as piecewise polynomials: smooth inside each segment, jumps only between segments."""
 
 from __future__ import annotations
 
@@ -11,11 +11,12 @@ DEGREE = 8
 
 
 class Segments(NamedTuple):
-    """What a frame looked like, for the instruments.
+    """The outputs over one frame, for the instruments.
 
-    Signal j in segment i:  y_j(start[i] + u length[i]) = sum_k coef[i, j, k] u^k,  0 <= u <= 1.
-    The first count[0] segments tile the frame without a gap, none straddles a sample step or an event, and none has
-    the length 0. The arrays are buffers: longer than needed, written anew each frame.
+    Output j in segment i:  y_j(start[i] + u length[i]) = sum_k coef[i, j, k] u^k,  0 <= u <= 1.
+
+    The first count[0] segments cover the frame without a gap. None straddles a sample step or an event, and none has
+    length 0. The arrays are buffers: longer than needed, overwritten in each frame.
     """
 
     count: NDArray[np.int64]  # type: ignore[assignment]  # [1]; tuple.count is not needed

@@ -1,10 +1,11 @@
-"""Leaves: the hot part of a kernel, compiled for a number of states and called by address.
+"""Leaves and parts: compiled code called by address, leaves being compiled for a fixed number of states.
 
-What runs once for an event, a segment or a sample takes the number of states as it comes and is compiled once for all
-rigs. What runs millions of times, a quiet tick or a step of an integrator, is faster where that number is a constant of
-the compiled code: its loops unroll and the state stays in registers. Such a leaf is compiled for a `Shape`, and the
-general code calls it through a pointer, once for a stretch of ticks (3 ns). The large parts of the general code call
-each other in the same way: none is compiled again within its caller, and what a rig does not need not at all.
+Code that runs once per event, segment or sample takes the number of states at run time and is compiled once for all
+rigs. Code that runs millions of times, a quiet tick or a step of an integrator, is faster if that number is a constant
+of the compiled code: loops are unrolled and the state stays in registers. Such a *leaf* is compiled for a `Shape`. The
+general code calls it through a pointer, once per stretch of ticks (3 ns). The large *parts* of the general code call
+each other in the same way. So no part is compiled again inside its caller, and parts that a rig does not need are not
+compiled at all.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ ROWS = 7
 
 
 class Shape(types.Type):  # type: ignore[misc]
-    """What a leaf is compiled for: the number of states, 0 for any; whether there are products of states.
+    """What a leaf is compiled for: the number of states (0: any), and whether there are products of states.
 
-    `bends`: whether some mode set is not linear.
+    `bends`: whether at least one mode set is not linear.
     """
 
     def __init__(self, states: int, products: bool, bends: bool) -> None:
@@ -37,7 +38,7 @@ ANY = Shape(0, products=True, bends=True)
 
 
 def _any_shape(typing: Any, n: Any) -> Any:
-    """The shape of code that is compiled for any number of states, here n."""
+    """The shape of code that is compiled for any number of states, with the actual number n."""
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.inttoptr(arguments[0], cgutils.voidptr_t)
@@ -63,7 +64,7 @@ states: Any = intrinsic(_states)
 
 
 def _multiplies(typing: Any, shape: Any) -> Any:
-    """Whether there may be products of states: where not, what evaluates them is not compiled."""
+    """Whether there may be products of states. If not, the code that evaluates them is not compiled."""
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return context.get_constant(types.boolean, shape.products)
@@ -75,7 +76,7 @@ multiplies: Any = intrinsic(_multiplies)
 
 
 def _bends(typing: Any, shape: Any) -> Any:
-    """Whether the inputs are to be asked for: not where the system is linear in every mode set."""
+    """Whether inputs have to be computed: not if the system is linear in every mode set."""
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return context.get_constant(types.boolean, shape.bends)
@@ -87,10 +88,10 @@ bends: Any = intrinsic(_bends)
 
 
 def _place(typing: Any, shape: Any, like: Any) -> Any:
-    """An array of the kind of `like`, on the stack: its last axis is as long as there are states, others as `ROWS`.
+    """A local array of the type of `like` on the stack: its last axis has one entry per state, other axes have `ROWS`.
 
-    The compiler keeps what is in it in registers, as it does with a local array of C. Where the number of states is
-    not known when compiling, `like` itself serves.
+    The compiler keeps it in registers, like a local array in C. If the number of states is unknown at compile time,
+    `like` itself is returned.
     """
     kind = types.Array(like.dtype, like.ndim, "C")
 
@@ -123,7 +124,9 @@ local: Any = intrinsic(_place)
 def _call(
     typing: Any, place: Any, shape: Any, t: Any, w: Any, state: Any, log: Any, seg: Any, plan: Any, ticks: Any
 ) -> Any:
-    """What the leaf at an `address` returns. All that it is lent are pointers, so that its shape does not show here."""
+    """The result of the leaf at an address. Its arguments are passed as pointers, so that the caller need not know its
+    shape.
+    """
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kinds = signature.args[1:]
