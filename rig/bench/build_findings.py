@@ -6,11 +6,11 @@ from rig.model.build_checks import Finding
 from rig.model.method import chosen
 from rig.model.system import System
 from rig.scenes.scene import Scene
-from rig.stability.report import verdict
+from rig.stability.report import stability_report
 
 
 def findings(scene: Scene, system: System | None = None) -> list[Finding]:
     """Everything that can be said of the rig of `scene`, gravest first. `system`: its matrices, if they are at hand."""
     clock, system = scene.clock, scene.assemble().system() if system is None else system
     substeps = max(1, scene.step_ns // int(clock.rk4_step))
-    return verdict(system, chosen(clock.method, system), scene.step_ns * 1e-9, substeps, clock.tolerance)
+    return stability_report(system, chosen(clock.method, system), scene.step_ns * 1e-9, substeps, clock.tolerance)

@@ -12,7 +12,7 @@ import time
 from typing import TYPE_CHECKING, Any
 
 from rig.bench.hub import missing
-from rig.bench.timing import Verdict
+from rig.bench.timing import TimingVerdict
 from rig.bus import messages
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ def finalise(plant: Plant) -> dict[str, Any]:
     return summary
 
 
-def _verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> Verdict:
+def _verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> TimingVerdict:
     faults = list(plant.housekeeper.faults)
     for name, line in plant.operation.exchange.all_lines.items():
         if line.counts.safe:

@@ -124,7 +124,7 @@ class Interruptions(event.Listener):  # type: ignore[misc]
 
 
 @dataclass(frozen=True)
-class Verdict:
+class TimingVerdict:
     """VALID, DEGRADED or INVALID, and why."""
 
     word: str
@@ -219,7 +219,7 @@ class Timing:
         faults: Sequence[str] = (),
         broken: bool = False,
         unknown: Sequence[str] = (),
-    ) -> Verdict:
+    ) -> TimingVerdict:
         """The verdict: shares of late frames up to which a run is valid or degraded, losses by topic, other faults.
 
         `unknown`: processes of which nobody knows what they lost.
@@ -249,7 +249,7 @@ class Timing:
             word = "DEGRADED"
         else:
             word = "VALID"
-        return Verdict(word, tuple(reasons))
+        return TimingVerdict(word, tuple(reasons))
 
     def told(self) -> dict[str, Any]:
         """Everything counted, durations in microseconds."""

@@ -68,11 +68,11 @@ def _table(cells: list[Cell]) -> None:
     """A row for each case and method, its steps side by side; then what decided where it is not green."""
     rows = []
     for cell in cells:
-        v = cell.verdict
+        v = cell.result
         name = f"{cell.method} (default)" if cell.default else cell.method
         rows.append((cell.case, name, f"{cell.step:g} s", v.colour, v.reason, v.told, f"{cell.seconds:.2f} s"))
     printing.table("", ("case", "method", "step", "", "reason", "", "time"), rows)
-    counts = {colour: sum(cell.verdict.colour == colour for cell in cells) for colour in ("green", "amber", "red")}
+    counts = {colour: sum(cell.result.colour == colour for cell in cells) for colour in ("green", "amber", "red")}
     bad = sum(not cell.good for cell in cells)
     told = ", ".join(f"{count} {colour}" for colour, count in counts.items())
     printing.line(f"{len(cells)} cells: {told}; default methods: {bad or 'none'} not green")
@@ -90,9 +90,7 @@ def _search(wanted: list[str], as_json: bool) -> None:
         hit = search(case)
         found[name] = None if hit is None else {"file": str(hit[0]), **hit[1].to_json()}
         if not as_json:
-            printing.line(
-                f"{name}: {'no failure found' if hit is None else f'{hit[1].verdict.told}; kept as {hit[0]}'}"
-            )
+            printing.line(f"{name}: {'no failure found' if hit is None else f'{hit[1].result.told}; kept as {hit[0]}'}")
     if as_json:
         printing.report(found)
     if any(found.values()):

@@ -44,10 +44,12 @@ _SPEEDS = 41
 _KINDS = (SLIP_PLUS, SLIP_MINUS, STICK)
 
 
-def verdict(system: System, method: str, step: float, substeps: int = 1, tolerance: float = 0.0) -> list[Finding]:
-    """Everything that can be said of `system` before it is run by `method` with sample step `step` [s]; gravest first.
+def stability_report(
+    system: System, method: str, step: float, substeps: int = 1, tolerance: float = 0.0
+) -> list[Finding]:
+    """The stability report: what is known of `system` before a run by `method` in steps of `step` [s].
 
-    `substeps`: steps of rk4 or kick in a sample step. `tolerance`: of dopri5.
+    Findings, gravest first. `substeps`: steps of rk4 or kick in a sample step. `tolerance`: of dopri5.
     """
     broken = list(_matrices(system))
     if broken:
@@ -91,7 +93,7 @@ def part(step: float, most: float) -> str:
 
 
 def blame(system: System, method: str, step: float, substeps: int) -> str:
-    """What the steps have to do with a run by rk4 or kick that has diverged, and what would help; see `verdict`."""
+    """Say whether the step made a run by rk4 or kick diverge, and which step helps. See `stability_report`."""
     h = step / substeps
     if system.film is not None:
         fastest, limit, coarse = film.fastest(system, h), FILM_LIMIT, FILM_COARSE

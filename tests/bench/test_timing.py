@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rig.bench.timing import Interruptions, Spread, Timing, Verdict
+from rig.bench.timing import Interruptions, Spread, Timing, TimingVerdict
 from rig.kernel import kernel
 
 MS = 1_000_000
@@ -79,7 +79,7 @@ def test_exactly_one_frame_late_is_not_late():
 
 def test_a_loss_or_a_fault_degrades():
     timing = kept([0] * 1000)
-    assert timing.verdict(0.01, 0.05, {"act/nf": 0}) == Verdict(
+    assert timing.verdict(0.01, 0.05, {"act/nf": 0}) == TimingVerdict(
         "VALID", ("0.00% of 1000 frames late by more than one frame", "nothing lost")
     )
     assert timing.verdict(0.01, 0.05, {"meas/laser": 2}).word == "DEGRADED"

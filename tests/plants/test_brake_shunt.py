@@ -18,7 +18,7 @@ from rig.effects import shunt_limits
 from rig.effects.stack import Stack
 from rig.scenes.scene import plant_module
 from rig.stability.linearisation import sliding_key, steady
-from rig.stability.report import verdict
+from rig.stability.report import stability_report
 
 ORACLE = json.loads((Path(__file__).parents[1] / "reference" / "kroger_shunt.json").read_text())["brake"]
 
@@ -111,7 +111,7 @@ def test_below_the_static_limit_the_brake_gives_way():
     limit = ORACLE["static"]["delta_static_limit"]
     slow = {"mu": 0.0, "resistance": 50.0, "inductance": 0.01}
     assert least(delta=limit - 1e-3, **slow).real > 1.0 > 0.0 > least(delta=limit + 1e-3, **slow).real
-    found = verdict(system(delta=-0.98, resistance=50.0, inductance=0.002), "exact", 2e-5)
+    found = stability_report(system(delta=-0.98, resistance=50.0, inductance=0.002), "exact", 2e-5)
     assert [f for f in found if f.level == "error" and "gives way statically" in f.what]
 
 

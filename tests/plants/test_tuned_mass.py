@@ -18,7 +18,7 @@ from rig.analysis.cycle import limit_cycle
 from rig.analysis.modes import modes
 from rig.errors import SceneError
 from rig.stability.linearisation import sliding_key, steady
-from rig.stability.report import verdict
+from rig.stability.report import stability_report
 
 ORACLE = json.loads((Path(__file__).parents[1] / "reference" / "tuned_mass.json").read_text())
 P = ORACLE["params"]
@@ -158,7 +158,7 @@ def heavy(mu):
     """A light body under a heavy absorber: m1 + m2 cos^2 a = 0.231 kg; jams at mu = 0.6844."""
     law = {"friction.law": "coulomb", "friction.mu_static": mu, "friction.mu_kinetic": mu}
     changes = {"body.mass": 0.1, "tuned_mass.mass": 1.0} | law
-    return verdict(tuned(1.2, 0.1, **changes).assemble().system(), "exact", 1e-3)
+    return stability_report(tuned(1.2, 0.1, **changes).assemble().system(), "exact", 1e-3)
 
 
 def test_jamming_is_told_before_the_run():

@@ -1,4 +1,4 @@
-"""The torture test: its cases are sound, its verdicts are what they say, the default method is green."""
+"""The torture test: its cases are sound, its results are what they say, the default method is green."""
 
 import json
 import math
@@ -53,15 +53,15 @@ def test_default_is_green(some):
 
 def test_instability_is_named_with_its_growth(some):
     named = next(cell for cell in some if cell.case == "belt_loop_unlimited")
-    assert named.verdict.colour == "green"
-    assert "growth +433 1/s" in named.verdict.told
+    assert named.result.colour == "green"
+    assert "growth +433 1/s" in named.result.told
 
 
 def test_comparison_fails_for_the_reason_it_should(some):
     sign = next(cell for cell in some if cell.case == "grazing" and cell.method == "sign")
-    assert (sign.verdict.colour, sign.verdict.reason) == ("red", "creep")
+    assert (sign.result.colour, sign.result.reason) == ("red", "creep")
     rk4 = next(cell for cell in some if cell.case == "grazing" and cell.method == "rk4")
-    assert (rk4.verdict.colour, rk4.verdict.reason) == ("red", "missed event")
+    assert (rk4.result.colour, rk4.result.reason) == ("red", "missed event")
 
 
 def test_noise_is_left_out_because_each_step_would_have_its_own(tmp_path):
@@ -76,24 +76,22 @@ def test_noise_is_left_out_because_each_step_would_have_its_own(tmp_path):
 )
 def test_wrong_contact_forces_are_caught_at_every_step(case, way, reason):
     cells = [cell for cell in torture.matrix([case], quick=True) if cell.method == way or cell.default]
-    assert [(c.verdict.colour, c.verdict.reason) for c in cells if c.default] == [("green", "")] * 2
-    assert [(c.verdict.colour, c.verdict.reason) for c in cells if c.method == way] == [("red", reason)] * 2
+    assert [(c.result.colour, c.result.reason) for c in cells if c.default] == [("green", "")] * 2
+    assert [(c.result.colour, c.result.reason) for c in cells if c.method == way] == [("red", reason)] * 2
 
 
 def test_a_film_keeps_its_energy_and_forces_that_are_held_are_caught():
     names = ["film_felt_late", "film_step_beyond", "film_all_open", "film_without_damping"]
     found = torture.matrix(names, quick=True)
     default = [cell for cell in found if cell.default]
-    assert [
-        cell for cell in default if cell.verdict.colour == "red" or cell.verdict.reason not in ("", "overrun")
-    ] == []
+    assert [cell for cell in default if cell.result.colour == "red" or cell.result.reason not in ("", "overrun")] == []
     assert {cell.case for cell in default} == set(names)
     held = [cell for cell in found if cell.method == "held"]
-    assert [(cell.verdict.colour, cell.verdict.reason) for cell in held] == [("red", "energy")] * 2
+    assert [(cell.result.colour, cell.result.reason) for cell in held] == [("red", "energy")] * 2
 
 
 def test_rows_that_follow_the_slider_late_are_caught():
-    found = {cell.method: cell.verdict for cell in torture.matrix(["film_rows_late"], quick=True)}
+    found = {cell.method: cell.result for cell in torture.matrix(["film_rows_late"], quick=True)}
     assert found["kick"].reason in ("", "overrun")
     assert (found["stale"].colour, found["stale"].reason) == ("red", "energy")
 
@@ -101,7 +99,7 @@ def test_rows_that_follow_the_slider_late_are_caught():
 def test_a_slider_that_comes_to_the_edge_stops_with_a_word():
     [cell] = torture.matrix(["film_beyond_edge"], quick=True)
     assert cell.good
-    assert "the slider has come to the end of its way, 0.0437 m" in cell.verdict.told
+    assert "the slider has come to the end of its way, 0.0437 m" in cell.result.told
 
 
 def test_points_of_a_film_are_held_to_their_cone():
@@ -137,7 +135,7 @@ def test_a_contact_felt_late_gains_energy_in_proportion_to_the_step():
     assert rise[1] / rise[2] == pytest.approx(2.0, rel=0.15)
 
 
-def test_verdicts():
+def test_results():
     case = load("stick_below_limit")
     good = Found(events=[(0.1, "contact slip+"), (0.2, "contact stick")], count=2)
     assert judge(case, good, good, 1.0).colour == "green"

@@ -10,13 +10,13 @@ from rig.qualify import torture
 from rig.qualify.torture import report
 from rig.qualify.torture.case import each, load
 from rig.qualify.torture.cells import Cell
-from rig.qualify.torture.test_result import Verdict
+from rig.qualify.torture.test_result import CellResult
 
 CELLS = [
-    Cell("one", "exact", 1e-3, True, Verdict("green"), 0.1, {"events": 3}),
-    Cell("one", "rk4", 1e-3, False, Verdict("red", "missed event", "1 of 39"), 0.1, {}),
-    Cell("two", "exact", 1e-3, True, Verdict("red", "energy", "too much"), 0.1, {}),
-    Cell("two", "exact", 1e-4, True, Verdict("amber", "cost", "too long"), 2.0, {}),
+    Cell("one", "exact", 1e-3, True, CellResult("green"), 0.1, {"events": 3}),
+    Cell("one", "rk4", 1e-3, False, CellResult("red", "missed event", "1 of 39"), 0.1, {}),
+    Cell("two", "exact", 1e-3, True, CellResult("red", "energy", "too much"), 0.1, {}),
+    Cell("two", "exact", 1e-4, True, CellResult("amber", "cost", "too long"), 2.0, {}),
 ]
 
 

@@ -6,7 +6,7 @@ from rig.errors import UsageError
 from rig.qualify.torture import cells as room
 from rig.qualify.torture import search as hunt
 from rig.qualify.torture.case import load, read
-from rig.qualify.torture.test_result import Verdict
+from rig.qualify.torture.test_result import CellResult
 
 
 def test_default_holds_in_the_box(tmp_path):
@@ -19,14 +19,14 @@ def test_what_breaks_is_shrunk_and_kept(tmp_path, monkeypatch):
 
     def defect(changed, quick, methods):
         bad = changed.set["body.damping"] > 2.5
-        verdict = Verdict("red", "energy", "too much") if bad else Verdict("green")
+        verdict = CellResult("red", "energy", "too much") if bad else CellResult("green")
         yield room.Cell(changed.name, "exact", 1e-3, True, verdict, 0.0, {})
 
     monkeypatch.setattr(hunt, "cells", defect)
     found = hunt.search(case, examples=60, folder=tmp_path)
     assert found is not None
     path, cell = found
-    assert cell.verdict.reason == "energy"
+    assert cell.result.reason == "energy"
     kept = read(path)
     assert 2.5 < kept.set["body.damping"] < 2.51  # the simplest that breaks it
     assert kept.set["drive.speed"] == case.box["drive.speed"][0]
@@ -39,7 +39,7 @@ def test_what_is_kept_is_the_case_with_other_values(tmp_path, name):
     """Its acts, times and bounds; a count of events is that of the first case."""
     case = load(name)
     values = {key: low for key, (low, _) in case.box.items()}
-    bad = room.Cell(name, "exact", 1e-3, True, Verdict("red", "energy", "too much"), 0.0, {})
+    bad = room.Cell(name, "exact", 1e-3, True, CellResult("red", "energy", "too much"), 0.0, {})
     kept = read(hunt.write(case, values, bad, tmp_path))
     assert kept.set == case.set | values
     for what in ("scene", "rig", "duration", "steps", "frame", "acts", "seconds"):

@@ -23,7 +23,7 @@ from rig.qualify.warmup import ready, shape
 from rig.scenes.explain import explain
 from rig.scenes.scene import Scene
 from rig.scenes.shipped import HERE
-from rig.stability.report import verdict
+from rig.stability.report import stability_report
 
 SECONDS = 30
 """In which every one of them must be judged."""
@@ -155,7 +155,7 @@ def judge(path, deep=False):
             return None
         explain(scene)
         system = scene.assemble().system()
-        verdict(system, chosen(scene.clock.method, system), scene.step_ns * 1e-9, 1)
+        stability_report(system, chosen(scene.clock.method, system), scene.step_ns * 1e-9, 1)
         with suppress(RigError):  # a controller that cannot be designed
             numbers(scene)
         if deep and shape(scene) in ready():

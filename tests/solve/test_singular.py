@@ -12,7 +12,7 @@ from rig.model.singular import assembled
 from rig.motion.motion import Motion
 from rig.scenes.scene import Scene
 from rig.solve.state_codes import SLIP_PLUS, STICK
-from rig.stability.report import verdict
+from rig.stability.report import stability_report
 
 MASS, STIFFNESS, PUSH = 2.0, 50.0, 3.0
 
@@ -44,7 +44,7 @@ def test_friction_that_takes_up_all_of_the_inertia_jams():
     with pytest.raises(Singular, match="jams: friction takes up all of the inertia") as raised:
         assembled(system, system.key([SLIP_PLUS], [0], []))
     assert raised.value.jams
-    assert [one for one in verdict(system, "exact", 1e-3) if "jams in contact slip" in one.what]
+    assert [one for one in stability_report(system, "exact", 1e-3) if "jams in contact slip" in one.what]
 
 
 def test_a_run_a_cycle_and_modes_of_such_a_rig_end_in_a_named_error(monkeypatch):

@@ -7,7 +7,7 @@ import pytest
 
 from rig.model import friction_law
 from rig.motion.motion import Motion
-from rig.stability.report import verdict
+from rig.stability.report import stability_report
 
 
 def test_a_smoothed_law_is_odd_and_its_slope_is_its_slope():
@@ -52,5 +52,5 @@ def test_amplitude_of_a_cycle_stays_wrong(rigs, num, scale):
 
 
 def test_it_is_labelled(rigs):
-    told = [one.what for one in verdict(rigs.p1(), "smooth", 1e-3) if one.level == "warning"]
+    told = [one.what for one in stability_report(rigs.p1(), "smooth", 1e-3) if one.level == "warning"]
     assert any("smoothed: a stuck contact creeps" in what for what in told)

@@ -17,7 +17,7 @@ from rig.model import friction_law
 from rig.model.assembly import Assembly
 from rig.quantities import at_least, at_most
 from rig.stability.linearisation import sliding_key, steady
-from rig.stability.report import RK4_LIMIT, blame, part, verdict
+from rig.stability.report import RK4_LIMIT, blame, part, stability_report
 
 STEP = 1e-3
 COULOMB = friction_law.coulomb(0.4, 0.25)
@@ -46,7 +46,7 @@ def fed_back(gain, lag=0.01, clamped=False):
 
 
 def errors(assembly, method="exact", step=STEP, substeps=1):
-    return [one for one in verdict(assembly.system(), method, step, substeps) if one.level == "error"]
+    return [one for one in stability_report(assembly.system(), method, step, substeps) if one.level == "error"]
 
 
 @pytest.mark.parametrize("name", scenes.names())
@@ -54,14 +54,14 @@ def test_no_shipped_scene_is_refused(name):
     """Those that grow without bound on purpose say so."""
     scene = rig.load(name)
     substeps = max(1, scene.step_ns // int(scene.clock.rk4_step))
-    found = verdict(scene.assemble().system(), "dopri5", scene.step_ns * 1e-9, substeps)
+    found = stability_report(scene.assemble().system(), "dopri5", scene.step_ns * 1e-9, substeps)
     assert not [one for one in found if one.level == "error"] or scene.clock.unstable == "run"
 
 
 def test_growth_that_falling_friction_turns_into_contact_is_information():
     """The tread diverges in slip; where its law is flat it flutters, and sticks. Open, it falls back from near."""
     system = rig.load("tread").assemble().system()
-    found = {one.what: one.level for one in verdict(system, "dopri5", 2e-5)}
+    found = {one.what: one.level for one in stability_report(system, "dopri5", 2e-5)}
     told = [(level, what) for what, level in found.items() if "divergence" in what]
     assert [level for level, _ in told] == ["warning", "info", "info"]
     c_x, c_z, coupling, load = 2.8e5, 8e4, 1.5e5, 34.0
@@ -72,18 +72,18 @@ def test_growth_that_falling_friction_turns_into_contact_is_information():
 
 def test_an_open_contact_that_starts_beyond_its_rest_is_not_caught():
     system = rig.load("tread", {"start.height": 0.2}).assemble().system()
-    assert any("load open" in one.what for one in verdict(system, "dopri5", 2e-5) if one.level == "error")
+    assert any("load open" in one.what for one in stability_report(system, "dopri5", 2e-5) if one.level == "error")
 
 
 def test_jamming_is_looked_for_at_speeds_that_occur():
     """The seal's film bears ever more force: at 1e6 m/s it would jam any absorber."""
     seal = {"law": "seal", "load": 20.0, "mixed_force": 9.7, "decay": 700.0, "film": 38.0, "offset": 1e-5}
     scene = rig.load("belt_tuned_mass", {f"friction.{key}": value for key, value in seal.items()})
-    assert not [one for one in verdict(scene.assemble().system(), "dopri5", STEP) if "jam" in one.what]
+    assert not [one for one in stability_report(scene.assemble().system(), "dopri5", STEP) if "jam" in one.what]
 
 
 def test_stick_slip_is_information():
-    found = verdict(rig.load("belt").assemble().system(), "dopri5", STEP)
+    found = stability_report(rig.load("belt").assemble().system(), "dopri5", STEP)
     assert [one.level for one in found] == ["info"]
     assert found[0].number == pytest.approx(3.6552859, rel=1e-6)
     assert "flutter in contact slip+" in found[0].what
@@ -106,7 +106,7 @@ def test_a_belt_that_follows_the_body_it_carries_runs_away():
 
 
 def test_a_clamped_drive_is_information():
-    found = verdict(fed_back(5.33, clamped=True).system(), "exact", STEP)
+    found = stability_report(fed_back(5.33, clamped=True).system(), "exact", STEP)
     assert "error" not in [one.level for one in found]
     assert any("limits of drive" in one.what for one in found)
 
@@ -152,7 +152,7 @@ def test_a_load_that_grows_with_the_acceleration_jams(inertia, level):
     a = belt()
     a.normals.clear()
     a.normal("load", "contact", {"one": 20.0}, inertia={"x": inertia})
-    found = [one for one in verdict(a.system(), "exact", STEP) if "jam" in one.what]
+    found = [one for one in stability_report(a.system(), "exact", STEP) if "jam" in one.what]
     assert [one.level for one in found] == ([level] if level else [])
     if found:
         assert found[0].number == pytest.approx(1.0 - 0.25 * inertia / 5.0)
@@ -168,9 +168,9 @@ def test_a_signal_that_grows_by_itself_is_refused():
 
 @pytest.mark.parametrize(("step", "levels"), [(1e-3, []), (0.05, ["warning"]), (0.2, ["error"])])
 def test_steps_that_rk4_cannot_take_are_named(step, levels):
-    found = [one for one in verdict(belt(damping=0.0).system(), "rk4", step) if "rk4" in one.what]
+    found = [one for one in stability_report(belt(damping=0.0).system(), "rk4", step) if "rk4" in one.what]
     assert [one.level for one in found] == levels
-    assert not [one for one in verdict(belt(damping=0.0).system(), "rk4", step, 500) if "rk4" in one.what]
+    assert not [one for one in stability_report(belt(damping=0.0).system(), "rk4", step, 500) if "rk4" in one.what]
     if levels:
         assert found[0].number == pytest.approx(np.sqrt(500.0) * step, rel=1e-9)
 
@@ -184,7 +184,7 @@ def test_the_limit_of_rk4_is_where_its_polynomial_leaves_one():
 def test_a_network_much_faster_than_the_step_is_told():
     a = belt()
     a.network["U"] = {"U": -1e6, "x'": 1.0}
-    assert "stiff for dopri5" in verdict(a.system(), "dopri5", STEP)[0].what
+    assert "stiff for dopri5" in stability_report(a.system(), "dopri5", STEP)[0].what
     assert errors(a, "rk4")
     assert not errors(a, "exact")
 
@@ -242,18 +242,18 @@ def test_two_bodies_with_two_contacts_slide_apart():
 )
 def test_a_tolerance_too_coarse_for_the_friction_law_is_told(scale, tolerance, warned):
     system = belt(friction_law.stribeck(0.5, 0.18, scale)).system()
-    found = [one for one in verdict(system, "dopri5", STEP, tolerance=tolerance) if "too coarse" in one.what]
+    found = [one for one in stability_report(system, "dopri5", STEP, tolerance=tolerance) if "too coarse" in one.what]
     assert bool(found) == warned
     for one in found:
         better = float(one.remedy.split()[2])
-        again = verdict(system, "dopri5", STEP, tolerance=better)
+        again = stability_report(system, "dopri5", STEP, tolerance=better)
         assert not [other for other in again if "too coarse" in other.what]
 
 
 @pytest.mark.parametrize("name", scenes.names())
 def test_the_tolerance_of_shipped_scenes_is_fine_enough(name):
     scene = rig.load(name)
-    found = verdict(scene.assemble().system(), "dopri5", scene.step_ns * 1e-9, tolerance=scene.clock.tolerance)
+    found = stability_report(scene.assemble().system(), "dopri5", scene.step_ns * 1e-9, tolerance=scene.clock.tolerance)
     assert not [one for one in found if "too coarse" in one.what]
 
 
@@ -264,7 +264,7 @@ def test_rk4_that_has_diverged_names_its_step_and_one_that_does():
     assert "rk4 took steps of 0.001 s: |lambda| h = 12.8, unstable beyond 2.785" in told
     assert "clock.rk4_step to 6.25e-06 s or less" in told
     assert "short enough" in blame(belt().system(), "rk4", 1e-3, 1)
-    [warned] = [one for one in verdict(system, "rk4", STEP, 10) if "steepest" in one.what]
+    [warned] = [one for one in stability_report(system, "rk4", STEP, 10) if "steepest" in one.what]
     assert warned.number == pytest.approx(1.28, rel=1e-3)
 
 

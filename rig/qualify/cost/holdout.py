@@ -40,7 +40,7 @@ SPREAD = 0.1  # decades, to both sides
 
 
 @dataclass(frozen=True)
-class Verdict:
+class HeldOutRig:
     """One rig: the error asked for, that of the setting taken when judged anew; `ratio`: its cost over the cheapest."""
 
     rig: str
@@ -74,7 +74,7 @@ def _numbers(raw: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, float
             yield prefix + key, value
 
 
-def judged(scene: Scene, target: float, rounds: int = ROUNDS) -> Verdict:
+def judged(scene: Scene, target: float, rounds: int = ROUNDS) -> HeldOutRig:
     """Make the table, take its recommendation, judge it anew."""
     first = cost(scene, None, rounds=rounds)
     pick = recommended(first.rows, WORST, target, None)
@@ -84,7 +84,7 @@ def judged(scene: Scene, target: float, rounds: int = ROUNDS) -> Verdict:
     again = timed(asked, first.rows, rounds)
     able = [row.p99 for row in again if row.error(WORST) <= target]
     mine = next(row.p99 for row in again if row.setting == pick.setting)
-    return Verdict(scene.name, str(pick.setting), target, error, mine / min(able))
+    return HeldOutRig(scene.name, str(pick.setting), target, error, mine / min(able))
 
 
 def main() -> int:
@@ -111,7 +111,7 @@ def main() -> int:
     return 0 if meets >= MEETS and within >= MEETS else 1
 
 
-def share(found: list[Verdict]) -> tuple[float, float]:
+def share(found: list[HeldOutRig]) -> tuple[float, float]:
     """Shares of the rigs that meet their error, and whose cost is within `WITHIN` of the cheapest."""
     return (
         float(np.mean([one.error <= one.target for one in found])),

@@ -47,9 +47,9 @@ class Expect(Section):
 
     events   number of contact events of the reference
     still    outputs that keep their first value to the last bit
-    growth   rate [1/s] with which physics makes it run away: the verdict must name it before the run
-    jams     the verdict must name jamming
-    refused  what the verdict before the run must say
+    growth   rate [1/s] with which physics makes it run away: the stability report must name it
+    jams     the stability report must name jamming
+    refused  what the stability report must say
     stops    what the run must say when it comes to its end before its time
     ends     output -> the most it may be at the end, in size
     largest  output -> the most it may ever be, in size

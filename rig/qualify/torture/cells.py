@@ -13,11 +13,11 @@ from rig.qualify.torture import rk4_without_events
 from rig.qualify.torture.case import Case
 from rig.qualify.torture.case_scene import Watched, watched
 from rig.qualify.torture.outcome import Found, OutOfTime
-from rig.qualify.torture.test_result import Verdict, amber, judge, red, stopped
+from rig.qualify.torture.test_result import CellResult, amber, judge, red, stopped
 from rig.qualify.torture.trial import Trial
 from rig.qualify.torture.wrong_methods import WRONG
 from rig.qualify.warmup import Shape, prepare, shape
-from rig.stability.report import verdict
+from rig.stability.report import stability_report
 
 METHODS = ("exact", "dopri5", "rk4", "kick", "smooth", "sign", *WRONG)
 """Of the solver, and those that are here for comparison: no scene can ask for these."""
@@ -41,18 +41,20 @@ class Cell:
     method: str
     step: float
     default: bool
-    verdict: Verdict
+    result: CellResult
     seconds: float
     counts: dict[str, float]
 
     @property
     def good(self) -> bool:
         """Whether the default does what it should; other methods may fail."""
-        return not self.default or self.verdict.colour == "green"
+        return not self.default or self.result.colour == "green"
 
     def to_json(self) -> dict[str, Any]:
         """As plain values."""
-        return {**asdict(self), **asdict(self.verdict), "verdict": None}
+        raw = {**asdict(self), **asdict(self.result), "verdict": None}  # the field of earlier versions
+        del raw["result"]
+        return raw
 
 
 def matrix(names: Iterable[str], quick: bool, report: Callable[[str], object] | None = None) -> list[Cell]:
@@ -126,7 +128,7 @@ def cells(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator
     until = case.quick_duration if quick and case.quick_duration is not None else case.duration
     seconds = case.seconds if quick else 20.0 * case.seconds
     if _by_name(case):
-        yield Cell(case.name, "verdict", case.steps[0] * 1e-9, True, _named(case), 0.0, {})
+        yield Cell(case.name, "report", case.steps[0] * 1e-9, True, _named(case), 0.0, {})
         return
     if case.expect.stops:
         yield Cell(case.name, "stop", case.steps[0] * 1e-9, True, _stops(case, until, seconds), 0.0, {})
@@ -137,36 +139,38 @@ def cells(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator
         yield _cell(case, method, scene, default, until, seconds, fault or reference)
 
 
-def _named(case: Case) -> Verdict:
-    """Where physics or the step makes a case unstable: whether the verdict before the run names it."""
+def _named(case: Case) -> CellResult:
+    """The result of a case that physics or its step makes unstable: green if the stability report names the reason."""
     expect = case.expect
     scene = watched(case, "auto", case.steps[0])
     system = scene.assemble().system()
-    told = [one for one in verdict(system, chosen("auto", system), scene.step_ns * 1e-9) if one.level == "error"]
+    told = [
+        one for one in stability_report(system, chosen("auto", system), scene.step_ns * 1e-9) if one.level == "error"
+    ]
     if not told:
         return red("missed event", "physics makes this unstable, and nobody is told")
     for one in told:
         named = expect.refused or ("jam" if expect.jams else "")
         right = named in one.what if named else abs(one.number / (expect.growth or 1.0) - 1.0) < NEAR
         if right:
-            return Verdict("green", "", f"named: {one.what}")
+            return CellResult("green", "", f"named: {one.what}")
     wanted = expect.refused or ("jamming" if expect.jams else f"a growth of {expect.growth:g} 1/s")
     return red("refused", f"{told[0].what}; expected {wanted}")
 
 
-def _stops(case: Case, until: int, seconds: float) -> Verdict:
+def _stops(case: Case, until: int, seconds: float) -> CellResult:
     """Where a run cannot go on to its end: whether it stops with a word on why."""
     try:
         Trial(case, watched(case, "auto", case.steps[0]), until, seconds).run()
     except NumericsError as error:
         found = stopped(error)
-        return Verdict("green", "", f"stopped {found.told}") if case.expect.stops in error.what else found
+        return CellResult("green", "", f"stopped {found.told}") if case.expect.stops in error.what else found
     except OutOfTime:
         return amber("cost", f"longer than its time box of {seconds:g} s")
     return red("missed event", f"goes on where it should stop: {case.expect.stops}")
 
 
-def _reference(case: Case, until: int, seconds: float) -> tuple[Found | None, Verdict | None]:
+def _reference(case: Case, until: int, seconds: float) -> tuple[Found | None, CellResult | None]:
     """A run at a finer step and a tight tolerance, and what is wrong with it, if anything is."""
     finest = min(case.steps)
     step = finest // FINER if finest % FINER == 0 else finest
@@ -192,12 +196,12 @@ def _cell(
     default: bool,
     until: int,
     seconds: float,
-    reference: Found | Verdict | None,
+    reference: Found | CellResult | None,
 ) -> Cell:
     counts: dict[str, float] = {}
     spent = 0.0
     try:
-        if isinstance(reference, Verdict):
+        if isinstance(reference, CellResult):
             found_is = reference
         else:
             found = (

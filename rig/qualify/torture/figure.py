@@ -71,9 +71,9 @@ def _columns(cell: Cell) -> tuple[str, ...]:
 def _box(axes: Any, x: float, y: int, width: float, cell: Cell) -> None:
     from matplotlib.patches import Rectangle
 
-    colour = COLOURS[cell.verdict.colour]
+    colour = COLOURS[cell.result.colour]
     axes.add_patch(Rectangle((x + 0.015, y + 0.06), width - 0.03, 0.88, facecolor=colour, edgecolor="none"))
-    text = cell.verdict.reason or (cell.method if cell.default else "")
+    text = cell.result.reason or (cell.method if cell.default else "")
     if text:
         narrow = width < 0.6
         axes.text(

@@ -36,13 +36,13 @@ def junit(cells: Sequence[Cell], path: Path) -> None:
             name=f"{cell.method} {cell.step:g} s",
             time=f"{cell.seconds:.3f}",
         )
-        verdict = cell.verdict
-        told = f"{verdict.colour}: {verdict.reason}"
+        result = cell.result
+        told = f"{result.colour}: {result.reason}"
         if not cell.good:
             failures += 1
-            ElementTree.SubElement(one, "failure", message=told).text = verdict.told
-        elif verdict.colour != "green":
+            ElementTree.SubElement(one, "failure", message=told).text = result.told
+        elif result.colour != "green":
             skipped += 1
-            ElementTree.SubElement(one, "skipped", message=f"{told}: {verdict.told}")
+            ElementTree.SubElement(one, "skipped", message=f"{told}: {result.told}")
     suite.attrib |= {"tests": str(len(cells)), "failures": str(failures), "skipped": str(skipped)}
     ElementTree.ElementTree(suite).write(path, encoding="utf-8", xml_declaration=True)

@@ -69,7 +69,7 @@ def at(case: Case, values: dict[str, float]) -> Case:
 def broken(case: Case) -> Cell | None:
     """The first cell of the default that is red; dear ones are none."""
     for cell in cells(case, True, ("default",)):
-        if cell.default and cell.verdict.colour == "red" and cell.verdict.reason != "refused":
+        if cell.default and cell.result.colour == "red" and cell.result.reason != "refused":
             return cell
     return None
 
@@ -79,7 +79,7 @@ def write(case: Case, values: dict[str, float], cell: Cell, folder: Path) -> Pat
     number = 1
     while (path := folder / f"{case.name}_{number}.toml").exists():
         number += 1
-    told = cell.verdict
+    told = cell.result
     apart = {"name", "box", "expect", "acts", "set", "quick_duration"}
     raw = case.model_dump(mode="json", exclude_defaults=True, exclude=apart)
     raw |= {"title": f"{case.title}, found by random search", "quick": True}

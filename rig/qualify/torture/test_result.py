@@ -35,7 +35,7 @@ LATE = 1e-3
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CellResult:
     """A colour, a reason ("" where it is green), and a line of text with the number that decided."""
 
     colour: Colour
@@ -43,17 +43,17 @@ class Verdict:
     told: str = ""
 
 
-def red(reason: Reason, told: str) -> Verdict:
+def red(reason: Reason, told: str) -> CellResult:
     """A failure."""
-    return Verdict("red", reason, told)
+    return CellResult("red", reason, told)
 
 
-def amber(reason: Reason, told: str) -> Verdict:
+def amber(reason: Reason, told: str) -> CellResult:
     """No failure, but no result either, or a dear one."""
-    return Verdict("amber", reason, told)
+    return CellResult("amber", reason, told)
 
 
-def stopped(error: NumericsError) -> Verdict:
+def stopped(error: NumericsError) -> CellResult:
     """What a run that the numerics had to stop is worth."""
     told = str(error).splitlines()[0]
     where = f"at {error.time:.6g} s: {told}"
@@ -65,8 +65,8 @@ def stopped(error: NumericsError) -> Verdict:
     return red("energy" if finite else "NaN", where)
 
 
-def judge(case: Case, found: Found, reference: Found | None, simulated: float, step: float = 1e-3) -> Verdict:
-    """The verdict on a run of `simulated` seconds in steps of `step` that came to its end."""
+def judge(case: Case, found: Found, reference: Found | None, simulated: float, step: float = 1e-3) -> CellResult:
+    """The result of a run of `simulated` seconds in steps of `step` that came to its end."""
     for one in (_numbers(found), _contact(found), _stick(case, found, reference), _energy(case, found)):
         if one is not None:
             return one
@@ -77,14 +77,14 @@ def judge(case: Case, found: Found, reference: Found | None, simulated: float, s
         return red("overrun", f"{found.burst} frames in one burst after a pause")
     if found.carrying * found.pace > simulated:
         return amber("overrun", f"{found.carrying / simulated:.3g} times slower than the clock")
-    return Verdict("green", "", ", ".join(found.notes))
+    return CellResult("green", "", ", ".join(found.notes))
 
 
-def _numbers(found: Found) -> Verdict | None:
+def _numbers(found: Found) -> CellResult | None:
     return red("NaN", "a state is not finite") if found.not_finite else None
 
 
-def _energy(case: Case, found: Found) -> Verdict | None:
+def _energy(case: Case, found: Found) -> CellResult | None:
     bound = RIDDEN if found.ridden else WITH_EVENTS if found.count or case.acts else SMOOTH
     if found.energy > bound:
         return red("energy", f"the ledger leaves {found.energy:.2g} over, {bound:g} is allowed")
@@ -96,7 +96,7 @@ def _energy(case: Case, found: Found) -> Verdict | None:
     return None
 
 
-def _contact(found: Found) -> Verdict | None:
+def _contact(found: Found) -> CellResult | None:
     if found.outside_cone > ROUND:
         return red("missed event", f"friction is {found.outside_cone:.2g} outside of its cone")
     if found.pulling > ROUND:
@@ -104,7 +104,7 @@ def _contact(found: Found) -> Verdict | None:
     return None
 
 
-def _stick(case: Case, found: Found, reference: Found | None) -> Verdict | None:
+def _stick(case: Case, found: Found, reference: Found | None) -> CellResult | None:
     if found.slips and reference is not None and reference.stuck > 1e-3:
         slips = np.concatenate(found.slips)
         creeping = float(np.quantile(slips, 0.5 * reference.stuck))
@@ -121,7 +121,7 @@ def _stick(case: Case, found: Found, reference: Found | None) -> Verdict | None:
     return None
 
 
-def _expected(case: Case, found: Found) -> Verdict | None:
+def _expected(case: Case, found: Found) -> CellResult | None:
     for name, most in case.expect.ends.items():
         if name in found.ended and not abs(found.ended[name]) <= most:
             return red("energy", f"{name} ends at {found.ended[name]:.4g}, {most:g} is the most")
@@ -131,7 +131,7 @@ def _expected(case: Case, found: Found) -> Verdict | None:
     return None
 
 
-def _events(found: Found, reference: Found | None) -> Verdict | None:
+def _events(found: Found, reference: Found | None) -> CellResult | None:
     if reference is None:
         return None
     if found.count != reference.count:
