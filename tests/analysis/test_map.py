@@ -12,7 +12,7 @@ from rig.analysis import map as maps
 from rig.analysis.axis import Axis
 from rig.analysis.map import workers
 from rig.analysis.map.chart import REGIONS
-from rig.analysis.map.job import RUNS, Job, Settings, compute
+from rig.analysis.map.job import _ROOT, _SOURCES, RUNS, Job, Settings, compute
 from rig.analysis.map.steady_state import (
     BLANK,
     NAMES,
@@ -370,3 +370,8 @@ def test_the_share_of_sticking_is_that_of_whole_cycles():
     found = sticking(times, stuck, after=False, span=5.2)
     assert (found.share, found.begins, found.period) == (0.25, 3, 2.0)
     assert sticking(np.zeros(0), np.zeros(0, dtype=bool), after=True, span=2.0).share == 1.0
+
+
+@pytest.mark.parametrize("source", _SOURCES)
+def test_kept_results_depend_on_sources_that_exist(source):
+    assert list(_ROOT.glob(f"{source}.py"))

@@ -27,17 +27,20 @@ DITHER = ("dither.frequency", "dither.amplitude")
 _PART = 25  # points of a row whose runs are not carried
 _ROOT = Path(__file__).resolve().parents[2]
 _SOURCES = (
-    "plants/*",
-    "effects/*",
+    "plants/**/*",
+    "effects/**/*",
+    "model/*",
+    "motion/*",
     "solve/*",
-    "study/map/*",
-    "study/axis",
-    "study/averaged",
-    "study/critical",
-    "study/crossing",
-    "study/cycle",
-    "study/regions",
-    "study/rounds",
+    "stability/*",
+    "analysis/map/*",
+    "analysis/axis",
+    "analysis/averaged",
+    "analysis/critical_values",
+    "analysis/growth_crossings",
+    "analysis/cycle",
+    "analysis/regions",
+    "analysis/repetition",
 )
 
 

@@ -135,9 +135,10 @@ def digest(scene: Scene) -> str:
 @cache
 def _own_sources() -> str:
     """The sources that say what is measured."""
-    here = Path(__file__).parent
-    names = ("cost/problem", "cost/measures", "cost/reference", "dense", "orbit", "rounds")
-    return "".join((here.parent / f"{name}.py").read_text() for name in names)
+    rooms = Path(__file__).parents[2]
+    names = [f"qualify/cost/{name}" for name in ("problem", "measures", "reference")]
+    names += [f"analysis/{name}" for name in ("output_polynomials", "orbit", "repetition")]
+    return "".join((rooms / f"{name}.py").read_text() for name in names)
 
 
 def problem(scene: Scene, values: Mapping[str, float] | None = None) -> Problem:
