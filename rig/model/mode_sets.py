@@ -161,7 +161,7 @@ class ModeSets:
         new: dict[str, Any] = {"signals": rows, "asks": np.zeros(len(rows))}
         new |= dict.fromkeys(("depth", "guards", "stuck", "lands"), 0)
         stacked: dict[str, Any] = {name: _put(getattr(t, name), 0, new[name]) for name in new}
-        stacked["slot_of"] = np.zeros_like(t.mode_set_of)
+        stacked["mode_set_of"] = np.zeros_like(t.mode_set_of)
         stacked["film"] = film_tables.tables(self.system, self.step / self._kicks, rows, self.read)
         self.tables = t._replace(**stacked)
         self.handle = Loan(self.tables)

@@ -32,7 +32,7 @@ ROUNDS = 80
 _SYMBOL = re.compile(r"[_.$A-Za-z][\w.$@]*\(%rip\)|\.L\w+|_ZN\S+|movabsq.*")
 _REPEATED = """
 def repeated(shape, t, w, state, log, seg, plan, ticks):
-    f = lend(t, t.slot_of[state.ic[KEY]], w.T, w.scratch)
+    f = lend(t, t.mode_set_of[state.ic[KEY]], w.T, w.scratch)
     for _ in range(ticks):
         rate(shape, f, True, state.x, w.k[0])
     return ticks
