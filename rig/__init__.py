@@ -166,16 +166,21 @@ def repeat(scene: Scene | str, count: int, duration: float | None = None, worker
     return run(load(scene) if isinstance(scene, str) else scene, count, duration, workers)
 
 
-def open(path: str | Path) -> Run:
+def open(path: str | Path, trust: bool = False) -> Run:
     """A recording as a Run. One that is cut off or damaged is read in part, and logged as such; `Run.damage` says why.
 
-    Raises rig.errors.LogError for a file that cannot be read or is no recording.
+    `trust`: let this process run the code of parts from files (a plant, a sensor) that the recording carries. Without
+    it signals, measurements and events are there, and what needs the code raises rig.errors.Untrusted. Raises
+    rig.errors.LogError for a file that cannot be read or is no recording, PartError for code that was tampered with.
     """
     from pathlib import Path
 
+    from rig import parts
     from rig.record import reader
 
     run = reader.open(Path(path))
+    if trust:
+        parts.trust_scene(run.scene)
     for told in run.notes:
         _warn(f"{path}: {told}")
     return run

@@ -3,6 +3,8 @@
 RigError
 ├── SceneError        a scene, a key or a value that cannot be used; carries every fault found
 ├── UsageError        a command that cannot be carried out as given
+│   └── PartError     a plant, effect, sensor or controller from a file that cannot be used
+│       └── Untrusted   code that comes with a recording or a run, which nobody has said they trust
 ├── Interrupted       a command that was ended before it had begun
 ├── Singular          equations of motion of a mode set that have no single solution
 ├── NumericsError     the integration had to stop; carries time, mode and state
@@ -91,6 +93,14 @@ class WorkerError(RigError):
 
 class BusError(RigError):
     """A connection, a topic or a message that failed."""
+
+
+class PartError(UsageError):
+    """A plant, effect, sensor or controller from a file that cannot be used."""
+
+
+class Untrusted(PartError):
+    """Code that comes with a recording or a run, which nobody has said they trust."""
 
 
 class LogError(RigError):

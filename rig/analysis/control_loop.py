@@ -249,7 +249,7 @@ def loop(scene: Scene, name: str) -> Loop:
     section = scene.controllers[name]
     feedback = controllers.build(section, numbers(scene)[name])
     if not isinstance(feedback, Feedback):
-        known = [n for n, s in scene.controllers.items() if issubclass(controllers.KINDS[s.kind][1], Feedback)]
+        known = [n for n, s in scene.controllers.items() if issubclass(controllers.made_by(s), Feedback)]
         other = f"; {', '.join(known)} is" if known else ""
         raise SceneError(
             scene.name, [f"controllers.{name}: {section.kind} is no linear feedback: it has no margins{other}"]

@@ -27,7 +27,8 @@ from rig.model.film import over
 from rig.model.output_rows import signal_rows
 from rig.model.system import System
 from rig.record.film_points import grouped
-from rig.scenes.scene import Scene, plant_module
+from rig.scenes.rooms import assembled
+from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, sliding_key, steady
 
 _REST = 1e-11  # of the sum of its terms, of the largest rate: what rounding leaves of a zero
@@ -182,7 +183,7 @@ def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assem
     `moved`: actuators that are states, as for a plant; by default those that the scene moves.
     """
     given = scene.moved if moved is None else moved
-    assembly: Assembly = plant_module(scene.plant).assemble(scene.parameters, given)
+    assembly = assembled(scene.parameters, scene.frame_ns, given, random=False)
     system = assembly.sliding()
     if GENERATOR[0] in system.names:
         quiet = system.start.copy()

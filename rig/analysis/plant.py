@@ -18,7 +18,8 @@ from rig.analysis.modes import at_rest, energy_form, missing
 from rig.errors import SceneError
 from rig.model.assembly import Assembly
 from rig.model.output_rows import signal_rows
-from rig.scenes.scene import Scene, plant_module
+from rig.scenes.rooms import assembled
+from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, inputs, own_law
 
 if TYPE_CHECKING:
@@ -51,8 +52,7 @@ def plant(scene: Scene) -> Plant:
 
     Raises SceneError where nothing slides steadily.
     """
-    module = plant_module(scene.plant)
-    actuators = module.assemble(scene.parameters).inputs
+    actuators = assembled(scene.parameters, scene.frame_ns, random=False).inputs
     assembly, at = at_rest(scene, dict.fromkeys(actuators, "held"))
     if not at.exists:
         why = f"nothing slides steadily at these values ({missing(at)}): there is nothing to linearise about"

@@ -46,6 +46,7 @@ from rig.bus import address
 from rig.bus.port import Session
 from rig.bus.run_setup import Setup
 from rig.errors import Interrupted, NumericsError, RigError
+from rig.parts import told as blamed
 from rig.plants.structures import model_store
 from rig.process import as_process, told_to_stop
 from rig.quantities import si
@@ -135,9 +136,9 @@ class Plant:
             self.fault = str(error)
             told = {"time": error.time, "mode": error.mode, "state": error.state}
             self.operation.journal.note("diverged", self.fault, **told)
-        except Exception:
+        except Exception as error:
             self.housekeeper.faults.append("the plant process failed")
-            self.operation.journal.note("fault", traceback.format_exc())
+            self.operation.journal.note("fault", blamed(error) or traceback.format_exc())
             finalise(self)
             raise
         return finalise(self)

@@ -7,7 +7,7 @@ import sys
 import typer
 
 from rig.cli import analysis, cost, host, live, logs, processes, recorded, runs, scenes, torture
-from rig.errors import RigError
+from rig.errors import RigError, UsageError
 
 app = typer.Typer(
     name="rig",
@@ -48,3 +48,10 @@ def run(arguments: list[str] | None = None) -> None:
     except OSError as error:  # of the system, as a full disk
         sys.stderr.write(f"{error}\n")
         sys.exit(1)
+    except Exception as error:
+        from rig.parts import told
+
+        if not (text := told(error)):  # of this project, not of a part from a file
+            raise
+        sys.stderr.write(f"{text}\n")
+        sys.exit(UsageError.exit_code)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from rig.cli import printing
-from rig.cli.options import Force, Json, Pace, pace, seconds
+from rig.cli.options import Force, Json, Pace, Trust, pace, seconds
 from rig.cli.outputs import named, new, reads
 from rig.errors import LogError, UsageError
 
@@ -38,10 +38,20 @@ def _file(context: typer.Context, path: Path) -> Path:
 Log = Annotated[Path, typer.Argument(metavar="LOG", help="A recording (MCAP).", callback=_file)]
 
 
-def opened(log: Path) -> Run:
-    """The run of a recording; prints damage and missing parts on standard error."""
+def allow(log: Path, trust: bool) -> None:
+    """With `trust`, let this process and those that it starts run the code that a recording carries."""
+    if trust:
+        from rig.parts import trust_scene
+        from rig.record.reader import head
+
+        trust_scene(head(log).setup().scene)
+
+
+def opened(log: Path, trust: bool = False) -> Run:
+    """The run of a recording; prints damage and missing parts on standard error. `trust`: see `allow`."""
     from rig.record.reader import open as read
 
+    allow(log, trust)
     run = read(log)
     for told in run.notes:
         printing.note(f"{log}: {told}")
@@ -59,6 +69,7 @@ def replay(
             help="Start this controller too and compare its commands with the recorded ones.",
         ),
     ] = None,
+    trust: Trust = False,
     as_json: Json = False,
 ) -> None:
     """Play the measurements of a recording back on the bus, for viewers and controllers.
@@ -67,6 +78,7 @@ def replay(
     """
     from rig.bench.replay import replay as play
 
+    allow(log, trust)
     status = printing.Status()
     found = play(log, into=into or (), pace=pace(speed), tell=status.show)
     status.done()
@@ -82,10 +94,11 @@ def replay(
         raise typer.Exit(1)
 
 
-def verify(log: Log, as_json: Json = False) -> None:
+def verify(log: Log, trust: Trust = False, as_json: Json = False) -> None:
     """Check a recording: complete, undamaged, and the same bits when it is simulated again."""
     from rig.bench.verify import verify as check
 
+    allow(log, trust)
     found = check(log)
     if as_json:
         printing.report(found.to_json())
@@ -162,6 +175,7 @@ def sound(
     figure: Annotated[
         Path | None, typer.Option(metavar="FILE", callback=new, help="Draw sound, spectrum and level (PNG, SVG, PDF).")
     ] = None,
+    trust: Trust = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -170,7 +184,7 @@ def sound(
     from rig.analysis.sound.figure import draw
     from rig.analysis.sound.wav import write
 
-    run = opened(log)
+    run = opened(log, trust)
     heard = hear(run, channel)
     full = None if out is None else write(heard, out)
     if as_json:
@@ -189,6 +203,7 @@ def amplitude(
         str | None, typer.Option("--from", metavar="TIME", help="Start of the evaluated time span.")
     ] = None,
     last: Annotated[str | None, typer.Option("--to", metavar="TIME", help="End of the evaluated time span.")] = None,
+    trust: Trust = False,
     as_json: Json = False,
 ) -> None:
     """Compute amplitude and frequency of each measurement, stage by stage, and the speeds of first and last stick."""
@@ -196,7 +211,7 @@ def amplitude(
     from rig.analysis.three_stages import stages
 
     begin, end = seconds(first, "--from", low=0.0) or 0.0, seconds(last, "--to") or float("inf")
-    run = opened(log)
+    run = opened(log, trust)
     if not run.time.size:
         raise LogError(f"{log}: the recording ends before its first sample")
     if begin >= min(end, float(run.time[-1])):

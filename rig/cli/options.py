@@ -54,6 +54,9 @@ Lockstep = Annotated[
     typer.Option("--lockstep", help="Wait for every controller at every step, instead of following the wall clock."),
 ]
 
+Trust = Annotated[
+    bool, typer.Option("--trust", help="Run the code of parts (plant, sensor, ...) that come with it from files.")
+]
 Wait = Annotated[str, typer.Option(metavar="TIME", help="Longest wait for the run, in seconds or with a unit.")]
 
 SHORTEST, LONGEST = 1e-9, 1e6

@@ -18,6 +18,7 @@ from rig.cli.options import (
     Pace,
     RunName,
     SceneName,
+    Trust,
     Wait,
     changes,
     pace,
@@ -76,13 +77,14 @@ def control(
     name: Annotated[str, typer.Argument(metavar="NAME|FILE", help="A controller of the scene, or a Python file.")],
     run: RunName = None,
     p: Changes = None,
+    trust: Trust = False,
     wait: Wait = "10",
 ) -> None:
     """Start one controller as a process: a controller of the scene, or your own from a file."""
     overrides, patience = changes(p), seconds(wait, "--wait", low=0.0) or 0.0
     from rig.controllers.runtime.process import run as serve
 
-    serve(name, run, changes=overrides, wait=patience, say=printing.note)
+    serve(name, run, changes=overrides, wait=patience, trust=trust, say=printing.note)
 
 
 def record(
@@ -109,13 +111,14 @@ def view(
         typer.Option(metavar="FILE", callback=new, help="Write a rerun file (.rrd) instead of showing the run."),
     ] = None,
     force: Force = False,
+    trust: Trust = False,
     wait: Wait = "10",
 ) -> None:
     """Show a live run in rerun."""
     patience = seconds(wait, "--wait", low=0.0) or 0.0
     from rig.view.process import view as show
 
-    show(run, web=web, save=save, wait=patience, say=printing.note)
+    show(run, web=web, save=save, wait=patience, trust=trust, say=printing.note)
 
 
 COMMANDS = {

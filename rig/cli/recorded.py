@@ -12,7 +12,7 @@ import typer
 
 from rig.cli import printing
 from rig.cli.logs import Log, opened
-from rig.cli.options import Force, Json, seconds
+from rig.cli.options import Force, Json, Trust, seconds
 from rig.cli.outputs import new
 from rig.errors import LogError, UsageError
 
@@ -91,6 +91,7 @@ def hysteresis(
     last: Last = None,
     figure: Picture = None,
     csv: Table = None,
+    trust: Trust = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -99,7 +100,7 @@ def hysteresis(
     from rig.analysis.recorded.figure import draw_hysteresis as draw
 
     faults = _Faults()
-    run, length, begin, end = asked(faults, log, window, first, last)
+    run, length, begin, end = asked(faults, log, window, first, last, trust)
     found = faults(lambda: find(run, signal, over, length, begin, end), None)
     faults.tell()
     assert found is not None
@@ -122,6 +123,7 @@ def spectrum(
     last: Last = None,
     figure: Picture = None,
     csv: Table = None,
+    trust: Trust = False,
     force: Force = False,
     as_json: Json = False,
 ) -> None:
@@ -131,7 +133,7 @@ def spectrum(
     from rig.analysis.recorded.figure import draw_spectrum as draw
 
     faults = _Faults()
-    run, length, begin, end = asked(faults, log, window, first, last)
+    run, length, begin, end = asked(faults, log, window, first, last, trust)
     found = faults(lambda: find(run, signal, length, begin, end), None)
     turned = None
     if over:  # a signal that is not there has been told
@@ -155,7 +157,13 @@ def spectrum(
 
 
 def pressure(
-    log: Log, at: Times = "", figure: Picture = None, csv: Table = None, force: Force = False, as_json: Json = False
+    log: Log,
+    at: Times = "",
+    figure: Picture = None,
+    csv: Table = None,
+    trust: Trust = False,
+    force: Force = False,
+    as_json: Json = False,
 ) -> None:
     """Draw maps of the contact pressure under a slider at chosen instants."""
     from rig.analysis.recorded import pressure as find
@@ -164,7 +172,7 @@ def pressure(
     faults = _Faults()
     times = [faults(partial(seconds, one, "--at", 0.0), None) for one in at.split(",") if one.strip()]
     faults.tell()
-    run = opened(log)
+    run = opened(log, trust)
     if not run.time.size:
         raise LogError(f"{log}: the recording ends before its first sample")
     found = find(run, [one for one in times if one is not None])
@@ -182,12 +190,12 @@ def pressure(
 
 
 def asked(
-    faults: _Faults, log: Path, window: str | None, first: str | None, last: str | None
+    faults: _Faults, log: Path, window: str | None, first: str | None, last: str | None, trust: bool
 ) -> tuple[Run, float | None, float, float]:
     """A recording that has something to analyse, the window [s], the stretch of time [s]."""
     length = faults(lambda: seconds(window, "--window"), None)
     begin, end = span(faults, first, last)
-    run = opened(log)
+    run = opened(log, trust)
     if not run.time.size:
         raise LogError(f"{log}: the recording ends before its first sample")
     return run, length, begin, end

@@ -45,7 +45,7 @@ def numbers(scene: Any, assembly: Assembly | None = None) -> dict[str, dict[str,
     faults: list[str] = []
     for name, section in scene.controllers.items():
         try:
-            found[name] = DESIGNS[section.kind](designer, section)
+            found[name] = DESIGNS.get(section.kind, _nothing)(designer, section)
         except ValueError as fault:
             faults.append(f"controllers.{name}.{fault}")
         except ArithmeticError as fault:  # sizes whose squares no number holds
@@ -293,13 +293,16 @@ def _dither(designer: Designer, section: Any) -> dict[str, Any]:
     return found
 
 
+def _nothing(designer: Designer, section: Any) -> dict[str, Any]:
+    return {}
+
+
 DESIGNS = {
     "normal_force": _normal_force,
     "belt_velocity": _belt_velocity,
     "dither": _dither,
     "dither_sampled": _dither_sampled,
     "narrow_band": squeal.narrow_band,
-    "shunt_schedule": lambda designer, section: {},
     "shunt_tuner": squeal.tuner,
     "squeal_switch": squeal.heard,
 }

@@ -16,4 +16,70 @@ amplifier  a commanded voltage on it
 noise      a random force along the sliding direction
 
 Each file declares its parameters (a `Section`, with units) and adds its rows to a `rig.model.assembly.Assembly`.
+
+An effect that acts on any plant has a section derived from `Effect` and a function
+
+    add(assembly, section, frame, moved)
+
+`frame`: loop period [s]; `moved`: actuators that are moved, "held" or "ramped". A plant need not know it: a scene
+names it by a table of any name, `[wobble]` with `effect = "NAME"`, and `EFFECTS` finds it.
 """
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from types import ModuleType
+from typing import Any
+
+from pydantic import BaseModel, create_model
+
+from rig.errors import PartError
+from rig.parts import Room, code_of, named, one_class
+from rig.quantities import Section
+
+
+class Effect(Section):
+    """The table of an effect that acts on any plant."""
+
+
+def _section(module: ModuleType, name: str) -> Any:
+    """The section of an effect that acts on any plant, with the key `effect`."""
+    own = one_class(module, lambda one: issubclass(one, Effect), "Parameters", "class derived from rig.effects.Effect")
+    if not callable(getattr(module, "add", None)):
+        code = code_of(module)
+        where = code.file if code else module.__name__
+        raise PartError(f"{where}: defines no function add(assembly, section, frame, moved)")
+    found = named(module, (own,), "effect", name)
+    if not found.declares.text:
+        found.declares = replace(found.declares, text=(own.__doc__ or "").strip().partition("\n")[0].rstrip("."))
+    return found
+
+
+EFFECTS: Room[type[Effect]] = Room("effects", __name__, __path__, _section)
+"""Sections of effects that act on any plant, by name. Raises PartError for one that only some plants have."""
+_EXTENDED: dict[tuple[Any, ...], type[Section]] = {}
+
+
+def extended(model: type[Section], tables: Mapping[str, type[Section]]) -> type[Section]:
+    """A plant's parameters with more tables that may be left out; those that it has stay."""
+    new = {name: table for name, table in tables.items() if name not in model.model_fields}
+    if not new:
+        return model
+    which = model, tuple(new.items())
+    if which not in _EXTENDED:
+        fields: dict[str, Any] = {name: (table | None, None) for name, table in new.items()}
+        made = create_model(
+            model.__name__, __base__=model, __module__=model.__module__, __doc__=model.__doc__, **fields
+        )
+        _EXTENDED[which] = made
+    return _EXTENDED[which]
+
+
+def anywhere(parameters: BaseModel) -> Iterator[tuple[Effect, Any]]:
+    """The effects among a plant's parameters that act on any plant, and the function `add` of each."""
+    for name in type(parameters).model_fields:
+        section = getattr(parameters, name)
+        if isinstance(section, Effect):
+            yield section, sys.modules[type(section).__module__].add

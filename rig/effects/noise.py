@@ -11,11 +11,13 @@ alone, so a recording is verified to the bit.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from annotated_types import Ge
 
 from rig.about import About
+from rig.effects import Effect
 from rig.model.assembly import Assembly, Output
 from rig.quantities import Section, quantity
 
@@ -24,7 +26,7 @@ SIGNAL = "noise"
 Density: Any = quantity("N/Hz^0.5", Ge(0.0))
 
 
-class Noise(Section):
+class Noise(Effect):
     """One-sided spectral density of the force."""
 
     declares: ClassVar = About(
@@ -40,7 +42,7 @@ class Noisy(Section):
     noise: Noise | None = None
 
 
-def add(a: Assembly, noise: Noise, frame: float) -> None:
+def add(a: Assembly, noise: Noise, frame: float, moved: Mapping[str, str]) -> None:
     """Add the force, held for `frame` [s], and the output `noise_force`.
 
     It acts where a knock would strike.

@@ -1,20 +1,29 @@
-"""What stands on the bench, one file each: physical parameters in, rows out. `PLANTS` is the list."""
+"""What stands on the bench, one file each: physical parameters in, rows out.
+
+A plant is a module with a section `Parameters` and a function `assemble(parameters, moved)`, which gives a
+`rig.model.assembly.Assembly`. `PLANTS` finds it by its name; there is no list. What several plants are made of is in
+`structures`.
+"""
 
 from __future__ import annotations
 
-PLANTS: dict[str, str] = {
-    "belt": "rig.plants.belt",
-    "brake": "rig.plants.brake",
-    "disc_slider": "rig.plants.disc_slider",
-    "four_dof": "rig.plants.four_dof",
-    "lever": "rig.plants.lever",
-    "north": "rig.plants.north",
-    "pendulum": "rig.plants.pendulum",
-    "pin": "rig.plants.pin",
-    "plate": "rig.plants.plate",
-    "points": "rig.plants.points",
-    "tip": "rig.plants.tip",
-    "tip_beam": "rig.plants.tip_beam",
-    "tread": "rig.plants.tread",
-    "two_dof": "rig.plants.two_dof",
-}
+from types import ModuleType
+
+from rig.errors import PartError
+from rig.parts import Room, code_of
+from rig.quantities import Section
+
+
+def _plant(module: ModuleType, name: str) -> ModuleType:
+    code = code_of(module)
+    where = code.file if code is not None else module.__name__
+    model = getattr(module, "Parameters", None)
+    if not (isinstance(model, type) and issubclass(model, Section)):
+        raise PartError(f"{where}: defines no class Parameters derived from Section")
+    if not callable(getattr(module, "assemble", None)):
+        raise PartError(f"{where}: defines no function assemble(parameters, moved)")
+    return module
+
+
+PLANTS = Room("plants", __name__, __path__, _plant)
+"""Plants by name, as modules."""

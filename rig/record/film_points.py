@@ -13,6 +13,7 @@ from typing import NamedTuple, Self
 
 import numpy as np
 
+from rig.errors import Untrusted
 from rig.plants import plate
 from rig.record.run import Reals
 from rig.scenes.protocol import Load, Ramp, Set, flat
@@ -70,10 +71,10 @@ class Points(NamedTuple):
 
 
 def read(scene: str) -> Scene | None:
-    """A scene from its JSON text; None if the text describes none, as in a recording by others."""
+    """A scene from its JSON text; None if the text describes none, or needs code that is not trusted."""
     try:
         return Scene.from_json(scene)
-    except (KeyError, TypeError, ValueError, json.JSONDecodeError):
+    except (KeyError, TypeError, ValueError, json.JSONDecodeError, Untrusted):
         return None
 
 

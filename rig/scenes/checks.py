@@ -9,8 +9,9 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import isqrt
 from typing import Any
 
-from rig.controllers import KINDS
+from rig.controllers import made_by
 from rig.controllers.blocks.base import hears
+from rig.parts import told as blamed
 from rig.quantities import LONGEST
 from rig.scenes.faults import near, shown
 from rig.scenes.protocol import Connect, Disconnect, Load, Ramp, Repeat, Set, flat, longest_ns
@@ -27,12 +28,32 @@ def periods(clock: Clock, controllers: Mapping[str, Any], raw: Mapping[str, Any]
             value = getattr(section, field, 0)
             given = _raw(raw, "controllers", name, field, default=f"{value / 1e9:g} s")
             yield from _whole(f"controllers.{name}.{field}", given, value, clock.frame, field == "delay")
-        if section.period != clock.frame and hears(KINDS[section.kind][1]):
+        if section.period != clock.frame and hears(made_by(section)):
             key = f"controllers.{name}.period"
             yield (
                 key,
                 f"{key}: a {section.kind} wants every sample, so its period must be one frame ({_ms(clock.frame)})",
             )
+
+
+def foreign(key: str, section: Any) -> Iterator[Fault]:
+    """A sensor or a controller from elsewhere does what is asked of it."""
+    found: list[str] = []
+    if hasattr(section, "front_end"):
+        units = [one for one in ("delivers", "accepts") if not isinstance(getattr(section, one, None), str)]
+        found = [f"its class states no `{one}`, a unit" for one in units]
+        try:
+            section.front_end()
+        except Exception as error:
+            found.append(blamed(error) or f"{section.kind}: {error}")
+    else:
+        from rig.controllers.runtime.file import refused  # where a scene names a file
+
+        found = refused(section)
+        period = getattr(made_by(section), "period_ns", None)
+        if isinstance(period, int) and period != section.period:
+            found.append(f"it works every {_ms(period)} (Controller.period_ns), not every {_ms(section.period)}")
+    yield from ((key, f"{key}.kind: {line}") for line in found)
 
 
 def steps(clock: Clock, step_ns: int, raw: Mapping[str, Any]) -> Iterator[Fault]:

@@ -162,7 +162,7 @@ def _values(scene: Scene) -> Iterator[Value]:
     for prefix, section in [("", scene.parameters), *rooms.items()]:
         for key, (value, unit) in leaves(section, prefix):
             name = key.rpartition(".")[2]
-            if name not in ("law", "kind", "on", "ideal", "enable"):
+            if name not in ("law", "kind", "effect", "on", "ideal", "enable"):
                 origin = scene.origins.get(key) or (_documented(type(section), name) if prefix else None)
                 if origin is not None or not isinstance(value, str):
                     yield Value(key, value, unit, origin or DEFAULT)

@@ -10,15 +10,17 @@ from typing import Any, TypeVar
 from annotated_types import Gt
 from pydantic import ValidationError
 
-from rig.controllers import KINDS as CONTROLLERS
-from rig.errors import SceneError
+from rig.effects import EFFECTS
+from rig.errors import PartError, RigError, SceneError
+from rig.parts import Code, code_of
+from rig.parts import told as blamed
 from rig.plants import PLANTS
 from rig.quantities import Section, finite
-from rig.scenes import checks, faults, inherit, source
+from rig.scenes import checks, faults, inherit, rooms, source
 from rig.scenes.protocol import UNKNOWN, Known, Load, Mark, Ramp, Step, flat
-from rig.scenes.scene import STEP, STEPS, Clock, Origin, Scene, assembled, known, plant_module
+from rig.scenes.rooms import CONTROLLERS, SENSORS, assembled
+from rig.scenes.scene import STEP, STEPS, Clock, Origin, Scene, known
 from rig.scenes.shipped import path as path_of
-from rig.sensors import KINDS as SENSORS
 from rig.sensors.chain.instants import common_step
 
 S = TypeVar("S", bound=Section)
@@ -52,6 +54,7 @@ class _Reading:
         self.faults: list[str] = []
         self.origins: dict[str, Origin] = {}
         self.raw: dict[str, Any] = {}
+        self._codes: dict[tuple[str, str], Code] = {}
         self.notes = [note for layer in layers if (note := layer.note)]
         self.places = inherit.Places(layers, overrides, self.raw)
         self.recast: dict[str, tuple[str, Any]] = {}
@@ -61,6 +64,7 @@ class _Reading:
         found: list[source.Fault] = []
         recast = source.change(self.raw, overrides, self.origins, found)
         self._report(found)
+        rooms.anchor(self.raw, Path.cwd())
         self._forget(recast, overrides)
         self.recast |= recast
 
@@ -69,6 +73,7 @@ class _Reading:
         found: list[source.Fault] = []
         own: dict[str, Origin] = {}
         tables = source.stripped(layer.raw, own, found)
+        rooms.anchor(tables, layer.path.parent)
         self._report(found, layer)
         if not self.raw:
             self.raw.update(tables)
@@ -88,7 +93,10 @@ class _Reading:
         before = self.raw.get("plant")
         if plant == before or not isinstance(before, str) or not {plant, before} <= PLANTS.keys():
             return
-        kept = faults.shared(*(plant_module(one).Parameters for one in (plant, before)))
+        try:
+            kept = faults.shared(*(PLANTS[one].Parameters for one in (plant, before)))
+        except PartError:
+            return  # a fault, told later
         gone = [key for key in self.raw if key not in {*OWN, *kept}]
         for key in gone:
             del self.raw[key]
@@ -102,11 +110,11 @@ class _Reading:
         seed = self._seed(raw.get("seed", 0))
         plant, parameters = self._plant()
         sensors = self._named("sensors", SENSORS)
-        controllers = self._named("controllers", {kind: section for kind, (section, _) in CONTROLLERS.items()})
+        controllers = self._named("controllers", CONTROLLERS)
         frame_ns = int(clock.frame) if clock is not None else 1_000_000
-        assembly = assembled(plant, parameters, frame_ns) if parameters is not None else None
+        assembly = self._assembled(parameters, frame_ns) if parameters is not None else None
         told = UNKNOWN
-        if parameters is not None and None not in [*sensors.values(), *controllers.values()]:
+        if assembly is not None and parameters is not None and None not in [*sensors.values(), *controllers.values()]:
             told = known(assembly, parameters, sensors, controllers)
         sensors = {n: s for n, s in sensors.items() if s is not None}
         controllers = {n: c for n, c in controllers.items() if c is not None}
@@ -125,7 +133,7 @@ class _Reading:
             self._report(checks.hands_off(protocol, controllers))
             ramped = {step.target: "ramped" for step in flat(protocol) if isinstance(step, Load | Ramp)}
             if parameters is not None and assembly is not None:
-                inputs = assembled(plant, parameters, frame_ns, ramped).inputs if ramped else assembly.inputs
+                inputs = assembled(parameters, frame_ns, ramped).inputs if ramped else assembly.inputs
                 self._report(checks.commanded(protocol, inputs))
         title, about = self._text("title", name), self._text("about", "").strip()
         if self.faults or clock is None or parameters is None:
@@ -159,8 +167,11 @@ class _Reading:
             now, kinds = (values or {}).get(tag), self._kinds(table, tag)
             if values is None or not isinstance(now, str) or now not in kinds:
                 continue  # a fault, told later
-            known = isinstance(before, str) and before in kinds
-            common = faults.shared(kinds[before], kinds[now]) if known else set()
+            try:
+                known = isinstance(before, str) and before in kinds
+                common = faults.shared(kinds[before], kinds[now]) if known else set()
+            except PartError:
+                continue  # a fault, told later
             head = f"{table}."
             given = {key.removeprefix(head).partition(".")[0] for key in keys if key.startswith(head)}
             gone = [key for key in values if key != tag and key not in given | common]
@@ -179,9 +190,12 @@ class _Reading:
         if room == "sensors":
             return SENSORS
         if room == "controllers":
-            return {kind: section for kind, (section, _) in CONTROLLERS.items()}
+            return CONTROLLERS
         plant = self.raw.get("plant")
-        model = plant_module(plant).Parameters if isinstance(plant, str) and plant in PLANTS else None
+        try:
+            model = PLANTS[plant].Parameters if isinstance(plant, str) and plant in PLANTS else None
+        except PartError:
+            return {}  # a fault, told later
         return faults.members(faults.inner(model, (room, *path)), tag)
 
     def _leave_out(self, told: Known) -> None:
@@ -223,6 +237,11 @@ class _Reading:
         except ValidationError as error:
             self._report(faults.lines(error, model, raw, prefix))
             return None
+        except Exception as error:  # of a validator in a file
+            if not (told := blamed(error)):
+                raise
+            self.faults.append(told)
+            return None
 
     def _plant(self) -> tuple[str, Section | None]:
         plant = self.raw.get("plant")
@@ -232,13 +251,55 @@ class _Reading:
         if not isinstance(plant, str) or plant not in PLANTS:
             self._fault("plant", faults.unknown_choice("plant", plant, PLANTS))
             return str(plant), None
-        model = plant_module(plant).Parameters
+        try:
+            model = PLANTS[plant].Parameters
+        except PartError as error:
+            self._fault("plant", f"plant: {error}")
+            return plant, None
         tables = {key: value for key, value in self.raw.items() if key not in OWN}
+        effects = {key: self._effect(key, name) for key, name in rooms.effects_in(tables, model).items()}
+        known = {key: found for key, found in effects.items() if found is not None}
+        for key in known:
+            tables[key] = tables[key] | {rooms.EFFECT: rooms.name_of(tables[key][rooms.EFFECT])}
+        model = rooms.with_effects(model, known)
         unknown = [key for key in tables if key not in model.model_fields]
-        self._report((key, faults.unknown_key(key, [*OWN, *model.model_fields])) for key in unknown)
+        self._report(
+            (key, faults.unknown_key(key, [*OWN, *model.model_fields])) for key in unknown if key not in effects
+        )
         for key in unknown:
             del tables[key]
-        return plant, self._section(model, "", tables)
+        found = self._section(model, "", tables)
+        return rooms.name_of(plant), found if len(known) == len(effects) else None
+
+    def _effect(self, key: str, name: Any) -> Any:
+        """The section of an effect that the plant does not know; None after reporting what is wrong."""
+        here = f"{key}.{rooms.EFFECT}"
+        if not _NAME.fullmatch(key) or hasattr(Section, key):
+            self._fault(key, f"{key}: no effect can have this name; it is letters, digits and _, as in [wobble]")
+        elif not isinstance(name, str) or name not in EFFECTS:
+            told = ", ".join(EFFECTS.installed) or "none"
+            line = f"{here} = {faults.shown(name)}: unknown; expected a file (./NAME.py); installed: {told}"
+            self._fault(here, line)
+        else:
+            try:
+                return EFFECTS[name]
+            except PartError as error:
+                self._fault(here, f"{here}: {error}")
+        return None
+
+    def _assembled(self, parameters: Section, frame_ns: int) -> Any:
+        """The rig; None after reporting a plant or an effect from a file that fails."""
+        try:
+            return assembled(parameters, frame_ns)
+        except PartError as error:
+            self.faults.append(str(error))
+        except RigError:
+            raise
+        except Exception as error:
+            if not (told := blamed(error)):
+                raise
+            self.faults.append(told)
+        return None
 
     def _text(self, key: str, default: str) -> str:
         text = self.raw.get(key, default)
@@ -277,7 +338,20 @@ class _Reading:
         if not isinstance(raw["kind"], str) or raw["kind"] not in kinds:
             self._fault(f"{key}.kind", faults.unknown_choice(f"{key}.kind", raw["kind"], kinds))
             return None
-        return self._section(kinds[raw["kind"]], key, raw)
+        try:
+            model = kinds[raw["kind"]]
+        except PartError as error:
+            self._fault(f"{key}.kind", f"{key}.kind: {error}")
+            return None
+        kind = rooms.name_of(raw["kind"])
+        section = self._section(model, key, raw | {"kind": kind})
+        if section is None or (code := code_of(model)) is None:
+            return section
+        if self._codes.setdefault((key.partition(".")[0], kind), code) != code:
+            self._fault(f"{key}.kind", f"{key}.kind: the scene names another file that is called {kind}; rename one")
+        wrong = list(checks.foreign(key, section))
+        self._report(wrong)
+        return None if wrong else section
 
     def _protocol(self, told: Known) -> tuple[Step, ...]:
         raw = self.raw.get("protocol", [])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import importlib
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -13,17 +12,15 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 from annotated_types import Ge, Gt, Le
 from pydantic import BaseModel, TypeAdapter, model_validator
 
-from rig.controllers import KINDS as CONTROLLERS
+from rig.controllers import made_by, wired
 from rig.controllers.blocks.base import hears
-from rig.effects import noise
 from rig.errors import SceneError
-from rig.plants import PLANTS
+from rig.parts import Parts
 from rig.plants.structures import model_store
 from rig.quantities import PositiveMetrePerSecond, Section, duration, quantity
-from rig.scenes import migration
+from rig.scenes import migration, rooms
 from rig.scenes.faults import unit_of
 from rig.scenes.protocol import Known, Load, Ramp, Set, Step, flat, longest_ns
-from rig.sensors import KINDS as SENSORS
 from rig.sensors.chain.instants import common_step
 
 if TYPE_CHECKING:
@@ -139,7 +136,7 @@ class Scene:
         held |= {s.target for s in steps if isinstance(s, Load | Ramp | Set)}
         ramped = {s.target for s in steps if isinstance(s, Load | Ramp) and s.over}
         with model_store.given(self.models):
-            inputs = assembled(self.plant, self.parameters, self.frame_ns).inputs
+            inputs = rooms.assembled(self.parameters, self.frame_ns).inputs
         return {name: "ramped" if name in ramped else "held" for name in sorted(held) if name in inputs}
 
     @property
@@ -156,12 +153,12 @@ class Scene:
         return f"its pace is at most {self.clock.pace_limit:g}{f' ({note})' if note else ''}"
 
     def assemble(self, parameters: Section | None = None) -> Any:
-        """The plant of this scene (`rig.model.assembly.Assembly`), with the signals that its actuators need.
+        """The rig of this scene (`rig.model.assembly.Assembly`), with the signals that its actuators need.
 
         `parameters`: others than the scene's own, as after a change while the rig runs.
         """
         with model_store.given(self.models):
-            return assembled(self.plant, parameters or self.parameters, self.frame_ns, self.moved)
+            return rooms.assembled(parameters or self.parameters, self.frame_ns, self.moved)
 
     @property
     def bases(self) -> tuple[str, ...]:
@@ -184,7 +181,9 @@ class Scene:
 
     def to_json(self) -> str:
         """The scene as JSON text; `from_json` gives an equal scene back."""
-        made = {"models": self.models} if self.models else {}
+        made: dict[str, Any] = {"models": self.models} if self.models else {}
+        parts = rooms.foreign(self.plant, self.parameters, self.sensors.values(), self.controllers.values())
+        made |= {"parts": parts} if parts else {}
         return json.dumps(
             {
                 "format": 1 + migration.newest(),
@@ -219,15 +218,17 @@ class Scene:
             raise SceneError(raw["name"], [f"{told} {migration.newest()}; install a newer version of friction-rig"])
         if since < migration.newest():
             raw = migration.recorded(raw, since)
+        parts = rooms.given(raw)
+        model = rooms.parameters_of(raw["plant"], raw["parameters"], parts)
         return cls(
             name=raw["name"],
             title=raw["title"],
             about=raw["about"],
             plant=raw["plant"],
-            parameters=plant_module(raw["plant"]).Parameters.model_validate(raw["parameters"]),
+            parameters=model.model_validate(raw["parameters"]),
             clock=Clock.model_validate(raw["clock"]),
-            sensors={n: _instrument(s, raw.get("format", 1)) for n, s in raw["sensors"].items()},
-            controllers={n: CONTROLLERS[s["kind"]][0].model_validate(s) for n, s in raw["controllers"].items()},
+            sensors={n: _instrument(s, raw.get("format", 1), parts) for n, s in raw["sensors"].items()},
+            controllers={n: _controller(s, parts) for n, s in raw["controllers"].items()},
             protocol=STEPS.validate_python(raw["protocol"]),
             limits={name: float(value) for name, value in raw["limits"].items()},
             seed=raw["seed"],
@@ -247,26 +248,13 @@ class Scene:
         return hashlib.sha256(json.dumps(told, sort_keys=True).encode()).hexdigest()[:16]
 
 
-def plant_module(plant: str) -> Any:
-    """The module of a plant: `Parameters` and `assemble`."""
-    return importlib.import_module(PLANTS[plant])
+def _controller(raw: dict[str, Any], parts: Parts) -> Any:
+    return rooms.CONTROLLERS.get_from(raw["kind"], parts).model_validate(raw)
 
 
-def assembled(plant: str, parameters: Any, frame_ns: int, moved: Mapping[str, str] | None = None) -> Any:
-    """The plant with these parameters (`rig.model.assembly.Assembly`) and what acts on every plant alike.
-
-    `moved`: see `Scene.moved`; None: what the plant assumes.
-    """
-    assemble = plant_module(plant).assemble
-    made = assemble(parameters) if moved is None else assemble(parameters, moved)
-    if parameters.noise is not None:
-        noise.add(made, parameters.noise, frame_ns * 1e-9)
-    return made
-
-
-def _instrument(raw: dict[str, Any], written: int) -> Any:
-    """An instrument from the JSON text of a scene of format `written`."""
-    kind = SENSORS[raw["kind"]]
+def _instrument(raw: dict[str, Any], written: int, parts: Parts) -> Any:
+    """An instrument from the JSON text of a scene of format `written` that carries `parts`."""
+    kind = rooms.SENSORS.get_from(raw["kind"], parts)
     if written < 2 and raw["ideal"]:
         raw = {key: value for key, value in raw.items() if key not in kind.perfect and key not in kind.part_of}
     return kind.model_validate(raw)
@@ -296,14 +284,16 @@ def leaves(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, tuple[An
 
 
 def controller_reads(section: Section) -> dict[str, str]:
-    """Field -> sensor, for the sensors that a controller's section names."""
+    """Key -> sensor, for the sensors that a controller's section, or else its class, names."""
     fields = [f for f in type(section).model_fields if f == "sensor" or f.endswith("_sensor")]
+    if not fields:
+        return {f"reads[{i}]": name for i, name in enumerate(wired(section, "reads"), 1)}
     return {name: getattr(section, name) for name in fields if getattr(section, name) is not None}
 
 
 def heard(controllers: Mapping[str, Any]) -> set[str]:
     """Sensors of which some controller wants every sample."""
-    hearing = [section for section in controllers.values() if hears(CONTROLLERS[section.kind][1])]
+    hearing = [section for section in controllers.values() if hears(made_by(section))]
     return {sensor for section in hearing for sensor in controller_reads(section).values()}
 
 
@@ -311,7 +301,7 @@ def controller_drives(section: Any) -> tuple[str, ...]:
     """Actuators that a controller's section drives."""
     if "drive" in type(section).model_fields:
         return (section.drive,)
-    return tuple(CONTROLLERS[section.kind][1].drives)
+    return wired(section, "drives")
 
 
 def known(assembly: Any, parameters: Section, sensors: Mapping[str, Any], controllers: Mapping[str, Any]) -> Known:

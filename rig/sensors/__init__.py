@@ -22,23 +22,18 @@ What runs them in every frame is compiled: rig.solve.sampling, rig.solve.pole_re
 
 from __future__ import annotations
 
-from rig.sensors.accelerometer import Accelerometer
-from rig.sensors.chain.instrument import Instrument
-from rig.sensors.disc_speed import DiscSpeed
-from rig.sensors.displacement_laser import DisplacementLaser
-from rig.sensors.laser_vibrometer import LaserVibrometer
-from rig.sensors.microphone import Microphone
-from rig.sensors.normal_force import NormalForce
-from rig.sensors.strain_gauge import StrainGauge
-from rig.sensors.voltmeter import Voltmeter
+from types import ModuleType
+from typing import Any
 
-KINDS: dict[str, type[Instrument]] = {
-    "laser_vibrometer": LaserVibrometer,
-    "displacement_laser": DisplacementLaser,
-    "strain_gauge": StrainGauge,
-    "accelerometer": Accelerometer,
-    "normal_force": NormalForce,
-    "disc_speed": DiscSpeed,
-    "microphone": Microphone,
-    "voltmeter": Voltmeter,
-}
+from rig.parts import Room, code_of, named, one_class
+from rig.sensors.chain.instrument import Instrument
+
+
+def _section(module: ModuleType, kind: str) -> Any:
+    """The instrument of a module."""
+    own = one_class(module, lambda one: issubclass(one, Instrument), "Sensor", "class derived from Instrument")
+    return own if code_of(module) is None else named(module, (own,), "kind", kind)
+
+
+KINDS: Room[type[Instrument]] = Room("sensors", __name__, __path__, _section)
+"""Instruments by kind: `KINDS["microphone"]` is that of rig/sensors/microphone.py."""

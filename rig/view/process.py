@@ -20,6 +20,7 @@ from rig import bus
 from rig.bus import run_setup
 from rig.bus.port import Receiver, Session, Watch
 from rig.errors import BusError
+from rig.parts import trust_scene
 from rig.plants.structures import model_store
 from rig.process import stopping
 from rig.scheduling import stand_back
@@ -70,18 +71,20 @@ def view(
     save: Path | str | None = None,
     headless: bool = False,
     wait: float = 10.0,
+    trust: bool = False,
     name: str = "viewer",
     say: Callable[[str], object] = print,
 ) -> Viewing:
     """Show a live run, the newest by default, until it ends; waits at most `wait` seconds for it.
 
     In a window; `web`: in a browser page whose address is said; `connect`: in a viewer that runs already, by its
-    address; `save`: in a file (.rrd); `headless`: off screen. Raises BusError without a run, UsageError without a
+    address; `save`: in a file (.rrd); `headless`: off screen. `trust`: run the code of parts from files that the run
+    carries. Raises rig.errors.Untrusted for such parts without it, BusError without a run, UsageError without a
     display, LogError for a file that cannot be written.
     """
     stand_back(_NICE)
     with bus.join(run, role="viewer", name=name, wait=wait) as session:
-        bridge = Bridge(session, wait)
+        bridge = Bridge(session, wait, trust)
         target = viewer.sink(
             session.run, bridge.drawing, live=True, save=save, web=web, connect=connect, headless=headless
         )
@@ -98,7 +101,7 @@ def view(
 class Bridge:
     """Between a session on the bus and a stream of rerun."""
 
-    def __init__(self, session: Session, wait: float = 10.0) -> None:
+    def __init__(self, session: Session, wait: float = 10.0, trust: bool = False) -> None:
         self._session = session
         self._heard: Receiver = session.subscribe(*TOPICS, depth=_DEPTH, polled=True)
         self._plant: Watch = session.watch("plant/*")
@@ -107,6 +110,8 @@ class Bridge:
             raise BusError(f"run {session.run} has no plant; it has ended")
         for model in described.models:
             model_store.offer(model)
+        if trust:
+            trust_scene(described.scene)
         sensors = {name: unit for name, (unit, _) in described.sensors.items()}
         self.drawing = Drawing(described.scene, described.outputs, sensors)
         self._feed = Feed(self.drawing, described)

@@ -21,7 +21,7 @@ NUMBERS = {"sample_period": 20e-6, "capacitance": 30e-9, "delta": -0.5} | PAIRS 
 
 @pytest.fixture(params=sorted(controllers.KINDS))
 def controller(request):
-    section = controllers.KINDS[request.param][0](kind=request.param, **SECTIONS[request.param])
+    section = controllers.KINDS[request.param](kind=request.param, **SECTIONS[request.param])
     return controllers.build(section, NUMBERS)
 
 

@@ -33,7 +33,8 @@ from rig.errors import NumericsError
 from rig.model.method import chosen
 from rig.model.system import System
 from rig.motion.motion import Motion
-from rig.scenes.scene import Scene, plant_module
+from rig.scenes.rooms import assembled
+from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 OFFSET = 0.02
@@ -146,7 +147,7 @@ class _Shaken:
     def __init__(self, scene: Scene, longest: float | None) -> None:
         self.scene, self.longest = scene, longest
         parameters = with_values(scene.parameters, {"dither.enable": True})
-        self.system: System = plant_module(scene.plant).assemble(parameters, {}).system()
+        self.system: System = assembled(parameters, scene.frame_ns, {}, random=False).system()
         self.sine, self.cosine = (self.system.names.index(name) for name in GENERATOR)
         self.omega = float(self.system.signals[self.sine - self.system.one, self.cosine])
 

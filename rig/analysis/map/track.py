@@ -7,6 +7,7 @@ and all runs of the row share the tables of their contact modes. Any other param
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -21,10 +22,13 @@ from rig.analysis.growth_crossings import none
 from rig.analysis.map.job import PERIODS, Settings
 from rig.analysis.map.steady_state import BLANK, STOPPED, UNDECIDED, Judge, Point, Window, extremes, sticking, stopped
 from rig.errors import NumericsError, Singular
+from rig.model.assembly import Assembly
 from rig.model.method import chosen
 from rig.model.system import System
 from rig.motion.motion import Motion, Saved
-from rig.scenes.scene import Scene, plant_module
+from rig.quantities import Section
+from rig.scenes.rooms import assembled
+from rig.scenes.scene import Scene
 from rig.solve.records import EVENTS, KEY
 from rig.solve.state_codes import CLOSED, STICK
 from rig.stability.linearisation import Steady, sliding_key, steady
@@ -58,14 +62,13 @@ class Track:
 
     def __init__(self, scene: Scene, axis: Axis, settings: Settings) -> None:
         self.scene, self.axis, self.settings = scene, axis, settings
-        self._plant = plant_module(scene.plant)
         self.value = axis.values[0]
         first = axis.at(scene, self.value).parameters
-        one = self._plant.assemble(first, {axis.key: "ramped"}).inputs.get(axis.key)
+        one = self._assembled(first, {axis.key: "ramped"}).inputs.get(axis.key)
         self._command = one.state if one is not None else ""
         self._slope = one.slope if one is not None else ""
         self._moved = {axis.key: "ramped"} if self._slope else {}
-        assembly = self._plant.assemble(first, self._moved)
+        assembly = self._assembled(first, self._moved)
         self._row = assembly.outputs[settings.output].row
         self._system: System = assembly.system()
         names = self._system.names
@@ -114,11 +117,14 @@ class Track:
         self._motion.advance(1)
         self._motion.outputs_at(self._motion.states, self._motion.mode_sets_of_states)
 
+    def _assembled(self, parameters: Section, moved: Mapping[str, str]) -> Assembly:
+        return assembled(parameters, self.scene.frame_ns, moved, random=False)
+
     def system(self, value: float) -> System:
         """The rig with the parameter at `value`, at its start."""
         if not self._slope:
             at = self.axis.at(self.scene, value).parameters
-            return self._plant.assemble(at, {}).system()  # type: ignore[no-any-return]
+            return self._assembled(at, {}).system()
         start = self._system.start.copy()
         start[self._at[self._command]] = value
         return replace(self._system, start=start)

@@ -13,56 +13,45 @@ The file is checked before it is let near a rig: by one update on zeros, and wit
 
 from __future__ import annotations
 
-import importlib.util
-import traceback
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
+from rig.controllers import build, class_of, module_of, parameters_of
 from rig.controllers.blocks.base import Controller, hears
 from rig.controllers.runtime.loop import Loop
 from rig.errors import UsageError
+from rig.parts import Code, told, trust
 from rig.quantities import Section, brief
 
 
 def load_file(path: str | Path) -> Controller:
     """The controller of a file. Raises UsageError with the line or the part that is wrong."""
     path = Path(path)
-    if not path.is_file():
-        raise UsageError(f"{path}: there is no such file")
-    module = _executed(path)
-    make = getattr(module, "Controller", None)
-    if not isinstance(make, type):
-        raise UsageError(f"{path}: defines no class Controller")
-    parameters = getattr(module, "Parameters", None)
+    code = Code.read(path)
+    trust([code])
+    module = code.module(path)
+    make, parameters = class_of(module), parameters_of(module)
     try:
         controller = make() if parameters is None else make(parameters(), {})
         faults = _faults(controller) or ([] if parameters is None else _untunable(controller))
     except Exception as error:
-        raise UsageError(f"{path}: {_told(error, path)}") from error
+        raise UsageError(told(error) or f"{path}: {type(error).__name__}: {error}") from error
     if faults:
         raise UsageError("\n".join(f"{path}: {fault}" for fault in faults))
     return controller  # type: ignore[no-any-return]
 
 
-def _executed(path: Path) -> ModuleType:
-    spec = importlib.util.spec_from_file_location(f"controller_from_{path.stem}", path)
-    if spec is None or spec.loader is None:
-        raise UsageError(f"{path}: is not a Python file (.py)")
-    module = importlib.util.module_from_spec(spec)
+def refused(section: Section) -> list[str]:
+    """What keeps a controller from elsewhere, that a scene's section describes, from working, a line each.
+
+    One that has a design step is not tried, because it needs numbers.
+    """
+    if hasattr(module_of(section), "design"):
+        return []
     try:
-        spec.loader.exec_module(module)
+        return _faults(build(section, {}))
     except Exception as error:
-        raise UsageError(f"{path}: {_told(error, path)}") from error
-    return module
-
-
-def _told(error: Exception, path: Path) -> str:
-    """Kind and text of an error, with the last line of the user's file that it passed."""
-    lines = [f.lineno for f in traceback.extract_tb(error.__traceback__) if Path(f.filename) == path]
-    line = error.lineno if isinstance(error, SyntaxError) else lines[-1] if lines else None
-    where = f" (line {line})" if line is not None else ""
-    return f"{type(error).__name__}: {error}{where}"
+        return [told(error) or f"{type(error).__name__}: {error}"]
 
 
 def _faults(controller: Any) -> list[str]:

@@ -30,6 +30,7 @@ from rig.controllers.runtime.file import load_file
 from rig.controllers.runtime.loop import Loop
 from rig.controllers.runtime.service import Service
 from rig.errors import BusError, RigError, UsageError
+from rig.parts import told, trust_scene
 from rig.pinned_memory import locked
 from rig.placement import anywhere, placed
 from rig.process import as_process, stopping
@@ -142,17 +143,21 @@ def run(
     *,
     changes: Mapping[str, object] | None = None,
     wait: float = 10.0,
+    trust: bool = False,
     say: Callable[[str], object] = lambda _: None,
 ) -> None:
     """Run the controller `what`, a name in the scene or a Python file, in a live run (the newest by default).
 
-    Returns when the plant ends or on a signal to stop; raises RigError when it cannot begin or the controller fails.
+    `trust`: run the code of parts from files that the run carries. Returns when the plant ends or on a signal to stop;
+    raises RigError when it cannot begin or the controller fails.
     """
     come_first()
     file = Path(what) if what.endswith(".py") else None
     name = file.stem if file is not None else what
     with bus.join(run, role="controller", name=name, wait=wait) as session:
         described = run_setup.fetch(session, wait)
+        if trust:
+            trust_scene(described.scene)
         worker = Worker(session, described, made(described, name, file))
         if changes:
             worker.loop.retune(changes)
@@ -172,7 +177,8 @@ def run(
         except RigError:
             raise
         except Exception as error:  # of the user's own code
-            raise UsageError(f"{name} failed at tick {worker.tick}: {traceback.format_exc()}") from error
+            where = told(error) or traceback.format_exc()
+            raise UsageError(f"{name} failed at tick {worker.tick}: {where}") from error
         finally:
             gc.enable()
             gc.unfreeze()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import time
 from collections.abc import Callable
 from typing import Any
@@ -33,7 +32,7 @@ def pendulum(changes: dict[str, Any]) -> Any:
     raw["load"] = {"force": raw["load"]["force"]}
     for table, values in changes.items():
         raw[table] = values if "law" in values else {**raw.get(table, {}), **values}
-    plant = importlib.import_module(PLANTS[scene.plant])
+    plant = PLANTS[scene.plant]
     return plant.assemble(plant.Parameters.model_validate(raw), {}).system()
 
 

@@ -1,0 +1,31 @@
+"""Parts: plants, effects, sensors and controllers, each one Python file that declares all that others need of it.
+
+    KINDS = Room("sensors", __name__, __path__, read)        in sensors/__init__.py
+    KINDS["microphone"]                                      rig/sensors/microphone.py, imported now
+    KINDS["toy"]                                             entry point `toy` of the group friction_rig.sensors
+    KINDS["/home/me/my_sensor.py"]                           a file that a scene names
+
+room    the parts of one kind, found by name        code    source text from elsewhere, run as a module if trusted
+
+A part from a file or from another package is called foreign. A recording holds its source text and the SHA-256 of that.
+"""
+
+from __future__ import annotations
+
+from rig.parts.code import Code, code_of, require, told, trust
+from rig.parts.room import Parts, Room, carried, is_file, named, one_class, trust_scene
+
+__all__ = [
+    "Code",
+    "Parts",
+    "Room",
+    "carried",
+    "code_of",
+    "is_file",
+    "named",
+    "one_class",
+    "require",
+    "told",
+    "trust",
+    "trust_scene",
+]

@@ -1,0 +1,155 @@
+"""Source text of parts from elsewhere: read, checked against its hash, and run as a module only if it is trusted.
+
+Trust is a matter of the text, by its SHA-256. A file that a user names is trusted. What comes with a recording or over
+the bus is trusted once `trust` was called for it, on the user's word (`--trust`). Processes that this one starts trust
+the same texts: they find the hashes in the environment.
+"""
+
+from __future__ import annotations
+
+import linecache
+import os
+import re
+import sys
+import traceback
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from hashlib import sha256
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from rig.errors import PartError, Untrusted
+from rig.user_files import contents
+
+_TRUSTED = "RIG_TRUSTED"
+_SHOWN = 12  # digits of a hash
+_FILE = re.compile(r"[^/\\\0]{1,100}\.py")
+_MODULES: dict[str, Code] = {}
+"""Foreign parts that this process has loaded: module -> its code."""
+_PATHS: dict[str, str] = {}
+"""Name under which Python knows a text -> the file that the user knows."""
+
+
+@dataclass(frozen=True)
+class Code:
+    """The source text of a part; `file`: base name of the file that held it."""
+
+    file: str
+    text: str
+
+    @cached_property
+    def sha256(self) -> str:
+        """SHA-256 of the text [64 hex digits]."""
+        return sha256(self.text.encode()).hexdigest()
+
+    @property
+    def short(self) -> str:
+        """The first digits of the hash."""
+        return self.sha256[:_SHOWN]
+
+    @property
+    def called(self) -> str:
+        """Name of the module: two versions of a file are two modules."""
+        return f"rig_part_{re.sub(r'[^A-Za-z0-9_]', '_', Path(self.file).stem)}_{self.sha256}"
+
+    @property
+    def trusted(self) -> bool:
+        """Whether this process may run it."""
+        return self.sha256 in os.environ.get(_TRUSTED, "").split()
+
+    @classmethod
+    def read(cls, path: Path) -> Code:
+        """The code in a file. Raises PartError for what cannot be read."""
+        if path.suffix != ".py":
+            raise PartError(f"{path}: is not a Python file (.py)")
+        try:
+            return cls(path.name, contents(path).decode("utf-8-sig"))
+        except FileNotFoundError:
+            raise PartError(f"{path}: there is no such file") from None
+        except UnicodeDecodeError as error:
+            raise PartError(f"{path}: is not text in UTF-8 (byte {error.start})") from None
+        except OSError as error:
+            raise PartError(f"{path}: cannot be read: {error.strerror}") from None
+
+    @classmethod
+    def told(cls, raw: Mapping[str, Any]) -> Code:
+        """The code that `to_json` told. Raises PartError where the text does not have the hash that is stated."""
+        file, text, stated = (raw.get(key) for key in ("file", "source", "sha256"))
+        if not (isinstance(file, str) and _FILE.fullmatch(file) and isinstance(text, str)):
+            raise PartError("the recording describes a part in another way than expected: it was changed or is damaged")
+        code = cls(file, text)
+        if code.sha256 != stated:
+            raise PartError(
+                f"part {file}: its source has the SHA-256 {code.short}..., the recording states "
+                f"{str(stated)[:_SHOWN]}...: it was changed or is damaged, and is not run"
+            )
+        return code
+
+    def to_json(self) -> dict[str, str]:
+        """As plain values, for recordings."""
+        return {"file": self.file, "sha256": self.sha256, "source": self.text}
+
+    def module(self, path: Path | None = None) -> ModuleType:
+        """The text as a module, run once in a process; `path`: the file it was read from, for messages.
+
+        Raises Untrusted for a text that is not trusted, PartError with line and reason for one that fails.
+        """
+        if (found := sys.modules.get(self.called)) is not None:
+            return found
+        require([self])
+        name = f"<{self.file} {self.sha256}>"
+        _PATHS[name] = str(path or self.file)
+        linecache.cache[name] = len(self.text), None, self.text.splitlines(keepends=True), name
+        module = ModuleType(self.called)
+        module.__file__ = name
+        sys.modules[self.called] = module  # pydantic looks for the names of a module there
+        try:
+            exec(compile(self.text, name, "exec", dont_inherit=True), vars(module))
+        except Exception as error:
+            del sys.modules[self.called]
+            raise PartError(told(error) or f"{_PATHS[name]}: {type(error).__name__}: {error}") from error
+        except BaseException:
+            del sys.modules[self.called]
+            raise
+        _MODULES[self.called] = self
+        return module
+
+
+def keep(module: ModuleType, code: Code) -> None:
+    """Remember that a module that was imported is a foreign part."""
+    _MODULES[module.__name__] = code
+    if module.__file__:
+        _PATHS[module.__file__] = module.__file__
+
+
+def code_of(what: type | ModuleType) -> Code | None:
+    """The code of the foreign part that defines a class, or is a module; None for one of this project."""
+    return _MODULES.get(what.__module__ if isinstance(what, type) else what.__name__)
+
+
+def trust(codes: Iterable[Code]) -> None:
+    """Let this process, and those that it starts, run these texts."""
+    given = os.environ.get(_TRUSTED, "").split()
+    os.environ[_TRUSTED] = " ".join(dict.fromkeys([*given, *(code.sha256 for code in codes)]))
+
+
+def require(codes: Iterable[Code]) -> None:
+    """Raise Untrusted, with all their names and hashes, if some of these texts are not trusted."""
+    if strange := [code for code in codes if not code.trusted]:
+        names = ", ".join(f"{code.file} (SHA-256 {code.short}...)" for code in strange)
+        raise Untrusted(
+            f"this needs to run code that comes with the recording or the run: {names}. "
+            "If you trust where it comes from, say --trust (in Python trust=True)"
+        )
+
+
+def told(error: BaseException) -> str:
+    """File, line, kind and text of an error that a foreign part caused; "" if none did."""
+    frames = [frame for frame in traceback.extract_tb(error.__traceback__) if frame.filename in _PATHS]
+    if isinstance(error, SyntaxError) and error.filename in _PATHS:
+        return f"{_PATHS[error.filename]}: {type(error).__name__}: {error.msg} (line {error.lineno})"
+    if not frames:
+        return ""
+    return f"{_PATHS[frames[-1].filename]}: {type(error).__name__}: {error} (line {frames[-1].lineno})"

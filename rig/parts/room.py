@@ -1,0 +1,180 @@
+"""The parts of one kind by name: those in the folder of a package, entry points of other packages, files."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import pkgutil
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cached_property
+from importlib.util import find_spec
+from pathlib import Path
+from types import ModuleType
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+
+from pydantic import BaseModel, create_model
+
+from rig.errors import PartError
+from rig.parts.code import Code, code_of, keep, trust
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint
+
+T = TypeVar("T")
+Parts = Mapping[tuple[str, str], Code]
+"""Foreign parts that a recording carries: (kind of part, name) -> code."""
+
+
+class Room(Mapping[str, T], Generic[T]):
+    """The parts of one kind (`what`: "plants"). Only what is asked for is imported.
+
+    room[name]  a part of the package `package`, else an entry point of the group `friction_rig.<what>`, else, for a
+                name that ends in .py, a file, which is then trusted. Raises KeyError for an unknown name, PartError
+                for a part that fails
+    iteration   the names of all but files
+
+    `read(module, name)` makes of a module what the room hands out.
+    """
+
+    def __init__(self, what: str, package: str, path: Iterable[str], read: Callable[[ModuleType, str], T]) -> None:
+        self.what, self._package, self._path, self._read = what, package, path, read
+        self._made: dict[str, T] = {}
+
+    @cached_property
+    def shipped(self) -> tuple[str, ...]:
+        """Names of the parts in the package: its modules, none of which is imported for that."""
+        return tuple(sorted(one.name for one in pkgutil.iter_modules(self._path) if not one.ispkg))
+
+    @cached_property
+    def installed(self) -> dict[str, EntryPoint]:
+        """Parts of other packages: name -> entry point."""
+        from importlib.metadata import entry_points  # 10 ms: only where a name is not in the folder
+
+        return {one.name: one for one in entry_points(group=f"friction_rig.{self.what}")}
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(sorted({*self.shipped, *self.installed}))
+
+    def __len__(self) -> int:
+        return len({*self.shipped, *self.installed})
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str) and (name in self.shipped or is_file(name) or name in self.installed)
+
+    def __getitem__(self, name: str) -> T:
+        if not is_file(name):
+            return self.get_from(name, {})
+        path = Path(name)
+        code = Code.read(path)
+        trust([code])
+        return self._read(code.module(path), path.name)
+
+    def get_from(self, name: str, parts: Parts) -> T:
+        """What `room[name]` is for a recording that carries `parts`: these come first, and no file is read."""
+        code = parts.get((self.what, name))
+        if code is not None:
+            installed = self._import(name) if self._same(name, code) else None
+            return self._read(installed or code.module(), name)
+        if is_file(name):
+            raise PartError(f"the recording lacks the source of {name}")
+        if name not in self._made:
+            if name in self.shipped:
+                self._made[name] = self._read(importlib.import_module(f"{self._package}.{name}"), name)
+            elif name in self.installed:
+                self._made[name] = self._read(self._import(name), name)
+            else:
+                raise KeyError(name)
+        return self._made[name]
+
+    def trusted(self, name: str, code: Code) -> bool:
+        """Whether a part of a recording may be run: its text is trusted, or is what is installed under its name."""
+        return code.trusted or self._same(name, code)
+
+    def _same(self, name: str, code: Code) -> bool:
+        if is_file(name) or name not in self.installed:
+            return False
+        found = self._installed(name)
+        return found is not None and found.sha256 == code.sha256
+
+    def _installed(self, name: str) -> Code | None:
+        """The code of an entry point, without running it."""
+        spec = find_spec(self.installed[name].module)
+        return Code.read(Path(spec.origin)) if spec is not None and spec.origin else None
+
+    def _import(self, name: str) -> ModuleType:
+        entry = self.installed[name]
+        package = f"{entry.dist.name} {entry.dist.version}" if entry.dist is not None else "its package"
+        try:
+            module, code = importlib.import_module(entry.module), self._installed(name)
+        except Exception as error:
+            told = f"{type(error).__name__}: {error}"
+            raise PartError(f"part {name} of {package} cannot be imported: {told}") from error
+        if code is not None:
+            keep(module, code)
+        return module
+
+
+def is_file(name: str) -> bool:
+    """Whether the name of a part is that of a file."""
+    return name.endswith(".py")
+
+
+def one_class(module: ModuleType, fits: Callable[[type], bool], called: str, what: str) -> Any:
+    """The class of a part's module that `fits`; of several the one that is `called` so.
+
+    Raises PartError if there are several, or none; `what` says in words what is looked for, "" if there may be none.
+    """
+    code = code_of(module)
+    where = code.file if code is not None else module.__name__
+    own = [one for one in vars(module).values() if isinstance(one, type) and one.__module__ == module.__name__]
+    found = {one.__name__: one for one in own if fits(one)}
+    if not found and what:
+        raise PartError(f"{where}: defines no {what}")
+    if len(found) > 1 and called not in found:
+        names = ", ".join(found)
+        raise PartError(f"{where}: defines {names}, of which only one can count; call that one {called}")
+    return found.get(called) or next(iter(found.values()), None)
+
+
+def carried(raw: Any) -> dict[tuple[str, str], Code]:
+    """The foreign parts in the JSON of a scene. Raises PartError for what is no such list, or has another hash."""
+    try:
+        return {(str(one["part"]), str(one["name"])): Code.told(one) for one in raw}
+    except (KeyError, TypeError, AttributeError):
+        raise PartError("the recording describes its parts in another way than expected: it is damaged") from None
+
+
+def trust_scene(text: str) -> None:
+    """Let this process run the parts that the JSON `text` of a scene carries, on the user's word.
+
+    Raises PartError for a part whose source does not have the hash that is stated; then none is trusted.
+    """
+    try:
+        raw = json.loads(text)
+    except ValueError:  # lost by damage: whoever needs the scene says so
+        return
+    if isinstance(raw, dict):
+        trust(carried(raw.get("parts", [])).values())
+
+
+_NAMED: dict[tuple[Any, ...], Any] = {}
+
+
+def named(
+    module: ModuleType,
+    bases: tuple[type[BaseModel], ...],
+    key: str,
+    name: str,
+    fields: Mapping[str, tuple[Any, Any]] | None = None,
+) -> Any:
+    """The table of a foreign part: the fields of `bases`, more `fields`, and `key`, the name of the part.
+
+    One class for equal arguments, so that equal tables are equal.
+    """
+    which = module.__name__, bases, key, name
+    if which not in _NAMED:
+        given: dict[str, Any] = {key: (Literal[name], name), **(fields or {})}
+        _NAMED[which] = create_model(
+            bases[0].__name__, __base__=bases, __module__=module.__name__, __doc__=bases[0].__doc__, **given
+        )
+    return _NAMED[which]

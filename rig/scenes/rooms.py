@@ -1,0 +1,104 @@
+"""The parts that a scene names: from names and files to sections, from sections to the assembled rig, and to JSON."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from rig import controllers, sensors
+from rig.effects import EFFECTS, anywhere, extended
+from rig.effects.noise import Noise
+from rig.errors import PartError
+from rig.model.assembly import Assembly
+from rig.parts import Parts, Room, carried, code_of, is_file, require
+from rig.plants import PLANTS
+from rig.quantities import Section
+
+CONTROLLERS, SENSORS = controllers.KINDS, sensors.KINDS
+ROOMS: dict[str, Room[Any]] = {room.what: room for room in (PLANTS, EFFECTS, SENSORS, CONTROLLERS)}
+EFFECT = "effect"
+"""Key of a table that names an effect the plant does not know."""
+
+
+def effects_in(tables: Mapping[str, Any], model: type[Section]) -> dict[str, Any]:
+    """Tables of a scene that name an effect which its plant, with parameters `model`, does not know -> its name."""
+    strange = {key: table for key, table in tables.items() if key not in model.model_fields}
+    return {key: one[EFFECT] for key, one in strange.items() if isinstance(one, Mapping) and EFFECT in one}
+
+
+def with_effects(model: type[Section], effects: Mapping[str, type[Section]]) -> type[Section]:
+    """The parameters of a plant with the effects of a scene; every plant may have process noise."""
+    return extended(model, {"noise": Noise, **effects})
+
+
+def name_of(text: str) -> str:
+    """The name of a part as a scene carries it: of a file its base name."""
+    return Path(text).name if is_file(text) else text
+
+
+def anchor(tables: dict[str, Any], folder: Path) -> None:
+    """Turn the files of parts that `tables` of a scene name, relative to `folder`, into absolute ones."""
+    named = [(tables, "plant")]
+    for key, table in tables.items():
+        if isinstance(table, dict):
+            inner = table.values() if key in (SENSORS.what, CONTROLLERS.what) else ()
+            named += [(table, EFFECT), *((one, "kind") for one in inner if isinstance(one, dict))]
+    for table, key in named:
+        if isinstance(text := table.get(key), str) and is_file(text):
+            table[key] = os.path.abspath(folder / text)
+
+
+def parameters_of(plant: str, tables: Mapping[str, Any], parts: Parts) -> type[Section]:
+    """The model of a recorded scene's parameters: those of its plant, and its effects."""
+    model = PLANTS.get_from(plant, parts).Parameters
+    effects = effects_in(tables, model).items()
+    return with_effects(model, {key: EFFECTS.get_from(name, parts) for key, name in effects})
+
+
+def plant_of(parameters: Section) -> ModuleType:
+    """The module of the plant whose parameters these are."""
+    return sys.modules[type(parameters).__module__]
+
+
+def assembled(
+    parameters: Section, frame_ns: int, moved: Mapping[str, str] | None = None, random: bool = True
+) -> Assembly:
+    """The plant with these parameters and what acts on every plant alike.
+
+    `moved`: see `Scene.moved`; None: what the plant assumes. `random`: with the effects that are random.
+    Raises PartError for a plant from a file that makes something else.
+    """
+    plant = plant_of(parameters)
+    made = plant.assemble(parameters) if moved is None else plant.assemble(parameters, moved)
+    if not isinstance(made, Assembly):
+        raise PartError(f"{plant.__file__}: assemble gives {type(made).__name__}; expected a rig.solve Assembly")
+    for section, add in anywhere(parameters):
+        if random or not section.declares.random:
+            add(made, section, frame_ns * 1e-9, moved or {})
+    return made
+
+
+def foreign(
+    plant: str, parameters: Section, sensors: Iterable[Any], controllers: Iterable[Any]
+) -> list[dict[str, str]]:
+    """The foreign parts of a scene as JSON values: kind of part, name, file, hash, source."""
+    rows = [(PLANTS.what, plant, parameters)]
+    rows += [(EFFECTS.what, getattr(section, EFFECT, ""), section) for section, _ in anywhere(parameters)]
+    rows += [(SENSORS.what, section.kind, section) for section in sensors]
+    rows += [(CONTROLLERS.what, section.kind, section) for section in controllers]
+    found = {(what, name): code for what, name, section in rows if (code := code_of(type(section))) is not None}
+    return [{"part": what, "name": name, **code.to_json()} for (what, name), code in found.items()]
+
+
+def given(raw: Mapping[str, Any]) -> Parts:
+    """The foreign parts that a scene's JSON carries.
+
+    Raises Untrusted, with all their names, if some of them may not be run, PartError if they are damaged.
+    """
+    parts = carried(raw.get("parts", []))
+    require(code for (what, name), code in parts.items() if not (what in ROOMS and ROOMS[what].trusted(name, code)))
+    return parts
