@@ -34,7 +34,7 @@ def list_scenes(as_json: Json = False) -> None:
         printing.report(cards)
         return
     rows = [(c["name"], c["plant"], c["pace_limit"] or "", c["title"]) for c in cards]
-    printing.table("", ("scene", "plant", "pace at most", "what it is"), rows)
+    printing.table("", ("scene", "plant", "largest pace", "title"), rows)
     printing.line("\nnext: rig explain SCENE | rig run SCENE --view | rig simulate SCENE")
 
 
