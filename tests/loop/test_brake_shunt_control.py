@@ -97,7 +97,7 @@ def test_what_the_shunt_cannot_take_is_told_before_the_run(tmp_path):
     assert connected == "protocol[1].set: shunt.connected takes 0 to 1, not 3 (ours.toml, line 36)"
     assert negative.startswith("protocol[2].set: shunt.inductance takes 0 to 10000 H, not -0.003 H (")
     assert coil.startswith("protocol[3].ramp: shunt.inductance cannot run, ")
-    assert coil.endswith("a bank of coils for it to run through (shunt.bank)")
+    assert coil.endswith("a bank of coils for it to run through (shunt.bank) (ours.toml, line 44)")
     assert delta.startswith("protocol[4].ramp: shunt.delta cannot run, ")
 
 

@@ -1,6 +1,7 @@
 """Scene files that are based on one another: what is merged, what is taken away, where each value is from."""
 
 import logging
+from pathlib import Path
 
 import pytest
 
@@ -189,6 +190,15 @@ def test_explain_tells_file_and_line_of_each_value(write):
     assert lines[place.line - 1].startswith("mu_static")
     assert told["sensors.laser.noise"].place is None  # a default again
     assert "standard deviation" in told["sensors.laser.noise"].origin.note
+
+
+def test_the_example_of_the_page_is_a_scene(write):
+    page = (Path(__file__).parents[2] / "docs" / "scenes.md").read_text()
+    mine = scenes.load(write("mine.toml", page.partition("```toml\n")[2].partition("```")[0]))
+    assert set(mine.sensors) == {"vibrometer", "normal_force"}
+    assert mine.controllers["nf"].gain == 200.0
+    assert mine.notes == ()
+    assert str(mine.place("load.force")) == "mine.toml, line 6"
 
 
 @pytest.mark.parametrize("name", scenes.names())
