@@ -179,7 +179,7 @@ class Folder:
             return
         base = f"{function.__qualname__}.py{sys.version_info[0]}{sys.version_info[1]}"
         cache._cache_path = str(self.path / function.__module__)  # noqa: SLF001
-        cache._impl.locator.ensure_cache_path = self._prune  # noqa: SLF001 (called before something is kept)
+        cache._impl.locator.ensure_cache_path = self.prune  # noqa: SLF001 (called before something is kept)
         cache._cache_file = CheckedFile(cache._cache_path, base, "")  # type: ignore[no-untyped-call]  # noqa: SLF001
 
     @contextmanager
@@ -212,7 +212,7 @@ class Folder:
         except OSError:
             return False
 
-    def _prune(self) -> None:
+    def prune(self) -> None:
         """Once in a process that compiles: what was not used for longest makes room."""
         if self._pruned:
             return

@@ -55,12 +55,12 @@ def placed(own: int, bus: int) -> Iterator[None]:
         yield
         return
     _put(0, {own})
-    for thread in _bus_threads():
+    for thread in bus_threads():
         _put(thread, {bus})
     try:
         yield
     finally:
-        for thread in (0, *_bus_threads()):
+        for thread in (0, *bus_threads()):
             _put(thread, _ALLOWED)
 
 
@@ -70,7 +70,8 @@ def anywhere() -> None:
         _put(0, _ALLOWED)
 
 
-def _bus_threads() -> list[int]:
+def bus_threads() -> list[int]:
+    """The threads of the bus in this process, by their numbers."""
     return [int(thread.name) for thread in _THREADS.iterdir() if of_bus(thread)]
 
 

@@ -215,12 +215,12 @@ def test_a_damaged_kernel_is_compiled_again(tmp_path, how, suffix):
 @pytest.mark.parametrize("text", ["", "[[3, fal", "5", "[1]", "{}", "\x00"])
 def test_damaged_notes_of_a_warm_up_count_as_none(tmp_path, monkeypatch, text):
     monkeypatch.setattr(kernel.FOLDER, "path", tmp_path)
-    warmup._notes().write_text(text)
+    warmup.notes().write_text(text)
     assert warmup.ready() == set()
     shape = warmup.Shape(3, False, False, False)
     warmup.note(shape)
     assert warmup.ready() == {shape}
-    assert list(tmp_path.iterdir()) == [warmup._notes()]
+    assert list(tmp_path.iterdir()) == [warmup.notes()]
 
 
 ROOT = Path(kernel.__file__).parent.parent
@@ -340,7 +340,7 @@ def test_what_was_not_used_for_longest_makes_room(tmp_path, monkeypatch):
         (tmp_path / key / "kernel.nbc").write_bytes(bytes(1000))
         os.utime(tmp_path / key, (1e9 - age, 1e9 - age))
     folder = kept.Folder("old")  # in use again
-    folder._prune()
+    folder.prune()
     assert {one.name for one in tmp_path.iterdir()} == {"old", "new", "older"}
 
 

@@ -60,7 +60,7 @@ def test_the_thread_and_those_of_the_bus_are_placed_and_others_go_where_they_lik
 
     with bus.host("placed"):
         with placement.placed(own, of_bus):
-            threads = placement._bus_threads()
+            threads = placement.bus_threads()
             assert threads
             assert {frozenset(os.sched_getaffinity(thread)) for thread in threads} == {frozenset({of_bus})}
             assert os.sched_getaffinity(0) == {own}

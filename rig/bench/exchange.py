@@ -61,7 +61,7 @@ class Exchange:
         self.refused: dict[str, int] = {}
         """Senders without a line, and how often they were refused."""
         self._runner, self._frame_ns, self._hold = runner, frame_ns, hold
-        self._journal = journal
+        self.journal = journal
         self._owner: dict[str, str] = {}
         self._asked = {name: one.value for name, one in runner.inputs.items()}
         self._moves: dict[str, tuple[float, float, int, int]] = {}
@@ -125,15 +125,15 @@ class Exchange:
         line = self.lines.get(sender)
         if line is None:
             self.refused[sender] = self.refused.get(sender, 0) + 1
-            self._journal.repeated("refused", f"{sender} drives no actuator of this run; its commands are refused")
+            self.journal.repeated("refused", f"{sender} drives no actuator of this run; its commands are refused")
         elif len(values) != len(line.drives):
             if len(values):  # nothing to say is no fault: there was no sample yet
                 line.counts.refused += 1
                 text = f"a command of {sender} has {len(values)} values for its {len(line.drives)} actuators"
-                self._journal.repeated("refused", text)
+                self.journal.repeated("refused", text)
         elif answered > self._runner.tick:
             line.counts.refused += 1
-            self._journal.repeated("refused", f"{sender} answers a step that was not sent yet")
+            self.journal.repeated("refused", f"{sender} answers a step that was not sent yet")
         elif line.connected:
             tick = self._runner.tick
             due = answered + line.delay
@@ -202,7 +202,7 @@ class Exchange:
             counts.late += 1
         counts.taken += 1
         if line.status == SAFE:
-            self._journal.note("back", f"{line.name} commands again", controller=line.name)
+            self.journal.note("back", f"{line.name} commands again", controller=line.name)
         self.impose(line, answered, status, self._possible(line, wanted))
 
     def _in_range(self, drives: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
@@ -235,7 +235,7 @@ class Exchange:
         if all(map(isfinite, given)):
             return given  # the sum alone overflowed
         line.counts.not_finite += 1
-        self._journal.repeated("not finite", f"a command of {line.name} is not finite; the last one is held")
+        self.journal.repeated("not finite", f"a command of {line.name} is not finite; the last one is held")
         kept = line.values or tuple(self._asked_now(drive) for drive in line.drives)
         return tuple([value if isfinite(value) else held for value, held in zip(given, kept)])
 
@@ -243,7 +243,7 @@ class Exchange:
         line.counts.safe += 1
         silent = (tick - line.last) * self._frame_ns / 1e6
         text = f"{line.name} has been silent for {silent:g} ms: {', '.join(line.drives)} to safe values"
-        self._journal.note("safe", text, controller=line.name)
+        self.journal.note("safe", text, controller=line.name)
         safe = tuple([self._runner.inputs[drive].safe for drive in line.drives])
         self.impose(line, -1, SAFE, self._possible(line, safe))
 
@@ -322,7 +322,7 @@ class Exchange:
     def _overruled(self, name: str) -> bool:
         if not (owner := self.overruler(name)):
             return False
-        self._journal.repeated(
+        self.journal.repeated(
             "overruled", f"{name} follows {owner}; the protocol's value waits until it is disconnected"
         )
         return True

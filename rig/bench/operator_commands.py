@@ -63,23 +63,25 @@ class Operator:
             "connect": self._switch,
             "disconnect": self._switch,
         }
-        self._param = hub.session.serve("param/plant", self._parameters)
-        self._cmd = hub.session.serve("cmd/plant", self._command)
+        self._param = hub.session.serve("param/plant", self.parameters)
+        self.cmd = hub.session.serve("cmd/plant", self.command)
 
     def poll(self) -> None:
         """Do what was asked since the last tick."""
         self._param.poll()
-        self._cmd.poll()
+        self.cmd.poll()
 
     def close(self) -> None:
         """The run has ended: refuse what was still being built."""
-        for server in (self._param, self._cmd):
+        for server in (self._param, self.cmd):
             server.give_up("the run ended before it was done")
 
-    def _parameters(self, body: dict[str, Any]) -> dict[str, Any] | Later:
+    def parameters(self, body: dict[str, Any]) -> dict[str, Any] | Later:
+        """The answer to `param/plant`, or what will give it."""
         return self._answered(body, self._tuned(body))
 
-    def _command(self, body: dict[str, Any]) -> dict[str, Any] | Later:
+    def command(self, body: dict[str, Any]) -> dict[str, Any] | Later:
+        """The answer to `cmd/plant`, or what will give it."""
         return self._answered(body, self._carried_out(body))
 
     def _answered(self, body: dict[str, Any], how: Later) -> dict[str, Any] | Later:
@@ -183,7 +185,7 @@ class Operator:
         except ValidationError as error:
             faults = [f"{'.'.join(map(str, one['loc'])):.80}: {one['msg']}" for one in error.errors(include_url=False)]
             raise UsageError("\n".join(f"admit: {fault}" for fault in faults)) from None
-        hub, operation, name, user = self._hub, self._operation, asked.controller, self._cmd.asker
+        hub, operation, name, user = self._hub, self._operation, asked.controller, self.cmd.asker
         told = (name, asked.drives, asked.period_ns, asked.hears)
 
         def gone() -> list[str]:

@@ -97,9 +97,9 @@ def prepare(
     many = f"{len(wanted)} kernel shapes in {sum(map(len, wanted.values()))} scenes"
     say(f"{many}, {len(missing)} to prepare; there can be {len(VARIANTS)}")
     workers = min(workers, len(missing))
-    progress = _Progress(missing, max(workers, 1), say)
+    progress = Progress(missing, max(workers, 1), say)
     if workers > 1:
-        _together(list(missing.values()), workers, progress)
+        together(list(missing.values()), workers, progress)
     else:
         for number, scene in enumerate(missing.values()):
             progress.begins(number)
@@ -109,7 +109,7 @@ def prepare(
     return progress.spent
 
 
-class _Progress:
+class Progress:
     """What is told of shapes that are compiled, by number."""
 
     def __init__(self, missing: Mapping[Shape, Scene], workers: int, say: Callable[[str], object]) -> None:
@@ -132,7 +132,7 @@ class _Progress:
         self._say(f"{number + 1} of {len(self._missing)}: ready after {seconds:.1f} s")
 
 
-def _together(scenes_: list[Scene], workers: int, progress: _Progress) -> None:
+def together(scenes_: list[Scene], workers: int, progress: Progress) -> None:
     """Compile for these scenes in so many processes, which take one after the other.
 
     What several of them need, each compiles for itself unless another was faster: they keep it one at a time.
@@ -185,18 +185,19 @@ def _run(scene: Scene) -> None:
 def ready() -> set[Shape]:
     """Shapes that have been compiled for these sources and this processor."""
     try:
-        return {Shape(*one) for one in json.loads(_notes().read_text())}
+        return {Shape(*one) for one in json.loads(notes().read_text())}
     except (OSError, ValueError, TypeError):  # not there, or damaged: what is compiled is found all the same
         return set()
 
 
-def _notes() -> Path:
+def notes() -> Path:
+    """The file that tells which shapes have been compiled."""
     return kernel.FOLDER.path / f"warm-{llvmlite.binding.get_host_cpu_name()}.json"
 
 
 def note(one: Shape) -> None:
     """Remember that the kernels of a shape have been compiled."""
-    noted, place = sorted(ready() | {one}), _notes()
+    noted, place = sorted(ready() | {one}), notes()
     draft = place.with_suffix(f".{os.getpid()}")
     try:
         draft.write_text(json.dumps(noted))

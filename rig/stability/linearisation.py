@@ -307,10 +307,10 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
     by_speed, by_load = np.zeros(P), np.zeros(P)
     for _ in range(_ROUNDS if np.any(load_t[:, :P]) else 1):  # N depends on T where the inertia of an absorber bears it
         N = load @ x + load_t @ T
-        before = T.copy()
+        before = T.tolist()
         for p in slipping:
             T[p], by_speed[p], by_load[p] = contact(int(p), float(w[p]), float(N[p]))
-        if np.allclose(T, before, rtol=1e-14, atol=0.0):
+        if all(abs(force - last) <= 1e-14 * abs(last) for force, last in zip(T.tolist(), before)):
             break
     change = by_speed[:, None] * system.slip_rows + by_load[:, None] * (load + load_t[:, P:] @ dT[P:])
     try:

@@ -103,7 +103,7 @@ class Bridge:
 
     def __init__(self, session: Session, wait: float = 10.0, trust: bool = False) -> None:
         self._session = session
-        self._heard: Receiver = session.subscribe(*TOPICS, depth=_DEPTH, polled=True)
+        self.heard: Receiver = session.subscribe(*TOPICS, depth=_DEPTH, polled=True)
         self._plant: Watch = session.watch("plant/*")
         described = run_setup.fetch(session, wait)
         if not self._plant.wait_for("plant", "plant", wait):
@@ -114,12 +114,12 @@ class Bridge:
             trust_scene(described.scene)
         sensors = {name: unit for name, (unit, _) in described.sensors.items()}
         self.drawing = Drawing(described.scene, described.outputs, sensors)
-        self._feed = Feed(self.drawing, described)
+        self.feed = Feed(self.drawing, described)
 
     @property
     def lost(self) -> int:
         """Messages that did not arrive."""
-        return self._heard.lost
+        return self.heard.lost
 
     def run(
         self, rec: rr.RecordingStream, stop: threading.Event, watched: Callable[[], bool] = lambda: True
@@ -128,40 +128,41 @@ class Bridge:
         self.drawing.static(rec)
         sender = Sender(rec)
         while not stop.is_set() and self._goes_on() and watched() and not sender.fault:
-            self._listen()
+            self.listen()
             if sender.free:
-                sender.offer(self._feed.take(self.lost))
+                sender.offer(self.feed.take(self.lost))
             stop.wait(PAUSE_S)
             self._plant.poll()
         told = stop.is_set()
         quiet = time.monotonic() + (0.0 if told or not watched() else _LAST_WORDS_S)
         while time.monotonic() < quiet:  # presence is told faster than data: the last words are on their way
             time.sleep(0.05)
-            self._listen()
-        sender.finish(self._feed.take(self.lost))
+            self.listen()
+        sender.finish(self.feed.take(self.lost))
         ended = "told to stop" if told else "the window was closed" if not watched() else "the plant left"
-        counts = self._heard.counts
+        counts = self.heard.counts
         return Viewing(
             run=self._session.run,
             ended=sender.fault or ended,
             messages=sum(count.received for count in counts.values()),
             lost={topic: count.lost for topic, count in counts.items() if count.lost},
-            dropped=self._feed.dropped,
+            dropped=self.feed.dropped,
             refused=self._session.door.total,
-            thinned=self._feed.thinned,
+            thinned=self.feed.thinned,
         )
 
     def _goes_on(self) -> bool:
         """Whether the plant is here, or hangs and may come back."""
         return ("plant", "plant") in self._plant.present or not self._session.ended
 
-    def _listen(self) -> None:
-        arrived = self._heard.drain()
+    def listen(self) -> None:
+        """Take in what has arrived."""
+        arrived = self.heard.drain()
         for message in arrived:
             if message.topic == "total/plant":  # the plant accounts for what everybody got
                 own = f"total/{self._session.name}"
                 self._session.publisher(own).put(self._session.totals(), message.t_ns)
-        self._feed.add(message for message in arrived if not message.topic.startswith("total/"))
+        self.feed.add(message for message in arrived if not message.topic.startswith("total/"))
 
 
 class Sender:

@@ -86,7 +86,7 @@ def _compose(figure: Figure, run: Run) -> None:
     system = contact.system_of(run.scene)
     modes = contact.Modes(system).indices(run.mode)
     phases(figure.add_subplot(grid[0, 0], sharex=times), run)
-    _velocity(times, run)
+    velocity(times, run)
     panels = [times, *(figure.add_subplot(grid[row, 0], sharex=times) for row in range(2, len(heights) - 1))]
     _forces(panels[1], run)
     if len(panels) > 2:
@@ -106,7 +106,8 @@ def _compose(figure: Figure, run: Run) -> None:
     heading(figure, run)
 
 
-def _velocity(axes: Axes, run: Run) -> None:
+def velocity(axes: Axes, run: Run) -> None:
+    """Draw the velocity of the body over time, and that of the surface unless it is far faster."""
     fast = _beyond(run)
     curves(axes, run, (("surface_speed", SURFACE), ("velocity", BODY))[fast:])
     if fast:

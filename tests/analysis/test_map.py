@@ -162,10 +162,10 @@ def test_an_axis_that_begins_where_the_rig_jams_has_a_map_too(tmp_path):
 
 def test_time_windows_do_not_grow_from_point_to_point_where_nothing_settles():
     track = Track(rig.load("pin"), Axis.of("friction.mu", (0.7, 0.8), rig.load("pin")), Settings("displacement"))
-    track._judged = lambda *_: Point(UNDECIDED, BLANK, 0.0)
-    before = track._window
+    track.judged = lambda *_: Point(UNDECIDED, BLANK, 0.0)
+    before = track.window_ticks
     track.settle()
-    assert track._window == before
+    assert track.window_ticks == before
 
 
 def test_a_boundary_next_to_a_point_without_sliding_is_found(tmp_path):

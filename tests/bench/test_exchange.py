@@ -25,7 +25,7 @@ def exchange(runner, hold=50, kind=Exchange, **delay):
 
 
 def kinds(made):
-    return [event.kind for event in made._journal.events]
+    return [event.kind for event in made.journal.events]
 
 
 def test_a_command_is_in_force_at_the_tick_of_its_arrival(runner):

@@ -579,26 +579,26 @@ def test_what_cannot_be_tuned_is_refused_with_what_can(scene, numbers):
         operator, operation = bench.plant.operator, bench.plant.operation
         for key, value in (("start.velocity", 1.0), ("friction.law", "coulomb")):
             with pytest.raises(UsageError, match=f"{key}: is fixed while the rig runs\n.*tuned: .*load.force") as told:
-                operator._parameters({"set": {key: value}})
+                operator.parameters({"set": {key: value}})
             assert "start." not in str(told.value).partition("\n")[2]
         assert not operation.journal.events
         with pytest.raises(UsageError, match="known: ") as told:
-            operator._parameters({"set": {"zzz": 1.0}})
+            operator.parameters({"set": {"zzz": 1.0}})
         assert str(told.value).count("drive.speed,") == str(told.value).count("load.force,") == 1
 
 
 def test_a_value_that_a_controller_overrules_is_told_to_wait(scene, numbers):
     with Bench(scene, numbers, pace=None) as bench:
         operator, exchange = bench.plant.operator, bench.plant.operation.exchange
-        assert operator._parameters({"set": {"load.force": 21.0}})["overruled"] == {}  # it has not commanded yet
+        assert operator.parameters({"set": {"load.force": 21.0}})["overruled"] == {}  # it has not commanded yet
         exchange.receive("nf", 0, (7.0,))
         exchange.take_over()
-        told = operator._parameters({"set": {"load.force": 5.0, "drive.speed": 0.07}})
+        told = operator.parameters({"set": {"load.force": 5.0, "drive.speed": 0.07}})
         assert told["values"] == {"load.force": 5.0, "drive.speed": 0.07}
         assert told["overruled"] == {"load.force": "nf"}
-        assert operator._parameters({"get": ["load.force"]})["values"] == {"load.force": 7.0}
-        operator._command({"do": "disconnect", "controller": "nf"})
-        told = operator._parameters({"get": ["load.force"]})
+        assert operator.parameters({"get": ["load.force"]})["values"] == {"load.force": 7.0}
+        operator.command({"do": "disconnect", "controller": "nf"})
+        told = operator.parameters({"get": ["load.force"]})
         assert (told["values"], told["overruled"]) == ({"load.force": 5.0}, {})
 
 
@@ -660,18 +660,18 @@ def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, n
         operator, operation = bench.plant.operator, bench.plant.operation
         lines = operation.exchange.lines
         wanted = {"do": "admit", "controller": "first", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
-        operator._cmd.asker = "guest-1"
-        operator._command(wanted)
+        operator.cmd.asker = "guest-1"
+        operator.command(wanted)
         line = lines["first"]
-        operator._cmd.asker = "guest-2"
+        operator.cmd.asker = "guest-2"
         for wrong in ({"period_ns": 1}, {"drives": ["drive.speed", "load.force"]}, {"reads": ["y"], "hears": True}):
             with pytest.raises(UsageError):
-                operator._command(wanted | {"controller": "other"} | wrong)
+                operator.command(wanted | {"controller": "other"} | wrong)
             assert lines["first"] is line
         with pytest.raises(UsageError, match="first"):  # it may be about to tell that it is here
-            operator._command(wanted | {"controller": "other"})
+            operator.command(wanted | {"controller": "other"})
         monkeypatch.setattr("rig.bench.hub._ANNOUNCED_S", 0.0)
-        assert operator._command(wanted | {"controller": "other"})["tick"] == 0
+        assert operator.command(wanted | {"controller": "other"})["tick"] == 0
         assert set(lines) == {"nf", "other"}
         kinds = [event.kind for event in operation.journal.events]
         assert kinds[-3:] == ["admitted", "dismissed", "admitted"]
@@ -681,19 +681,19 @@ def test_the_name_of_an_admitted_controller_is_free_as_soon_as_it_came_and_left(
     with Bench(scene, numbers, pace=None) as bench:
         operator, hub = bench.plant.operator, bench.plant.hub
         wanted = {"do": "admit", "controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
-        operator._cmd.asker = "guest-1"
-        operator._command(wanted)
-        operator._cmd.asker = "guest-2"
+        operator.cmd.asker = "guest-1"
+        operator.command(wanted)
+        operator.cmd.asker = "guest-2"
         hub.look()
         with pytest.raises(UsageError, match="taken"):  # it may be about to tell that it is here
-            operator._command(wanted)
+            operator.command(wanted)
         with bench.twin.open("controller", "mine") as mine:
             mine.announce()
             hub.look()
             with pytest.raises(UsageError, match="taken"):
-                operator._command(wanted)
+                operator.command(wanted)
         hub.look()
-        operator._command(wanted)
+        operator.command(wanted)
 
 
 def test_a_name_that_has_commanded_keeps_its_number_of_actuators(scene, numbers):
@@ -774,14 +774,14 @@ def test_commands_of_an_admitted_controller_count_only_from_the_user_that_asked(
             return found and found[0]
 
         assert told("guest-1", 0) is None  # not admitted
-        operator._cmd.asker = "guest-1"
-        operator._command(wanted)
+        operator.cmd.asker = "guest-1"
+        operator.command(wanted)
         assert [told("guest-2", 1), told("mine", 2), told("guest-1", 3)] == [None, None, "mine"]
-        operator._cmd.asker = "guest-2"
+        operator.cmd.asker = "guest-2"
         with pytest.raises(UsageError, match="taken"):
-            operator._command(wanted)
-        operator._cmd.asker = "guest-1"  # the same process asks again
-        operator._command(wanted)
+            operator.command(wanted)
+        operator.cmd.asker = "guest-1"  # the same process asks again
+        operator.command(wanted)
         assert [told("guest-2", 4), told("guest-1", 5)] == [None, "mine"]
         refused = hub.session.door.told()
         assert refused["guest-1 on act/mine: not admitted"] == 1

@@ -59,8 +59,8 @@ class Contender:
 
 
 def timed(own, less, disturb, rounds=9):
-    ticks = module._timed({"": Contender(own, disturb), "less": Contender(less, disturb)}, rounds, lambda *_: None)
-    return Paired("less", **module._cost(ticks, "less"))
+    ticks = module.timed({"": Contender(own, disturb), "less": Contender(less, disturb)}, rounds, lambda *_: None)
+    return Paired("less", **module.cost_of(ticks, "less"))
 
 
 def test_a_cost_is_told_above_the_noise_of_the_machine_and_bounded_below_it():
@@ -89,9 +89,9 @@ def test_a_busy_machine_yields_no_cost_that_is_not_there(seed):
 def test_rounds_are_repeated_while_the_noise_is_coarse():
     draw = np.random.default_rng(2)
     turns = {"": Contender(100.0, lambda: 0.0), "less": Contender(90.0, lambda: 0.0)}
-    assert len(module._timed(turns, 3, lambda *_: None)["less"]) == 3
+    assert len(module.timed(turns, 3, lambda *_: None)["less"]) == 3
     turns = {"": Contender(100.0, lambda: draw.exponential(200.0)), "less": Contender(90.0, lambda: 0.0)}
-    assert len(module._timed(turns, 3, lambda *_: None)["less"]) > 3
+    assert len(module.timed(turns, 3, lambda *_: None)["less"]) > 3
 
 
 def test_a_change_has_a_unit_and_is_a_share_of_the_larger_value():

@@ -259,8 +259,8 @@ def _step(scene):
 def test_several_processes_compile_together(compiled, monkeypatch):
     told = []
     scenes_ = {warmup.shape(one): one for one in map(rig.load, ("belt", "belt_c"))}
-    progress = warmup._Progress(scenes_, 2, told.append)
-    warmup._together(list(scenes_.values()), 2, progress)
+    progress = warmup.Progress(scenes_, 2, told.append)
+    warmup.together(list(scenes_.values()), 2, progress)
     assert progress.spent.keys() == scenes_.keys() == warmup.ready()
     assert min(progress.spent.values()) > 0.0
     assert sum("ready after" in line for line in told) == 2
@@ -272,4 +272,4 @@ def test_a_compiler_that_is_lost_is_told(compiled):
     broken = replace(scene, plant="nothing")
     shapes = {warmup.Shape(states, False, False, False): broken for states in (1, 2)}
     with pytest.raises(WorkerError, match=r"compiler \d ended with code 1"):
-        warmup._together([broken, broken], 2, warmup._Progress(shapes, 2, print))
+        warmup.together([broken, broken], 2, warmup.Progress(shapes, 2, print))

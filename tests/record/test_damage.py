@@ -16,7 +16,7 @@ from twin import Twin
 from rig.bus import encode, messages
 from rig.bus.run_setup import Setup
 from rig.errors import BusError, LogError, UsageError
-from rig.record import mcap_file, reader
+from rig.record import mcap_file, reader, writer
 from rig.record.byte_scan import walk
 from rig.record.compare import compare
 from rig.record.message_scan import Scan
@@ -35,7 +35,9 @@ def walked(path):
 
 def record(path, count, finished=True):
     """Messages as the recorder gets them."""
-    log, state = Writer(path, SETUP, "recorded"), encode.StateEncoder(1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(writer, "FLUSH_NS", 0)  # due whenever it is asked
+        log, state = Writer(path, SETUP, "recorded"), encode.StateEncoder(1)
     try:
         for k in range(count):
             now = k * 1_000_000
@@ -45,7 +47,7 @@ def record(path, count, finished=True):
         if finished:
             log.close({"messages": log.messages}, {"verdict": "VALID"})
         else:
-            log._mcap.flush()
+            log.flush_if_due()
     finally:
         log.abandon()
 

@@ -216,8 +216,9 @@ def test_a_full_disk_is_told(run):
         save(run, Path("/dev/full"))
 
 
-def test_a_disk_that_fills_up_is_told_with_what_was_kept(tmp_path):
+def test_a_disk_that_fills_up_is_told_with_what_was_kept(tmp_path, monkeypatch):
     path = tmp_path / "run.mcap"
+    monkeypatch.setattr(writer, "FLUSH_NS", 0)  # due whenever it is asked
     log = Writer(path, SETUP, "saved")
 
     class Full:
@@ -225,7 +226,6 @@ def test_a_disk_that_fills_up_is_told_with_what_was_kept(tmp_path):
             raise OSError(28, "No space left on device")
 
     log.write("meas/s", b"", 1_500_000_000, 0, 0)
-    log._flush_due = 0
     log.flush_if_due()
     log.write("meas/s", b"", 1_580_000_000, 1, 0)  # of a chunk that is not written any more
     log._mcap._Writer__stream = Full()
@@ -313,12 +313,13 @@ def test_runs_are_aligned_by_time_not_by_index(run):
 
 def test_memory_does_not_grow_with_the_length_of_a_recording(tmp_path, monkeypatch):
     monkeypatch.setattr(mcap_file, "_SPILL", 1 << 14)
+    monkeypatch.setattr(writer, "FLUSH_NS", 0)  # due whenever it is asked
     log, payload, taken = Writer(tmp_path / "run.mcap", SETUP, "recorded"), encode.block(0, 0, 1, [0.0]), []
     tracemalloc.start()
     for k in range(6000):
         for sensor in range(8):
             log.write(f"meas/s{sensor}", payload, k, k, k)
-        log._mcap.flush()  # a chunk each: as after a day
+        log.flush_if_due()  # a chunk each: as after a day
         if k in (1000, 5999):
             taken.append(tracemalloc.get_traced_memory()[0])
     tracemalloc.stop()

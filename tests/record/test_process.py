@@ -164,7 +164,8 @@ def test_losses_are_counted_equally_at_both_ends(plant, script, tmp_path):
     recorder.send_signal(signal.SIGCONT)
     time.sleep(0.3)
     plant.advance(50)
-    sent = {topic: publisher.sent for topic, publisher in plant.session._publishers.items()}
+    said = messages.decode("total/plant", plant.session.totals())
+    sent = dict(zip(said.sent_topic, said.sent))
     told = plant.finish()
     account = json.loads(recorder.communicate(timeout=10)[0])
     lost = {t: account["gaps"].get(t, 0) + account["tail"].get(t, 0) for t in sent}

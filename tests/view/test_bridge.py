@@ -133,19 +133,18 @@ def test_the_portrait_is_the_last_two_seconds(shown):
 def test_what_nobody_takes_is_dropped_and_counted(plant, hub):
     plant.serve()
     bridge = Bridge(hub.open("viewer", "viewer"))
-    kept = bridge._feed
+    kept = bridge.feed
     plant.speak(0, 100)
-    bridge._listen()
+    bridge.listen()
     assert kept.dropped == 0
     for second in range(1, 31):  # the viewer hangs
         plant.speak(1000 * second, 1000)
-        bridge._listen()
+        bridge.listen()
     assert kept.messages == plant.sent
     assert kept.dropped > 0
     curves = {path: t_ns for path, t_ns, _ in kept.take()}
     assert curves["plant/velocity"].size <= feed.KEPT
     assert curves["sensor/gauge"].size <= feed.KEPT
-    assert kept.dropped + len(kept._states) < kept.messages
 
 
 def test_what_the_bridge_is_too_slow_for_is_counted_by_topic(plant, hub, monkeypatch):
@@ -153,10 +152,10 @@ def test_what_the_bridge_is_too_slow_for_is_counted_by_topic(plant, hub, monkeyp
     plant.serve()
     bridge = Bridge(hub.open("viewer", "viewer"))
     plant.speak(0, 10)
-    bridge._listen()
+    bridge.listen()
     plant.speak(10, 1000)  # a dozen batches
-    bridge._listen()
-    count = bridge._heard.counts["meas/gauge"]
+    bridge.listen()
+    count = bridge.heard.counts["meas/gauge"]
     assert count.lost > 0
     assert count.received + count.lost == 1010
     assert bridge.lost >= count.lost

@@ -150,7 +150,7 @@ def test_a_surface_far_faster_than_the_body_does_not_flatten_its_curve(run):
     slow = replace(run, signals={**run.signals, "surface_speed": np.full(run.time.size, 20.0)})
     for one, below in ((run, True), (slow, False)):
         axes = Figure().subplots()
-        run_figure._velocity(axes, one)
+        run_figure.velocity(axes, one)
         drawn = [line.get_label() for line in axes.get_lines()]
         assert ("surface speed" in drawn) is below
         assert axes.get_ylim()[1] < 1.0

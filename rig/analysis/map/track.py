@@ -84,7 +84,7 @@ class Track:
         self.step_ns = frame // math.ceil(frame * 1e-9 * _SAMPLES / fastest)
         self.step = self.step_ns * 1e-9
         self._short = max(8, round(WINDOW * self.slowest / self.step))
-        self._window = self._short
+        self.window_ticks = self._short
         self._held: dict[int, bool] = {}
 
     def _typical(self) -> tuple[float, Steady]:
@@ -173,7 +173,7 @@ class Track:
         """Start anew at `value` from state `x`, as if nothing had been before."""
         self._go(value)
         self._motion.restart(x)
-        self._window = self._short
+        self.window_ticks = self._short
 
     def _go(self, value: float) -> None:
         if self._slope or value == self.value:
@@ -215,26 +215,27 @@ class Track:
         Where none is stated, a motion that still drifts then is watched for twice as long, by windows twice as long.
         """
         turn = self._turn()
-        begun = self._window
+        begun = self.window_ticks
         longest = self.settings.longest or max(PERIODS * self.slowest, _LATEST * turn * self.step)
         rounds = 1 if self.settings.longest else _ROUNDS
         point = Point(UNDECIDED, BLANK, 0.0)
         for _ in range(rounds):
             judge = Judge(self.settings.kick, near, turn > 0)
-            found = self._judged(judge, longest, turn)
+            found = self.judged(judge, longest, turn)
             point = found._replace(spent=point.spent + found.spent)
             if point.state != UNDECIDED:
                 break
-            longest, self._window = 2.0 * longest, 2 * self._window
+            longest, self.window_ticks = 2.0 * longest, 2 * self.window_ticks
         if point.state in (UNDECIDED, STOPPED):  # no window has fitted: the next point does not begin with a longer one
-            self._window = begun
+            self.window_ticks = begun
         return point
 
-    def _judged(self, judge: Judge, longest: float, turn: int) -> Point:
+    def judged(self, judge: Judge, longest: float, turn: int) -> Point:
+        """Watch window after window, at most for `longest` s and in each for a whole `turn` [ticks]."""
         window, spent = BLANK, 0.0
         try:
             while spent < longest:
-                span = max(self._window, turn)
+                span = max(self.window_ticks, turn)
                 window = self._watch(span)
                 spent += span * self.step
                 state = judge.take(window)
@@ -242,7 +243,7 @@ class Track:
                     self._fit(window)
                     return Point(state, window, spent)
                 if 0.0 < window.share and window.sticks < _FEW and 4 * span * self.step < longest:
-                    self._window = 2 * span
+                    self.window_ticks = 2 * span
                     judge.windows.clear()
         except NumericsError as error:
             return stopped(error, spent)
@@ -258,7 +259,7 @@ class Track:
 
     def _fit(self, window: Window) -> None:
         if window.sticks > _MANY or not window.share:
-            self._window = max(self._short, self._window // 2)
+            self.window_ticks = max(self._short, self.window_ticks // 2)
 
     def _watch(self, ticks: int) -> Window:
         """Run one window and tell what it shows."""

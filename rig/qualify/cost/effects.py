@@ -202,15 +202,15 @@ def compared(
             told[name] = replace(told.get(name, Paired(name)), note=f"without it the plant stops: {error.what}")
         except RigError as error:
             told[name] = Paired(name, fault=str(error).partition("\n")[0])
-    ticks = _timed(contenders, rounds, say)
+    ticks = timed(contenders, rounds, say)
     for name, one_of in told.items():
-        yield replace(one_of, **_cost(ticks, name)) if name in ticks else one_of
+        yield replace(one_of, **cost_of(ticks, name)) if name in ticks else one_of
 
 
 _AGAIN = "\0again"  # no effect has this name
 
 
-def _timed(
+def timed(
     contenders: Mapping[str, Contender], rounds: int, say: Callable[[int, int], object]
 ) -> dict[str, list[float]]:
     """Time [ns] of a step of each contender, by round; of the first, named "", a second time as `_AGAIN`."""
@@ -222,7 +222,7 @@ def _timed(
                 ticks[name].append(turns[name].run() / turns[name].ticks * 1e9)
             if turn < rounds:
                 say(turn + 1, rounds)
-            if (turn + 1) % rounds == 0 and all(_fine(**_cost(ticks, name)) for name in contenders if name):
+            if (turn + 1) % rounds == 0 and all(_fine(**cost_of(ticks, name)) for name in contenders if name):
                 break
     return ticks
 
@@ -231,7 +231,7 @@ def _fine(tick: Spread, noise: float, whole: float) -> bool:
     return noise <= _FINE * whole
 
 
-def _cost(ticks: Mapping[str, list[float]], name: str) -> dict[str, Any]:
+def cost_of(ticks: Mapping[str, list[float]], name: str) -> dict[str, Any]:
     """`tick`, `noise` and `whole` of an effect; the noise is that of the plant beside itself, or of the difference."""
     mine = np.array(ticks[""])
 
