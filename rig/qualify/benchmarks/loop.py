@@ -66,10 +66,14 @@ def beside_bare(rounds: int = ROUNDS, lockstep_s: float = 3.0, paced_s: float = 
         bare["paced"].append(_bare(paced=True))
     found: dict[str, Any] = {"rows": rows, "bare": bare, "publish": statistics.median(rows["publish"])}
     for kind, around in bare.items():
-        ratios = [2.0 * row / (a + b) for row, a, b in zip(rows[kind], around, around[1:])]
-        found[f"{kind}_ratio"] = statistics.median(ratios)
+        found[f"{kind}_ratio"] = statistics.median(over_bare(rows[kind], around))
         found[kind], found[f"{kind}_bare"] = statistics.median(rows[kind]), statistics.median(around)
     return found
+
+
+def over_bare(rows: list[float], around: list[float]) -> list[float]:
+    """Each of `rows` over the mean of the two of `around` that were measured before and after it."""
+    return [2.0 * row / (before + after) for row, before, after in zip(rows, around, around[1:])]
 
 
 def plate() -> dict[str, Any]:
