@@ -23,14 +23,14 @@ class About:
     hardware  a device that is bought and mounted: absent on purpose, so the audit of a run does not miss it
     needs     other tables of the plant without which it cannot be
     switch    its value that switches it on and off, an input of the rig
-    random    runs with it and without it cannot be compared one by one
+    random    its value that is the size of its randomness: runs with it and without it are not compared one by one
     """
 
     text: str = ""
     hardware: bool = False
     needs: tuple[str, ...] = ()
     switch: str = ""
-    random: bool = False
+    random: str = ""
 
 
 @dataclass(frozen=True)

@@ -30,7 +30,7 @@ class Noise(Effect):
     """One-sided spectral density of the force."""
 
     declares: ClassVar = About(
-        "a random force along the sliding direction, a new one in every frame", hardware=True, random=True
+        "a random force along the sliding direction, a new one in every frame", hardware=True, random="force"
     )
 
     force: Density

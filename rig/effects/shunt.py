@@ -129,7 +129,8 @@ def add(a: Assembly, stack: Stack, shunt: Open | Short | Series | Parallel, move
         a.inputs.setdefault("shunt.connected", Input("1", 0.0, 1.0, float(shunt.connected), float(shunt.connected)))
     if isinstance(shunt, Series):
         L, R, delta = shunt.inductance, shunt.resistance, shunt.delta
-        a.inputs.setdefault("shunt.inductance", Input("H", *reach(L, 0.0, math.inf, 1e4), L, L))
+        bank = "a bank of coils for it to run through (shunt.bank)"
+        a.inputs.setdefault("shunt.inductance", Input("H", *reach(L, 0.0, math.inf, 1e4), L, L, ramped=bank))
         a.inputs["shunt.resistance"] = Input("ohm", *reach(R, 0.0, math.inf, 1e9), R, R)
         a.inputs["shunt.delta"] = Input("1", *reach(delta, min(-0.999, delta), math.inf, 1e3), delta, delta)
 

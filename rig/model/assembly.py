@@ -47,7 +47,8 @@ class Input:
     A command is put in force by writing the state `state`; a ramp by writing `slope` as well (a state too, so that no
     command changes a matrix). `write(x, values, t)` serves inputs that act on several states: `values` holds what is
     commanded of every input, t is the time [s]. An input without any of these changes the scene key of its own name.
-    `lagging`: the state that follows the command, which has reached it when a run begins.
+    `lagging`: the state that follows the command, which has reached it when a run begins. `ramped`: what a scene needs
+    for a ramp of an input that takes steps only.
     """
 
     unit: str
@@ -59,6 +60,7 @@ class Input:
     slope: str = ""
     write: Write | None = None
     lagging: str = ""
+    ramped: str = ""
 
 
 @dataclass(frozen=True)

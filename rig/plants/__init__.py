@@ -3,6 +3,9 @@
 A plant is a module with a section `Parameters` and a function `assemble(parameters, moved)`, which gives a
 `rig.model.assembly.Assembly`. `PLANTS` finds it by its name; there is no list. What several plants are made of is in
 `structures`.
+
+`PICTURES` of the module says what is to be drawn of it (rig.picture). A table that the plant may be without is an
+effect; it says what it is (rig.about).
 """
 
 from __future__ import annotations

@@ -17,8 +17,10 @@ from rig.effects.load import Load
 from rig.effects.piezo import WithStack
 from rig.effects.tuned_mass import TunedMass
 from rig.model.assembly import Assembly, Output
+from rig.picture import OnBelt
 from rig.quantities import Kilogram, Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
 
+PICTURES = (OnBelt(),)
 RAMPED = {"drive.speed": "ramped", "load.force": "ramped"}
 
 

@@ -32,6 +32,7 @@ from rig.effects.friction import Friction
 from rig.effects.inhomogeneity import Inhomogeneity
 from rig.effects.piezo import Piezo, WithStack
 from rig.model.assembly import Assembly, Output, Row
+from rig.picture import Own
 from rig.plants.belt import RAMPED
 from rig.plants.structures.brake_disc import Bending
 from rig.plants.structures.multibody import Body, Spring, adrift, apart, held, motion, unknown
@@ -47,6 +48,8 @@ from rig.quantities import (
     Ratio,
     Section,
 )
+
+PICTURES = (Own("rig.view.brake:Brake", ("displacement", "velocity", "surface_speed")),)
 
 
 class Structure(Section):

@@ -28,6 +28,7 @@ from rig.effects.moving_contact import Geometry, Slope
 from rig.effects.noise import Noisy
 from rig.effects.separation import Separation
 from rig.model.assembly import Assembly, Output, Part
+from rig.picture import Own
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Angle,
@@ -41,6 +42,8 @@ from rig.quantities import (
     Section,
     SomeNewtonPerMetre,
 )
+
+PICTURES = (Own("rig.view.lumped:Slider", ("displacement", "height", "disc_speed")),)
 
 
 class Slider(Section):

@@ -30,9 +30,12 @@ from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.separation import Separation
 from rig.model.assembly import Assembly, Output
+from rig.picture import Own
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.two_dof import Body, Contact, Strut
 from rig.quantities import Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
+
+PICTURES = (Own("rig.view.four_dof:ThreeBodies", ("body_1_displacement", "body_3_height")),)
 
 
 class Spring(Section):

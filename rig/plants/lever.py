@@ -40,6 +40,7 @@ from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.sector import Sector
 from rig.model.assembly import Assembly, Output
+from rig.picture import OnDisc, Own
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.structures import series
 from rig.quantities import (
@@ -54,6 +55,8 @@ from rig.quantities import (
     Section,
     SomeKilogram,
 )
+
+PICTURES = (Own("rig.view.lever:Lever", ("angle", "lever_angle", "disc_speed", "normal_force")), OnDisc())
 
 GRAVITY = 9.81  # m/s^2
 ANGLES = ("phi", "theta")

@@ -27,6 +27,7 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.model.assembly import Assembly, Output
+from rig.picture import Own
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Angle,
@@ -42,6 +43,8 @@ from rig.quantities import (
     RadianPerSecond,
     Section,
 )
+
+PICTURES = (Own("rig.view.lumped:Tilting", ("displacement", "tilt", "surface_speed")),)
 
 
 class Body(Section):

@@ -19,6 +19,7 @@ from rig.effects.load import Load
 from rig.effects.piezo import WithStack
 from rig.effects.tuned_mass import TunedMass
 from rig.model.assembly import Assembly, Output
+from rig.picture import OnDisc
 from rig.plants.belt import RAMPED, Start, contact_outputs
 from rig.quantities import (
     KilogramSquareMetre,
@@ -27,6 +28,8 @@ from rig.quantities import (
     PositiveMetre,
     Section,
 )
+
+PICTURES = (OnDisc(),)
 
 
 class Body(Section):

@@ -23,8 +23,11 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.model.assembly import Assembly, Output
+from rig.picture import OnBelt
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import AcuteAngle, Kilogram, Metre, MetrePerSecond, NewtonPerMetre, NewtonSecondPerMetre, Section
+
+PICTURES = (OnBelt(up="disc_displacement", lean=0.35),)
 
 
 class Pin(Section):

@@ -34,6 +34,7 @@ from rig.errors import SceneError
 from rig.model import film
 from rig.model.assembly import Assembly, Output, Row
 from rig.model.film import over
+from rig.picture import Own
 from rig.plants.belt import RAMPED
 from rig.plants.structures import model_store, plate_model
 from rig.plants.structures.plate_elements import Foam, Plate
@@ -49,6 +50,8 @@ from rig.quantities import (
     SomeMetre,
 )
 from rig.solve import film_sums
+
+PICTURES = (Own("rig.view.plate:Plate", ("position", "normal_force", "surface_speed")),)
 
 Array = NDArray[np.float64]
 Along = Annotated[int, Ge(1), Le(64)]
@@ -256,6 +259,9 @@ def _slide(a: Assembly, p: Slid, grid: Grid, model: Reduced, names: list[str], m
             row = _pressed(p, every, own.stiffness * normal[:, point])
             a.normal(f"point {point + 1}", "film", row, dict(zip(every, push[:, point].tolist())))
         a.film = own
+        creep = own.creep(p.load.force / own.points)
+        told = f": a point is held by the shear of the film, {creep * 1e9:.2g} nm at the most before it slips"
+        a.about["friction at film"] = told
     else:
         for name, rows in zip(every, own.stiffness * (push @ normal.T)):
             a.push(name, _pressed(p, every, rows))

@@ -122,6 +122,7 @@ def assemble(p: Parameters, moved: Mapping[str, str] = RAMPED) -> Assembly:
         "acceleration": Output({f"{q}''": value for q, value in seen.items()}, "m/s^2"),
         "normal_force": Output({f"N:{name}": 1.0 for name in names}, "N"),
         "friction_force": Output({"T:contact": 1.0}, "N"),
+        "surface_speed": Output({"one": p.drive.speed}, "m/s"),
     }
     return a
 

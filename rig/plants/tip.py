@@ -36,6 +36,7 @@ from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.waviness import Waviness
 from rig.model.assembly import Assembly, Output
+from rig.picture import Own
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     AcuteAngle,
@@ -49,6 +50,8 @@ from rig.quantities import (
     Section,
     quantity,
 )
+
+PICTURES = (Own("rig.view.beam:Tip", ("displacement", "surface_speed")),)
 
 Share: Any = quantity("1", Gt(0.0), Le(1.0))
 

@@ -29,6 +29,7 @@ from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.waviness import Waviness
 from rig.model.assembly import Assembly, Output, Row
+from rig.picture import Own
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.structures import bending
 from rig.plants.tip import refuse_jam
@@ -42,6 +43,8 @@ from rig.quantities import (
     Ratio,
     Section,
 )
+
+PICTURES = (Own("rig.view.beam:Tip", ("displacement", "surface_speed")),)
 
 Count = Annotated[int, Ge(1), Le(16)]
 

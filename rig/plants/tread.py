@@ -21,6 +21,7 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.model.assembly import Assembly, Output
+from rig.picture import OnBelt
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Kilogram,
@@ -31,6 +32,8 @@ from rig.quantities import (
     Section,
     SomeNewtonPerMetre,
 )
+
+PICTURES = (OnBelt(up="height", lifted=True),)
 
 
 class Tip(Section):

@@ -22,6 +22,7 @@ from rig.effects.load import Load
 from rig.effects.piezo import WithStack
 from rig.effects.separation import Separation
 from rig.model.assembly import Assembly, Output
+from rig.picture import OnBelt
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (
     Angle,
@@ -32,6 +33,8 @@ from rig.quantities import (
     NewtonSecondPerMetre,
     Section,
 )
+
+PICTURES = (OnBelt(up="height", lifted=True),)
 
 
 class Body(Section):

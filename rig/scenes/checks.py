@@ -163,8 +163,8 @@ def commanded(protocol: Iterable[Any], inputs: Mapping[str, Any]) -> Iterator[Fa
                 yield key, f"{key}: {inner.target} takes {one.low:g} to {one.high:g}{unit}, not {value:g}{unit}"
             if not isinstance(inner, Set) and inner.over and not one.slope and one.write is None:
                 remedy = "set steps, one value after the other"
-                if inner.target == "shunt.inductance":
-                    remedy += ", or a bank of coils for it to run through (shunt.bank)"
+                if one.ramped:
+                    remedy += f", or {one.ramped}"
                 yield key, f"{key}: {inner.target} cannot run, every value of it makes new matrices; {remedy}"
 
 

@@ -123,11 +123,8 @@ def _effects(scene: Scene) -> Iterator[Effect]:
     for patch, *_ in assembly.patches:
         law = getattr(scene.parameters, "friction", None)
         told = f"law {getattr(law, 'law', '')}; stick and slip"
-        if assembly.film is not None:
-            load = assembly.inputs["load.force"].value
-            creep = assembly.film.creep(load / assembly.film.points)
-            told += f": a point is held by the shear of the film, {creep * 1e9:.2g} nm at the most before it slips"
-        yield Effect(f"friction at {patch}", True, (), told)
+        name = f"friction at {patch}"
+        yield Effect(name, True, (), told + assembly.about.get(name, ""))
     opening = [name for name, *_, opens in assembly.normals if opens]
     for where in opening if len(opening) <= _SINGLE else [f"{len(opening)} points"]:
         yield Effect(f"lift-off at {where}", True, (), "a contact opens where its normal force becomes zero")

@@ -3,27 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
 from rig.model.system import System
-from rig.view.lumped import Moved
-from rig.view.picture import Scale, round_down, scale_of
-from rig.view.shapes import STEEL, Columns, Integers, Reals, along, load, spring
+from rig.view.base import Scale, round_down
+from rig.view.belt import Belt
+from rig.view.shapes import STEEL, Columns, Integers, Reals, load, spring
 
 if TYPE_CHECKING:
     import rerun as rr
+
+    from rig.model.assembly import Assembly
+    from rig.scenes.scene import Scene
 
 _REACH = 0.5
 """Largest way of the tip in the picture."""
 _CLAMP, _TIP = np.array((-0.12, 0.0, 0.9)), np.array((0.0, 0.0, 0.1))
 
 
-def scale(system: System | None) -> Scale:
+def scale(system: System) -> Scale:
     """From the rig: where static friction pulls the tip, under the load that is then left."""
-    if system is None:
-        return scale_of(system)
     patch, normal, count = system.patches[0], system.normals[0], len(system.coordinates)
     force = patch.law.static * float(normal.row @ system.start)
     push = normal.direction + patch.law.static * patch.direction
@@ -32,7 +33,7 @@ def scale(system: System | None) -> Scale:
     return Scale(round_down(_REACH / reach) if reach else 1.0, force or 1.0)
 
 
-class Tip(Moved):
+class Tip(Belt):
     """Seen from the side; the disc runs to the right. The beam is bent as a force at its tip bends it.
 
     Higher modes are not drawn.
@@ -40,6 +41,11 @@ class Tip(Moved):
 
     eye = (0.1, -2.9, 1.3)
     target = (-0.05, 0.0, 0.42)
+
+    @classmethod
+    def of(cls, scene: Scene, assembly: Assembly, system: System) -> Self:
+        """See `Picture.of`."""
+        return cls(scale(system))
 
     def static(self, rec: rr.RecordingStream) -> None:
         """See `Picture.static`."""
@@ -51,9 +57,6 @@ class Tip(Moved):
         block = rr.Boxes3D(half_sizes=[(0.2, 0.3, 0.09)], centers=[(-0.12, 0.0, 0.99)], colors=[STEEL],
                            fill_mode="solid")  # fmt: skip
         rec.log("rig/wall", block, static=True)
-
-    def _placed(self, s: Mapping[str, Reals]) -> dict[str, Any]:
-        return {"translation": along(0, self.scale.motion * s["displacement"])}
 
     def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
         drawn = {one.path: one for one in super()._frames(t_ns, s, modes, ran)}

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from rig.model.system import System
 from rig.stability.linearisation import sliding_key, steady
 from rig.view import contact
-from rig.view.picture import Picture, Scale, round_down
+from rig.view.base import Picture, Scale, round_down
 from rig.view.shapes import (
     DISC,
     FRICTION,
@@ -38,6 +38,9 @@ from rig.view.shapes import (
 
 if TYPE_CHECKING:
     import rerun as rr
+
+    from rig.model.assembly import Assembly
+    from rig.scenes.scene import Scene
 
 BODIES = ("disc", "inner_pad", "outer_pad", "calliper", "free_carrier", "supporting_carrier")
 _PLACES = {"disc": (0.0, 0.0), "inner_pad": (0.0, -0.225), "outer_pad": (0.0, 0.225), "calliper": (0.0, 0.0),
@@ -125,7 +128,6 @@ def _disc(system: System, vector: NDArray[np.complex128]) -> tuple[complex, comp
 class Brake(Picture):
     """Disc, pads, calliper and carriers under the stroboscope."""
 
-    surface = "surface_speed"
     eye = (0.4, -2.3, 0.9)
     target = (0.0, 0.0, 0.0)
 
@@ -136,6 +138,12 @@ class Brake(Picture):
         load = max((abs(float(normal.row @ system.start)) for normal in system.normals), default=1.0) or 1.0
         super().__init__(Scale(round_down(_DRAWN / largest), load))
         self._contacts = [normal.name for normal in system.normals]
+
+    @classmethod
+    def of(cls, scene: Scene, assembly: Assembly, system: System) -> Self | None:
+        """See `Picture.of`; None for a brake of other bodies than `BODIES`."""
+        known = {f"{body}.x" for body in BODIES} <= set(system.names)
+        return cls(system, assembly.outputs["displacement"].row) if known else None
 
     def static(self, rec: rr.RecordingStream) -> None:
         """See `Picture.static`."""

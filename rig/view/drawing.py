@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.record.film_points import numbered
-from rig.view import contact, plate
+from rig.view import contact
 from rig.view.channels import channels
 from rig.view.phase_portrait import Portrait
 from rig.view.picture import picture_of
@@ -59,7 +59,6 @@ class Drawing:
     def __init__(self, scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> None:
         found = contact.read(scene)
         system = found[1].system() if found else None
-        rows = {name: output.row for name, output in found[1].outputs.items()} if found else {}
         at_points = {name for members in numbered(outputs).values() for name in members}
         self.scene = scene
         self.outputs, self.sensors = dict(outputs), dict(sensors)
@@ -70,8 +69,7 @@ class Drawing:
         """Whether the contact is a film of points."""
         self.worded = not at_points and (system is None or bool(system.patches))
         """Whether a word tells the state of the contact: not that of many points, nor of bonded ones."""
-        over_plate = plate.picture(found[0], system) if found and system else None
-        self.picture = over_plate or picture_of(system, outputs, rows.get("displacement"))
+        self.picture = picture_of(*found, system) if found and system else None
         self._modes = contact.Modes(system)
         self._mode = -1
         self._frame_ns = -FRAME_NS

@@ -1,7 +1,7 @@
 """The rig four_dof as a moving picture, from the side: body 2 on the belt, body 1 beside it, body 3 above it.
 
 Springs join them to each other and to the frame; the inclined one leads from body 2 up to a post. Motion across the
-belt is drawn smaller than motion along it, as in `rig.view.lumped`.
+belt is drawn smaller than motion along it, as in `rig.view.belt`.
 """
 
 from __future__ import annotations
@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rig.view.lumped import ACROSS, GAP, Lifting
-from rig.view.picture import Scale, round_down
+from rig.picture import OnBelt
+from rig.view.base import Scale, round_down
+from rig.view.belt import ACROSS, GAP, Belt
 from rig.view.shapes import SPRING, STEEL, Columns, Integers, Reals, along, coloured, load, word, zigzag
 
 if TYPE_CHECKING:
@@ -28,7 +29,7 @@ _CEILING = np.array((0.0, 0.0, 1.5))
 _POST = np.array((-0.62, 0.3, 0.9))
 
 
-class ThreeBodies(Lifting):
+class ThreeBodies(Belt):
     """Three bodies and five springs; the load presses on body 2 from beside body 3."""
 
     eye = (0.1, -3.1, 1.5)
@@ -36,7 +37,7 @@ class ThreeBodies(Lifting):
 
     def __init__(self, scale: Scale) -> None:
         """Half of the usual magnification: bodies 1 and 2 swing towards each other."""
-        super().__init__(scale._replace(motion=round_down(0.5 * scale.motion)))
+        super().__init__(scale._replace(motion=round_down(0.5 * scale.motion)), OnBelt(up="height", lifted=True))
 
     def static(self, rec: rr.RecordingStream) -> None:
         """See `Picture.static`."""
@@ -81,5 +82,6 @@ class ThreeBodies(Lifting):
         drawn["rig/load"] = load(
             t_ns, slider + np.array((0.15, 0.0, 0.18)), s["normal_force"] / self.scale.force * 0.25
         )
-        drawn["rig/word"] = word(t_ns, (0.55, 0.0, 1.2), self._said(modes, s), coloured(modes))
+        said = self._said(modes, s["friction_force"], s["normal_force"])
+        drawn["rig/word"] = word(t_ns, (0.55, 0.0, 1.2), said, coloured(modes))
         return list(drawn.values())

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rig.view.picture import Picture
+from rig.view.base import Picture
 from rig.view.shapes import (
     DISC,
     FRICTION,
@@ -121,5 +121,5 @@ class Lever(Picture):
                 vectors=load, origins=heads - load, colors=[NORMAL] * count, radii=[0.02] * count)),
             Columns("rig/spring", t_ns, rr.LineStrips3D.columns(
                 strips=strips, colors=[SPRING] * len(strips), radii=[0.012] * len(strips)).partition([3] * count)),
-            word(t_ns, (0.0, 0.0, _HEIGHT + 0.5), self._said(modes, s), colours),
+            word(t_ns, (0.0, 0.0, _HEIGHT + 0.5), self._said(modes, s["friction_force"], s["normal_force"]), colours),
         ]  # fmt: skip

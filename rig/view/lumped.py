@@ -1,4 +1,4 @@
-"""Pictures of rigs whose body does not only run along its surface: belt and pendulum, the body moved otherwise."""
+"""Pictures like those of a body on a belt or at an arm over a disc, moved otherwise: north and disc_slider."""
 
 from __future__ import annotations
 
@@ -7,61 +7,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rig.view.picture import Belt, Pendulum, disc
+from rig.view.belt import ACROSS, GAP, Belt
+from rig.view.pendulum import Pendulum, disc
 from rig.view.shapes import FRICTION, STEEL, Columns, Integers, Reals, about, along, load, spring, zigzag
 
 if TYPE_CHECKING:
     import rerun as rr
 
-GAP = 0.17
-ACROSS = 0.25  # motion across the belt, of the magnification along it: preload alone presses far in
-_LEAN = 0.35  # rad
 _PLACE = 0.83  # radius of the slider
 _STAND = np.array((_PLACE, -0.9, 0.3))
 
 
-class Moved(Belt):
-    """A belt rig whose body is moved as `_placed` says."""
-
-    def _placed(self, s: Mapping[str, Reals]) -> dict[str, Any]:
-        """Translations and turns of the body [frame], as components of a transform."""
-        raise NotImplementedError
-
-    def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
-        import rerun as rr
-
-        columns = [one for one in super()._frames(t_ns, s, modes, ran) if one.path != "rig/mass"]
-        return [*columns, Columns("rig/mass", t_ns, rr.Transform3D.columns(**self._placed(s)))]
-
-
-class Lifting(Moved):
-    """A body on a contact spring, seen as a gap, that may leave the belt: two_dof, tread."""
-
-    def _placed(self, s: Mapping[str, Reals]) -> dict[str, Any]:
-        x, height = self.scale.motion * s["displacement"], self.scale.motion * ACROSS * s["height"]
-        return {"translation": np.stack((x, np.zeros_like(x), GAP + height), axis=1)}
-
-
-class Pin(Moved):
-    """A pin that leans against the motion of the disc and moves along its axis."""
-
-    def static(self, rec: rr.RecordingStream) -> None:
-        """See `Picture.static`."""
-        import rerun as rr
-
-        super().static(rec)
-        turn = (0.0, -np.sin(_LEAN), 0.0, np.cos(_LEAN))
-        rod = rr.Boxes3D(
-            half_sizes=[(0.06, 0.06, 0.4)], centers=[(-0.26, 0, 0.32)], quaternions=[turn], fill_mode="solid"
-        )
-        rec.log("rig/mass/body", rod, static=True)
-
-    def _placed(self, s: Mapping[str, Reals]) -> dict[str, Any]:
-        x, up = (self.scale.motion * s[name] for name in ("displacement", "disc_displacement"))
-        return {"translation": np.stack((x, np.zeros_like(x), up), axis=1)}
-
-
-class Tilting(Moved):
+class Tilting(Belt):
     """North's body: towards the surface, and about its centre."""
 
     def _placed(self, s: Mapping[str, Reals]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ The vibration is faster than any picture: each shows one instant, not a mean.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 
@@ -19,11 +19,13 @@ from rig.plants.plate import Parameters
 from rig.record.film_points import Points, largest_load
 from rig.scenes.scene import Scene
 from rig.view import pressure_colours
-from rig.view.picture import Picture, Scale, round_down
+from rig.view.base import Picture, Scale, round_down
 from rig.view.shapes import DISC, FRICTION, STEEL, Columns, Integers, Reals, along, load, word
 
 if TYPE_CHECKING:
     import rerun as rr
+
+    from rig.model.assembly import Assembly
 
 _LENGTH = 0.05  # m
 _LIFTED = 0.3
@@ -32,14 +34,6 @@ _MOVED = 0.08
 """Lengths by which the slider's static deflection is drawn, at most."""
 _FOAM, _PROBE, _CENTRE = (112, 98, 74), (226, 160, 60), (240, 60, 60)
 _GREY = (176, 182, 192)
-
-
-def picture(scene: Scene, system: System) -> Plate | None:
-    """The picture of a plate under a slider; None for other rigs and a plate without a slider."""
-    parameters = scene.parameters
-    if not isinstance(parameters, Parameters) or parameters.slid is None:
-        return None
-    return Plate(parameters, Points.of(scene), _scale(parameters, system, largest_load(scene)))
 
 
 def _scale(p: Parameters, system: System, force: float) -> Scale:
@@ -56,7 +50,6 @@ def _scale(p: Parameters, system: System, force: float) -> Scale:
 class Plate(Picture):
     """Plate, foam, slider, and the film between them if it can open."""
 
-    surface = "surface_speed"
     eye = (0.1, -2.0, 1.65)
     target = (0.0, 0.0, 0.05)
 
@@ -68,6 +61,14 @@ class Plate(Picture):
         self._probe = p.probe
         self._cells = Cells(points) if points is not None else None
         self._lifted = _LIFTED if points is not None else 0.0
+
+    @classmethod
+    def of(cls, scene: Scene, assembly: Assembly, system: System) -> Self | None:
+        """See `Picture.of`; None for a plate without a slider."""
+        parameters = scene.parameters
+        if not isinstance(parameters, Parameters) or parameters.slid is None:
+            return None
+        return cls(parameters, Points.of(scene), _scale(parameters, system, largest_load(scene)))
 
     @property
     def _rear(self) -> float:

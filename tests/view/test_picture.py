@@ -7,15 +7,25 @@ import numpy as np
 import pytest
 
 import rig
+from rig.picture import OnBelt
+from rig.plants import PLANTS
+from rig.scenes.shipped import names
 from rig.view import contact
+from rig.view.base import Scale, scale_of
+from rig.view.belt import Belt
 from rig.view.blueprint import blueprint
 from rig.view.channels import channels, plots
 from rig.view.drawing import Drawing
-from rig.view.picture import picture_of, scale_of
+from rig.view.picture import picture_of
 
 
 def outputs(scene):
     return {name: output.unit for name, output in scene.assemble().outputs.items()}
+
+
+def drawn(scene):
+    assembly = scene.assemble()
+    return picture_of(scene, assembly, assembly.system())
 
 
 def moving(columns, path, component):
@@ -27,7 +37,7 @@ def moving(columns, path, component):
 
 def test_in_stick_arm_and_disc_turn_as_one():
     scene = rig.load("pendulum")
-    picture = picture_of(scene.assemble().system(), outputs(scene))
+    picture = drawn(scene)
     t_ns = np.arange(0, 500_000_000, 5_000_000)
     speed = np.full(t_ns.size, 0.03)
     signals = {name: np.zeros(t_ns.size) for name in outputs(scene)}
@@ -59,7 +69,7 @@ def test_motion_is_magnified_by_a_round_number_that_keeps_it_in_the_picture(name
 def test_bodies_that_move_across_the_surface_are_drawn_so(name, moves):
     """A short run: along which axes the body goes, and no farther than the picture reaches."""
     scene = rig.load(name)
-    picture = picture_of(scene.assemble().system(), outputs(scene))
+    picture = drawn(scene)
     run = rig.simulate(scene, 20.0 if name.endswith("_dof") else 0.05)
     t_ns = np.round(run.time * 1e9).astype(np.int64)
     shown = np.arange(0, t_ns.size, max(t_ns.size // 200, 1))
@@ -75,7 +85,7 @@ def test_bodies_that_move_across_the_surface_are_drawn_so(name, moves):
 
 def test_the_beam_ends_in_its_tip_which_moves_with_the_disc_in_stick():
     scene = rig.load("tip_beam", {"drive.speed": 0.006})
-    picture = picture_of(scene.assemble().system(), outputs(scene))
+    picture = drawn(scene)
     run = rig.simulate(replace(scene, protocol=()), 0.02)
     t_ns = np.round(run.time * 1e9).astype(np.int64)
     shown = np.arange(0, t_ns.size, 5)
@@ -94,7 +104,7 @@ def test_the_beam_ends_in_its_tip_which_moves_with_the_disc_in_stick():
 def test_the_lever_is_drawn_as_it_moves():
     """Disc and pin as one in stick; every spring ends where what it pulls is."""
     scene = rig.load("lever")
-    picture = picture_of(scene.assemble().system(), outputs(scene))
+    picture = drawn(scene)
     run = rig.simulate(scene, 3.0)
     t_ns = np.round(run.time * 1e9).astype(np.int64)
     shown = np.arange(0, t_ns.size, 20)
@@ -118,7 +128,7 @@ def test_the_lever_is_drawn_as_it_moves():
 def test_springs_of_the_three_bodies_end_at_them():
     """Bodies 1 and 3 go with their own outputs, and each spring is as long as the bodies at its ends leave it."""
     scene = rig.load("four_dof")
-    picture = picture_of(scene.assemble().system(), outputs(scene))
+    picture = drawn(scene)
     run = rig.simulate(scene, 20.0)
     t_ns = np.round(run.time * 1e9).astype(np.int64)
     shown = np.arange(0, t_ns.size, 100)
@@ -138,7 +148,7 @@ def test_springs_of_the_three_bodies_end_at_them():
 def test_the_brake_is_drawn_under_a_stroboscope():
     """A squeal of 5 um, told as it would be recorded: where the bodies are, at which instants, what is open."""
     scene = rig.load("brake_3400")
-    picture = picture_of(scene.assemble().system(), outputs(scene))
+    picture = drawn(scene)
     omega, zoom = picture.motion.omega, picture.scale.motion
     assert omega / (2.0 * math.pi) == pytest.approx(rig.modes(scene).sliding.modes[0].frequency, rel=1e-9)
     t_ns = np.arange(0, 1_000_000_000, 20_000)
@@ -170,7 +180,7 @@ def test_a_disc_of_a_brake_is_drawn_as_its_contacts_feel_it():
     own = [vector[rigid.names.index(f"disc.{axis}")] for axis in ("z", "phi")]
     assert _disc(rigid, vector) == pytest.approx(own, rel=1e-12)
     scene = rig.load("brake_disc_modes")
-    bent = picture_of(scene.assemble().system(), outputs(scene)).motion
+    bent = drawn(scene).motion
     assert bent.omega / (2.0 * math.pi) == pytest.approx(rig.modes(scene).sliding.modes[0].frequency, rel=1e-9)
     assert abs(bent.shape["disc"][2]) > abs(bent.shape["inner_pad"][2])
 
@@ -181,7 +191,7 @@ def _packed(colour):
 
 
 @pytest.mark.parametrize(
-    ("name", "drawn"),
+    ("name", "kind"),
     [
         ("lever", "Lever"),
         ("disc_slider", "Slider"),
@@ -190,9 +200,37 @@ def _packed(colour):
         ("four_dof", "ThreeBodies"),
     ],
 )
-def test_each_rig_has_its_own_picture(name, drawn):
-    scene = rig.load(name)
-    assert type(picture_of(scene.assemble().system(), outputs(scene))).__name__ == drawn
+def test_each_rig_has_its_own_picture(name, kind):
+    assert type(drawn(rig.load(name))).__name__ == kind
+
+
+def test_a_rig_that_declares_no_picture_gets_curves_and_a_strip_and_nothing_is_guessed():
+    scene = rig.load("points")
+    drawing = Drawing(scene.to_json(), outputs(scene), {})
+    assert {"displacement", "surface_speed", "friction_force", "normal_force"} <= set(outputs(scene))
+    assert drawing.picture is None
+    assert drawing.worded
+    assert set(drawing.curves) == set(outputs(scene))
+
+
+@pytest.mark.parametrize("plant", PLANTS.shipped)
+def test_a_plant_declares_pictures_of_outputs_that_it_has(plant):
+    scenes = [scene for scene in map(rig.load, names()) if scene.plant == plant]
+    told = [set(outputs(scene)) for scene in scenes]
+    for one in getattr(PLANTS[plant], "PICTURES", ()):
+        assert any(found >= set(one.outputs) for found in told), one
+
+
+def test_a_body_on_a_belt_is_drawn_along_across_and_turned_by_the_outputs_that_are_declared():
+    said = OnBelt(along="place", up="rise", turn="roll", surface="band", friction="pull", normal="press")
+    picture = Belt(Scale(10.0, 5.0), said)
+    t_ns = np.arange(3) * 1_000_000
+    signals = dict.fromkeys(said.outputs, np.zeros(3))
+    signals |= {"place": np.array([0.0, 0.01, 0.02]), "rise": np.full(3, 0.005), "roll": np.full(3, 0.02)}
+    columns = picture.frames(t_ns, signals, np.zeros(3, int), np.arange(3))
+    place, turn = (moving(columns, "rig/mass", name) for name in ("translation", "quaternion"))
+    assert place == pytest.approx(np.array([[0.0, 0.0, 0.05], [0.1, 0.0, 0.05], [0.2, 0.0, 0.05]]))
+    assert turn[:, 1] == pytest.approx(math.sin(0.1))
 
 
 def test_modes_have_names_for_each_state_of_the_contact():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rig.scenes.effects import optional
 from rig.scenes.scene import Scene
 
 REMEDY = (
@@ -12,8 +13,9 @@ REMEDY = (
 
 def sources(scene: Scene) -> tuple[str, ...]:
     """The random parts of `scene`; empty where runs with two seeds are the same."""
-    noise = getattr(scene.parameters, "noise", None)
-    found = ["noise.force"] if noise is not None and noise.force > 0.0 else []
+    effects = [one for one in optional(scene.parameters) if one.given and one.about.random]
+    found = [f"{one.key}.{one.about.random}" for one in effects]
+    found = [key for key in found if scene.values()[key][0] > 0.0]
     for name, section in scene.sensors.items():
         end = section.front_end()
         found += [f"sensors.{name}.noise"] if end.noise > 0.0 else []

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import UsageError
+from rig.scenes.effects import optional
 from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
@@ -42,8 +43,7 @@ class Oscillator:
         p, faults = scene.parameters, []
         law = p.friction.law  # type: ignore[attr-defined]
         faults += [f"friction {law}"] * (law not in ("coulomb", "stribeck"))
-        extra = [n for n in ("dither", "tuned_mass", "piezo", "shunt", "amplifier") if getattr(p, n, None) is not None]
-        faults += extra
+        faults += [one.name for one in optional(p) if one.given and one.name == one.key]  # tables; lags change nothing
         faults += ["actuators that move"] * bool(scene.moved)
         b, f, start = p.body, p.friction, p.start  # type: ignore[attr-defined]
         speed = p.drive.speed  # type: ignore[attr-defined]

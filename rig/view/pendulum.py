@@ -1,0 +1,97 @@
+"""The pendulum rig as a moving picture: an arm above a rotating disc, its shoe on the disc, a spring to a post."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rig.picture import OnDisc
+from rig.view.base import Picture, Scale
+from rig.view.shapes import (
+    DISC,
+    FRICTION,
+    MARK,
+    STEEL,
+    Columns,
+    Integers,
+    Reals,
+    about,
+    along,
+    coloured,
+    load,
+    spring,
+    word,
+    zigzag,
+)
+
+if TYPE_CHECKING:
+    import rerun as rr
+
+_ARM = 0.8
+_POST = np.array((0.55, -0.75, 0.2))
+
+
+def disc(rec: rr.RecordingStream) -> None:
+    """A disc of radius one that turns about the z axis, with marks."""
+    import rerun as rr
+
+    rec.log("rig", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    turns = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
+    rays = np.stack((np.cos(turns), np.sin(turns), np.full(24, 0.02) / 0.99), axis=1)
+    spokes = [np.stack((ray * (0.93, 0.93, 1.0), ray * (0.99, 0.99, 1.0))) for ray in rays]
+    spokes += [np.stack((ray * (0.3, 0.3, 1.0), ray * (0.99, 0.99, 1.0))) for ray in rays[::8]]
+    plate = rr.Cylinders3D(lengths=[0.08], radii=[1.0], centers=[(0, 0, -0.025)], colors=[DISC], fill_mode="solid")
+    rec.log("rig/disc", plate, static=True)
+    rec.log("rig/disc/marks", rr.LineStrips3D(spokes, colors=[MARK], radii=[0.006]), static=True)
+
+
+class Pendulum(Picture):
+    """The pendulum of the papers, from above and aside; the axis of both is z, and the disc's radius is one length."""
+
+    eye = (1.5, 0.9, 1.2)
+    target = (0.12, -0.02, 0.08)
+
+    def __init__(self, scale: Scale, drawn: OnDisc | None = None) -> None:
+        super().__init__(scale)
+        self._drawn = drawn or OnDisc()
+        self.surface = self._drawn.surface
+
+    def static(self, rec: rr.RecordingStream) -> None:
+        """See `Picture.static`."""
+        import rerun as rr
+
+        log = rec.log
+        disc(rec)
+        shaft = rr.Cylinders3D(lengths=[0.5], radii=[0.07], centers=[(0, 0, 0.25)], colors=[STEEL], fill_mode="solid")
+        log("rig/pendulum/shaft", shaft, static=True)
+        arm = rr.Boxes3D(
+            half_sizes=[(_ARM / 2, 0.035, 0.03)], centers=[(_ARM / 2, 0, 0.2)], colors=[STEEL], fill_mode="solid"
+        )
+        log("rig/pendulum/arm", arm, static=True)
+        shoe = rr.Boxes3D(half_sizes=[(0.07, 0.06, 0.075)], centers=[(_ARM, 0, 0.1)], fill_mode="solid")
+        log("rig/pendulum/shoe", shoe, static=True)
+        log("rig/pendulum/friction", rr.Arrows3D.from_fields(origins=[(_ARM + 0.1, 0, 0.06)],
+                                                 colors=[FRICTION], radii=[0.016]), static=True)  # fmt: skip
+        post = rr.Boxes3D(half_sizes=[(0.04, 0.04, 0.15)], centers=[_POST - (0, 0, 0.05)], colors=[STEEL],
+                          fill_mode="solid")  # fmt: skip
+        log("rig/post", post, static=True)
+
+    def _frames(self, t_ns: Integers, s: Mapping[str, Reals], modes: Integers, ran: Reals) -> list[Columns]:
+        import rerun as rr
+
+        zoom, colours = self.scale.motion, coloured(modes)
+        angles = zoom * s[self._drawn.angle]
+        tips = np.stack((0.55 * np.cos(angles), 0.55 * np.sin(angles), np.full_like(angles, 0.2)), axis=1)
+        friction = along(1, s[self._drawn.friction] / self.scale.force * 0.5)
+        heads = np.stack((_ARM * np.cos(angles), _ARM * np.sin(angles), np.full_like(angles, 0.24)), axis=1)
+        return [
+            Columns("rig/disc", t_ns, rr.Transform3D.columns(quaternion=about(2, zoom * ran))),
+            Columns("rig/pendulum", t_ns, rr.Transform3D.columns(quaternion=about(2, angles))),
+            Columns("rig/pendulum/shoe", t_ns, rr.Boxes3D.columns(colors=colours)),
+            Columns("rig/pendulum/friction", t_ns, rr.Arrows3D.columns(vectors=friction)),
+            load(t_ns, heads, s[self._drawn.normal] / self.scale.force * 0.25),
+            spring(t_ns, zigzag(np.broadcast_to(_POST, tips.shape), tips, flat=True)),
+            word(t_ns, (0.0, 0.0, 0.72), self._said(modes, s[self._drawn.friction], s[self._drawn.normal]), colours),
+        ]

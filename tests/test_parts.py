@@ -1,0 +1,67 @@
+"""A part is one file: no other module knows a plant, an effect or a kind of controller by its name.
+
+What a module needs of a part the part declares: rig.about (effects), rig.picture (plants), rig.design (controllers).
+"""
+
+import ast
+from pathlib import Path
+
+from rig import controllers
+from rig.plants import PLANTS
+from rig.scenes import load
+from rig.scenes.effects import optional
+from rig.scenes.shipped import names
+
+ROOT = Path(__file__).parent.parent
+WORDS = {
+    "drive", "load", "friction", "noise", "disc", "slope", "film", "slider", "points", "normal_force",
+}  # fmt: skip
+"""Names of parts that are words of other rooms too: quantities, steps of a protocol, terms of the energy balance."""
+KNOWN = {
+    "rig/cli/runs.py": {"pendulum"},  # the scene of `rig demo`
+    "rig/qualify/cost/peers/oscillator.py": {"belt"},  # the one rig that is written for other simulators
+    "rig/qualify/cost/holdout.py": {"belt", "pendulum", "lever", "two_dof", "tread", "pin", "north"},  # scenes
+    "rig/analysis/identify.py": {"lever"},  # the experiments that identify this rig
+    "rig/analysis/map/dither.py": {"dither"},  # friction averaged over dither, an analysis of its own
+    "rig/analysis/map/job.py": {"dither"},
+    "rig/analysis/modes.py": {"dither"},
+    "rig/analysis/regions.py": {"dither"},
+    "rig/view/lever.py": {"lever"},  # drawers that a plant names
+    "rig/view/plate.py": {"plate", "foam"},
+}
+"""Modules that may name parts, with the reason."""
+APART = ("rig/plants/", "rig/effects/", "rig/design/", "rig/papers/", "rig/qualify/torture/", "rig/qualify/benchmarks/")
+"""Parts themselves, and rooms that are about certain scenes."""
+
+
+def parts():
+    effects = {one.key for name in names() for one in optional(load(name).parameters) if "." not in one.key}
+    return {*PLANTS.shipped, *controllers.KINDS.shipped, *effects} - WORDS
+
+
+def texts(path):
+    """Texts of a module that are no docstrings: the names in them, a key by its first word."""
+    tree = ast.parse(path.read_text())
+    documented = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
+    docs = {
+        id(n.body[0].value) for n in ast.walk(tree) if isinstance(n, documented) and isinstance(n.body[0], ast.Expr)
+    }
+    found = [n.value for n in ast.walk(tree) if isinstance(n, ast.Constant) and id(n) not in docs]
+    return {text.partition(".")[0] for text in found if isinstance(text, str) and " " not in text}
+
+
+def test_no_module_but_its_own_knows_a_part_by_name():
+    known, found = parts(), {}
+    for path in (ROOT / "rig").rglob("*.py"):
+        where = path.relative_to(ROOT).as_posix()
+        named = texts(path) & known - KNOWN.get(where, set())
+        if named and not where.startswith(APART) and path.parent.name not in ("controllers", "sensors"):
+            found[where] = sorted(named)
+    assert found == {}
+
+
+def test_every_plant_has_parameters_and_rows():
+    for plant in PLANTS.shipped:
+        module = PLANTS[plant]
+        assert callable(module.assemble), plant
+        assert "noise" in module.Parameters.model_fields, plant
