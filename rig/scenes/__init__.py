@@ -19,7 +19,8 @@ from rig.scenes.shipped import names, path
 
 if TYPE_CHECKING:
     from rig.scenes.loader import load
-    from rig.scenes.scene import Clock, Origin, Scene
+    from rig.scenes.places import Origin
+    from rig.scenes.scene import Clock, Scene
 
 __all__ = ["Clock", "Origin", "Scene", "load", "names", "path"]
 

@@ -15,8 +15,8 @@ from rig.about import Bound
 from rig.model.film import lay
 from rig.quantities import ORIGINS
 from rig.scenes.effects import about, optional
-from rig.scenes.places import Place
-from rig.scenes.scene import Origin, Scene, known, leaves
+from rig.scenes.places import Origin, Place
+from rig.scenes.scene import Scene, known, leaves
 
 DEFAULT = Origin("default")
 UNSTATED = Origin("not stated")

@@ -19,8 +19,7 @@ from typing import Any
 from rig.errors import SceneError
 from rig.scenes import migration, places, shipped, source
 from rig.scenes.faults import shown
-from rig.scenes.places import Place
-from rig.scenes.scene import Origin
+from rig.scenes.places import Origin, Place
 
 OWN = ("title", "about")
 """What a scene does not inherit."""

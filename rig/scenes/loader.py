@@ -17,9 +17,10 @@ from rig.parts import told as blamed
 from rig.plants import PLANTS
 from rig.quantities import Section, finite
 from rig.scenes import checks, faults, inherit, rooms, source
+from rig.scenes.places import Origin
 from rig.scenes.protocol import UNKNOWN, Known, Load, Mark, Ramp, Step, flat
 from rig.scenes.rooms import CONTROLLERS, SENSORS, assembled
-from rig.scenes.scene import STEP, STEPS, Clock, Origin, Scene, known
+from rig.scenes.scene import STEP, STEPS, Clock, Scene, known
 from rig.scenes.shipped import path as path_of
 from rig.sensors.chain.instants import common_step
 

@@ -1,4 +1,4 @@
-"""Where each key of a TOML text stands, since tomllib does not say.
+"""Where a value comes from: its origin, and where its key stands in a TOML text, since tomllib does not say.
 
 The text must be one that tomllib reads and whose lists and tables are not nested too deeply (`rig.scenes.source`).
 """
@@ -17,6 +17,13 @@ _VALUE = re.compile(
     r""""{3}(?:\\.|[^\\])*?"{3,5}|'{3}.*?'{3,5}|"(?:\\.|[^"\\])*"|'[^']*'|[^,\]}\n#]*""",
     re.DOTALL,
 )
+
+
+class Origin(NamedTuple):
+    """Where a value comes from: one of `rig.quantities.ORIGINS`, and a note."""
+
+    origin: str
+    note: str = ""
 
 
 class Place(NamedTuple):

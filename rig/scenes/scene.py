@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from annotated_types import Ge, Gt, Le
 from pydantic import BaseModel, TypeAdapter, model_validator
@@ -20,12 +20,12 @@ from rig.plants.structures import model_store
 from rig.quantities import PositiveMetrePerSecond, Section, duration, quantity
 from rig.scenes import migration, rooms
 from rig.scenes.faults import unit_of
+from rig.scenes.places import Origin, Place
 from rig.scenes.protocol import Known, Load, Ramp, Set, Step, flat, longest_ns
 from rig.sensors.chain.instants import common_step
 
 if TYPE_CHECKING:
     from rig.scenes.inherit import Places
-    from rig.scenes.places import Place
 
 Count = Annotated[int, Gt(0), Le(1_000_000)]
 Frame: Any = duration(1_000, 1_000_000_000)
@@ -35,13 +35,6 @@ Small: Any = quantity("1", Gt(0.0), Le(1e-2))
 Large: Any = quantity("1", Gt(0.0))
 STEP: TypeAdapter[Step] = TypeAdapter(Step)
 STEPS: TypeAdapter[tuple[Step, ...]] = TypeAdapter(tuple[Step, ...])
-
-
-class Origin(NamedTuple):
-    """Where a value comes from: one of `rig.quantities.ORIGINS`, and a note."""
-
-    origin: str
-    note: str = ""
 
 
 class Clock(Section):

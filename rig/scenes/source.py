@@ -11,7 +11,7 @@ from typing import Any
 from rig.errors import SceneError
 from rig.quantities import ORIGINS, brief
 from rig.scenes.faults import TAGS, shown, unknown_choice
-from rig.scenes.scene import Origin
+from rig.scenes.places import Origin
 from rig.user_files import contents
 
 FIXED = ("format", "based_on", "title", "plant", "about", "protocol")
