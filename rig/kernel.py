@@ -1,8 +1,8 @@
-"""The one decorator for compiled code, and the cache that never runs yesterday's physics.
+"""The one decorator for compiled code, and a cache that never runs outdated physics.
 
-numba's disk cache does not notice an edit in another file that a kernel was inlined from. So the cache directory is
-keyed by a hash of all that compiled code depends on (rig.sources) and of the numba version.
-`fastmath={"contract"}` (fused multiply-add) is allowed: it rounds once instead of twice, and the C twins of the
+numba's disk cache does not notice an edit in another file from which a kernel was inlined. The cache directory is
+therefore keyed by a hash of everything that compiled code depends on (rig.sources) and of the numba version.
+`fastmath={"contract"}` (fused multiply-add) is allowed: it rounds once instead of twice, and the C versions of the
 benchmarks do the same. Results are therefore bit-identical on one build and one processor type; both are recorded.
 """
 
@@ -30,7 +30,7 @@ _ROOMS = ("rig.kernel", *(room.replace("/", ".") for room in sources.ROOMS))
 
 
 def source_key() -> str:
-    """Hash (16 hex digits) of numba's version and of all that compiled code depends on (rig.sources)."""
+    """Hash (16 hex digits) of numba's version and of everything that compiled code depends on (rig.sources)."""
     version = f"{numba.__version__} {platform.python_version()}"
     return sources.key(_ROOT, kernel_store.root() / "sources.json", version)
 
@@ -42,20 +42,20 @@ _TELLER = kernel_store.Teller(FOLDER)
 
 
 class _Compiler(event.Listener):  # type: ignore[misc]
-    """Imports what numba compiles with (0.2 s), but not scipy.linalg (0.2 s more) for it to find out about BLAS.
+    """Imports numba's compiler (0.2 s), but without scipy.linalg (another 0.2 s), which it imports to look for BLAS.
 
-    No kernel of ours calls that. Only in a process of our own: elsewhere other people's kernels may want it.
+    No kernel of ours calls BLAS. Only in processes of our own: elsewhere the kernels of others may need it.
     """
 
     def on_start(self, _: event.Event) -> None:
-        """A kernel is to be compiled."""
+        """Called when a kernel is about to be compiled."""
         if "numba.np.arraymath" not in sys.modules and "scipy.linalg" not in sys.modules:
             sys.modules["scipy.linalg"] = None  # type: ignore[assignment]
             importlib.import_module("numba.np.arraymath")
             del sys.modules["scipy.linalg"]
 
     def on_end(self, _: event.Event) -> None:
-        """It is compiled."""
+        """Called when it has been compiled."""
 
 
 if os.environ.get("RIG_OWN_PROCESS"):
@@ -66,11 +66,11 @@ if os.environ.get("RIG_OWN_PROCESS"):
 class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
     """Compiled code that calls its own copies of our functions that were linked into it.
 
-    numba leaves them open: of several copies, each optimised within another kernel, the one that was loaded first
-    serves all. They differ in what is fused, so that the last bits of a run depended on what else had been loaded, and
-    on whether its kernels were compiled in its own process.
+    numba leaves these calls open: of several copies, each optimised inside another kernel, the one loaded first serves
+    all. The copies differ in fused operations, so the last bits of a run depended on what else had been loaded, and on
+    whether its kernels were compiled in its own process.
 
-    The bitcode of a kernel that was kept is parsed when another kernel links it in. A run only calls it.
+    The bitcode of a stored kernel is parsed only when another kernel links it. A run only calls it.
     """
 
     _bitcode: bytes | None = None
@@ -95,7 +95,7 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
         return super()._get_module_for_linking()  # type: ignore[no-untyped-call]
 
     def get_pointer_to_function(self, name: str) -> int:
-        """Where a function of it begins; 0 if it has none of this name."""
+        """The address of a function of this library; 0 if it has none of this name."""
         if self._bitcode is not None:
             return self._codegen._engine.get_function_address(name)  # type: ignore[no-any-return]  # noqa: SLF001
         return super().get_pointer_to_function(name)  # type: ignore[no-untyped-call, no-any-return]
@@ -105,7 +105,7 @@ class _Library(codegen.JITCodeLibrary):  # type: ignore[misc]
         own = [one for one in module.functions if not one.is_declaration]
         copies = [one for one in own if one.linkage == _SHARED and one.name.startswith("_ZN3rig")]
         if copies and self._shared_module is None:
-            shared = module.clone()  # what others link in stays open, or they would have it twice
+            shared = module.clone()  # the copy that others link keeps its symbols open, or they would have them twice
             for one in own:
                 if one.linkage == _OPEN:
                     shared.get_function(one.name).linkage = _SHARED
@@ -125,7 +125,7 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {
 def _compiled(function: F, **options: Any) -> F:
     dispatcher = _njit(**_OPTIONS, **options)(function)
     templates = dispatcher.get_call_template
-    # A number that is written in the source of a caller would be a type of its own, and a kernel compiled for it alone.
+    # A literal in the source of a caller would be a type of its own, and numba would compile a kernel for it.
     plain: Any = types.unliteral
     dispatcher.get_call_template = lambda kinds, named: templates([plain(kind) for kind in kinds], named)
     FOLDER.keep(dispatcher, beside_sources=not function.__module__.startswith(_ROOMS))
@@ -138,31 +138,32 @@ def kernel(function: F) -> F:
 
 
 def inner(function: F) -> F:
-    """The same for a kernel that only works on arrays it is lent: no reference is counted (3 to 6 times faster here).
+    """Compile a kernel that only works on arrays passed to it: without reference counting (3 to 6 times faster here).
 
-    It may slice, but neither allocate an array nor return one, and only other kernels call it.
+    It may slice, but it can neither allocate an array nor return one, and only other kernels call it.
     """
     return _compiled(function, _nrt=False)
 
 
 def inlined(function: F) -> F:
-    """An `inner` kernel that is written into its callers, for what runs many times in a step."""
+    """Compile an `inner` kernel that numba inlines into its callers, for code that runs many times in a step."""
     return _compiled(function, _nrt=False, inline="always")
 
 
 def fused(function: F) -> F:
-    """An `inner` kernel that the optimiser writes into its callers: for a large one that is called several times.
+    """Compile an `inner` kernel that the optimiser inlines into its callers: for a large one with several calls.
 
-    What is `inlined` is analysed anew for each call. It cannot return an array, not even one that is lent.
+    An `inlined` kernel is analysed anew for each call; this one is not. It cannot return an array, not even one that
+    was passed to it.
     """
     return _compiled(function, _nrt=False, forceinline=True)
 
 
 def entry(function: Any, *examples: Any) -> Callable[..., Any]:
-    """The compiled code of a kernel for arguments of the types of `examples`, to be called with such arguments only.
+    """The compiled code of a kernel for arguments of exactly the types of `examples`.
 
-    A kernel looks at the types of its arguments at every call, and at a `Bundle` from Python: 3 us that a loop which
-    calls it every millisecond of simulated time need not pay. Other types would be misread, so keep them fixed.
+    A kernel checks the types of its arguments at every call, and reads a `Loan` through Python: 3 us, which a loop that
+    calls it every millisecond of simulated time saves. Arguments of other types would be misread.
     """
     kinds = tuple(numba.typeof(example) for example in examples)  # type: ignore[no-untyped-call]
     function.compile(kinds)
@@ -170,13 +171,13 @@ def entry(function: Any, *examples: Any) -> Callable[..., Any]:
 
 
 def as_python(function: F) -> F:
-    """Compile `function` so that it rounds, and divides by zero, as Python does: nothing is fused. Not kept on disk."""
+    """Compile `function` so that it rounds and divides by zero like Python: nothing is fused. Not stored on disk."""
     return _njit(function)  # type: ignore[no-any-return]
 
 
 @contextmanager
 def told_as(what: str) -> Iterator[None]:
-    """Tell the user that `what` is compiled here: nothing that is kept on disk, as kernels are."""
+    """Tell the user that `what` is being compiled, which is not stored on disk, unlike kernels."""
     before, _TELLER.other = _TELLER.other, what
     try:
         yield
@@ -185,6 +186,6 @@ def told_as(what: str) -> Iterator[None]:
 
 
 def called_by_address(function: Callable[..., Any]) -> Any:
-    """Compile answer(line, t_ns, heard, command, memory) -> int as a function of C; the last three point to numbers."""
+    """Compile answer(line, t_ns, heard, command, memory) -> int as a C function; the last three are pointers."""
     numbers = types.CPointer(types.float64)  # type: ignore[no-untyped-call]
     return numba.cfunc(types.int64(types.int64, types.int64, numbers, numbers, numbers))(function)

@@ -1,7 +1,7 @@
-"""Where compiled kernels are kept: in the user's cache, under the hash of their sources, as files that are checked.
+"""Stores compiled kernels in the user's cache, under the hash of their sources, as files with a checksum.
 
-Damage costs compiling one kernel again, no run. Every checkout with these sources finds the same kernels. What has not
-been used for longest goes when all take more than `LIMIT`.
+A damaged file costs the compilation of one kernel, never a run. Every checkout with the same sources shares the
+kernels. When all kernels take more than `LIMIT`, those that were unused for longest are deleted.
 """
 
 from __future__ import annotations
@@ -32,26 +32,26 @@ from rig import file_locks
 LIMIT = 1 << 30
 """Bytes that the kernels of all sources may take; those of the present ones always stay. # chosen"""
 _SUM = 4
-_TOLD_S, _WORTH_S = 0.5, 2.0  # between two lines about progress; least time that the next start is told of
-_ASK_S = 0.02  # between two looks at what another process compiles
+_TOLD_S, _WORTH_S = 0.5, 2.0  # s between two progress messages; shortest total that is noted for the next start
+_ASK_S = 0.02  # s between two checks whether another process has finished
 _log = logging.getLogger("rig")
 
 
 class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
     """The files of one kernel: an index and one file for each set of argument types.
 
-    Each file begins with the CRC-32 of the rest. numba would unpickle and link what a full disk or a crash left behind.
-    A file that is damaged or cannot be read counts as absent, so the kernel is compiled and the file written anew.
+    Each file begins with the CRC-32 of the rest; numba would unpickle and link what a full disk or a crash left behind.
+    A file that is damaged or unreadable counts as absent: the kernel is compiled and the file is written anew.
     """
 
     told = False
     """Whether this process has said that it cannot keep what it compiles."""
 
     def save(self, key: Any, data: Any) -> None:
-        """Keep a compiled kernel; without room for it the process goes on with what it has in memory.
+        """Store a compiled kernel. If this fails, the process continues with the kernel in memory and warns once.
 
-        One process at a time: two that read the index, add to it and write it back would lose what one of them added,
-        and give two kernels the same file.
+        Only one process writes at a time: if two read the index, add to it and write it back, one addition would be
+        lost and two kernels would get the same file.
         """
         try:
             with _alone(Path(self._cache_path)):
@@ -72,7 +72,7 @@ class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
             if pickle.load(content) != self._version:
                 return {}
             stamp, overloads = pickle.load(content)
-        except (OSError, ImportError, AttributeError):  # it may name a type of a module that is nowhere to be found
+        except (OSError, ImportError, AttributeError):  # it may refer to a type of a module that no longer exists
             return {}
         return overloads if stamp == self._source_stamp else {}
 
@@ -89,52 +89,52 @@ class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
 
 
 class _Place(UserProvidedCacheLocator):  # type: ignore[misc]
-    """A folder that need not be there: numba would try to write, and take the sources' own folder instead."""
+    """A folder that need not exist: numba would try to write to it and then use the folder of the sources."""
 
     def ensure_cache_path(self) -> None:
-        """Nothing is written."""
+        """Do nothing: no test file is written."""
 
 
 class _Places(CompileResultCacheImpl):  # type: ignore[misc]
     _locator_classes: list[type[object]] = [_Place]  # noqa: RUF012 (as numba declares it)
 
     def reduce(self, data: Any) -> tuple[Any, ...]:
-        """What is kept of a kernel: not the environments without constants of functions that are linked into it.
+        """The stored form of a kernel, without the environments, empty of constants, of functions linked into it.
 
-        To load one is to import the module of its function, much of what numba compiles with.
+        Loading such an environment imports the module of its function, and with it much of numba's compiler.
         """
         *kept, environments = data._reduce()  # noqa: SLF001
         return (*kept, tuple(one for one in environments if one.consts))
 
 
 class _Kept(FunctionCache):  # type: ignore[misc]
-    """The kernels of a folder; what is there is loaded without all that numba compiles with (0.2 s)."""
+    """The kernels of a folder; stored ones are loaded without importing numba's compiler (0.2 s)."""
 
     _impl_class = _Places
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """A kernel for these types, None where it is not kept."""
+        """The stored kernel for these types; None if there is none."""
         _link_runtime()
         return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
 
 
 class _Found(_Kept):
-    """The same for a folder that cannot be written."""
+    """The kernels of a folder that cannot be written."""
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Nothing is kept."""
+        """Do nothing: the folder cannot be written."""
 
 
 @cache
 def _link_runtime() -> None:
-    """Name the functions of numba's runtime that compiled code calls to whoever links it."""
+    """Make the functions of numba's runtime that compiled code calls known to the linker by name."""
     for name, address in _nrt_python.c_helpers.items():
         add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
 
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """While nobody else writes into a folder of kernels."""
+    """Hold the write lock of a folder of kernels."""
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / ".lock").open("wb") as lock:
         file_locks.take(lock, wait=True)
@@ -142,7 +142,7 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 def _whole(path: str) -> bytes:
-    """What was written to a file. Raises OSError where it cannot be read or is not what was written."""
+    """The content of a file without its checksum. Raises OSError if the file is unreadable or damaged."""
     found = Path(path).read_bytes()
     content = found[_SUM:]
     if len(found) <= _SUM or zlib.crc32(content).to_bytes(_SUM) != found[:_SUM]:
@@ -151,13 +151,16 @@ def _whole(path: str) -> bytes:
 
 
 def root() -> Path:
-    """Directory that holds the kernels of all sources; `RIG_KERNELS` moves it."""
+    """The directory of the kernels of all sources; the environment variable `RIG_KERNELS` changes it."""
     chosen = os.environ.get("RIG_KERNELS")
     return Path(chosen) if chosen else platformdirs.user_cache_path("friction-rig") / "kernels"
 
 
 class Folder:
-    """The kernels of one set of sources. `keeps`: whether more can be kept there; what is there is loaded anyway."""
+    """The kernels of one set of sources.
+
+    `keeps`: whether kernels can be stored there; stored ones are loaded in any case.
+    """
 
     def __init__(self, key: str) -> None:
         self.path = root() / key
@@ -166,11 +169,14 @@ class Folder:
             self.path.mkdir(parents=True, exist_ok=True)
             os.utime(self.path)
             self.keeps = os.access(self.path, os.W_OK)
-        except OSError:  # compile in memory, every start; numba would keep them beside the sources
+        except OSError:  # compile in memory at every start; numba would store them beside the sources
             self.keeps = False
 
     def keep(self, dispatcher: Any, beside_sources: bool) -> None:
-        """Have what `dispatcher` compiles kept; with `beside_sources` for its own file in its present state only."""
+        """Store what `dispatcher` compiles.
+
+        `beside_sources`: store it for the present state of its own source file only.
+        """
         function = dispatcher.py_func
         cache: Any = (_Kept if self.keeps else _Found)(function)  # type: ignore[no-untyped-call]
         dispatcher._cache = cache  # noqa: SLF001 (numba has no public way)
@@ -184,12 +190,13 @@ class Folder:
 
     @contextmanager
     def claimed(self, part: str, longest: float = 0.0) -> Iterator[bool]:
-        """Whether this process may compile `part` now: not while another does, up to `longest` s.
+        """Whether this process may compile `part` now. Waits up to `longest` s while another process compiles it.
 
-        When that has ended, what it compiled is found here. After `longest` it counts as hung, and yes is the answer.
+        When the other process has finished, its result is found in this folder. If it has not finished after `longest`
+        s, it counts as hung and the answer is yes.
         """
         lock = None
-        with suppress(OSError):  # no place, no room: everybody compiles
+        with suppress(OSError):  # not writable or full: every process compiles
             lock = (self.path / f".{part}").open("ab", buffering=0)
         if lock is None:
             yield True
@@ -202,7 +209,7 @@ class Folder:
                 mine = _taken(lock)
             yield mine or longest > 0.0
             if mine and not self.noted(part):
-                with suppress(OSError):  # a full disk: it is compiled anew where it could not be kept either
+                with suppress(OSError):  # full disk: compiled again next time
                     lock.write(b"compiled")
 
     def noted(self, part: str) -> bool:
@@ -213,7 +220,7 @@ class Folder:
             return False
 
     def prune(self) -> None:
-        """Once in a process that compiles: what was not used for longest makes room."""
+        """Delete the kernels of other sources that were unused for longest; once per process that compiles."""
         if self._pruned:
             return
         self._pruned = True
@@ -238,7 +245,7 @@ def _size(folder: Path) -> int:
 
 
 class Teller(event.Listener):  # type: ignore[misc]
-    """Says that kernels are being compiled, when the first one is, and on a terminal how far: no start is silent."""
+    """Tells the user that kernels are being compiled, and on a terminal the progress, so that no start is silent."""
 
     def __init__(self, folder: Folder) -> None:
         self._folder, self._notes = folder, folder.path / "seconds"
@@ -248,7 +255,7 @@ class Teller(event.Listener):  # type: ignore[misc]
         self._others: set[str] = set()
 
     def on_start(self, _: event.Event) -> None:
-        """A kernel is compiled, maybe for another one that is."""
+        """Called when a kernel is about to be compiled, possibly for another one."""
         if self.other:
             if self.other not in self._others:
                 self._others.add(self.other)
@@ -275,7 +282,7 @@ class Teller(event.Listener):  # type: ignore[misc]
         sys.stderr.flush()
 
     def on_end(self, _: event.Event) -> None:
-        """It is compiled."""
+        """Called when a kernel has been compiled."""
         if self.other:
             return
         self._depth -= 1
@@ -292,6 +299,6 @@ class Teller(event.Listener):  # type: ignore[misc]
     def _done(self) -> None:
         if sys.stderr.isatty():
             sys.stderr.write(f"\r{self._count} kernels compiled in {self._spent:.0f} s\n")
-        if self._spent >= _WORTH_S and not self._depth:  # else it was interrupted
+        if self._spent >= _WORTH_S and not self._depth:  # otherwise it was interrupted
             with suppress(OSError):
                 self._notes.write_text(f"{self._spent:.0f}")

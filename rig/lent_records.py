@@ -1,8 +1,8 @@
-"""Records lent to kernels: a pointer to a named tuple of arrays and numbers, of which fields are read by name.
+"""Records lent to kernels: a pointer to a named tuple of arrays and numbers, whose fields are read by name.
 
-Fifty arrays as arguments of every kernel are what compiling would spend its time on, and a call from Python 6 us. A
-`Loan` lays a record out in memory as compiled code does, word by word, and is passed as the address of that; a field
-that is a record itself is lent in the same way.
+With fifty arrays as arguments of every kernel, compile time would go into the arguments, and a call from Python would
+take 6 us. A `Loan` lays out a record in memory as compiled code does, word by word, and passes its address. A field
+that is itself a record is lent in the same way.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from numba.extending import NativeValue, infer_getattr, intrinsic, register_mode
 
 
 class Lent(types.Type):  # type: ignore[misc]
-    """A pointer to a record, a named tuple of the type `content`."""
+    """The type of a pointer to a record, a named tuple of the type `content`."""
 
     def __init__(self, content: Any) -> None:
         self.content = content
@@ -32,9 +32,9 @@ register_model(Lent)(models.OpaqueModel)
 
 
 class Loan:
-    """A record for kernels: a named tuple of arrays (in C order), whole numbers, numbers and further records.
+    """A record for kernels: a named tuple of arrays (in C order), integers, floats and further records.
 
-    Its arrays are shared, its numbers are those of now. `content`: the record.
+    The arrays are shared with the kernel; the numbers are copied when the Loan is made. `content`: the record.
     """
 
     def __init__(self, content: Any) -> None:
@@ -51,7 +51,7 @@ class Loan:
 
 
 def lent_type(content: Any) -> Lent:
-    """The type of a record that is lent."""
+    """The type of a lent record."""
     return Lent(numba.typeof(content))  # type: ignore[no-untyped-call]
 
 
@@ -85,7 +85,7 @@ def _unbox(kind: Any, loan: Any, c: Any) -> Any:
 
 
 def _lend(typing: Any, content: Any) -> Any:
-    """`content`, a named tuple, lent by a kernel to those that it calls: good until it returns."""
+    """Lend a named tuple from one kernel to the kernels it calls; valid until the lending kernel returns."""
 
     def borrow(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         place = cgutils.alloca_once_value(builder, arguments[0])  # type: ignore[no-untyped-call]

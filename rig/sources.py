@@ -1,8 +1,8 @@
-"""What compiled code depends on: the statements of the modules that hold it, and of those that they import.
+"""The hash of what compiled code depends on: the statements of the modules that hold it and of those they import.
 
-Comments, docstrings and line numbers do not matter, nor does any other module: an edit of a plant, an effect, an
-instrument or a benchmark compiles nothing anew. A module is parsed once and its summary kept beside the kernels, for
-each checkout its own.
+Comments, docstrings, line numbers and all other modules have no influence: an edit of a plant, an effect, an instrument
+or a benchmark recompiles nothing. Each module is parsed once; its summary is stored beside the kernels, separately for
+each checkout.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ _DECORATORS = {"kernel", "inner", "inlined", "fused"}
 
 
 class Module(NamedTuple):
-    """What is known of one source file: which (size, time of change), its statements, what it imports."""
+    """The summary of one source file. `stamp`: size and time of modification; `digest`: hash of its statements."""
 
     stamp: list[int]
     digest: str
@@ -33,9 +33,12 @@ class Module(NamedTuple):
 
 
 def key(root: Path, kept: Path, version: str) -> str:
-    """Hash (16 hex digits) of `version` and of all that the kernels of these sources depend on. `kept`: a file."""
+    """Hash (16 hex digits) of `version` and of everything that the kernels of these sources depend on.
+
+    `root`: folder that contains the package `rig`; `kept`: file that stores the summaries.
+    """
     known: dict[str, Module] = {}
-    with suppress(OSError, ValueError, TypeError):  # not there, or damaged
+    with suppress(OSError, ValueError, TypeError):  # missing or damaged
         known = {name: Module(*one) for name, one in json.loads(kept.read_text()).items()}
     found: dict[str, Module] = {}
 
@@ -59,9 +62,9 @@ def key(root: Path, kept: Path, version: str) -> str:
                 todo.append(name)
     read_here = {str(root / name): one for name, one in found.items()}
     if any(known.get(path) != one for path, one in read_here.items()):
-        others = {path: one for path, one in known.items() if Path(path).is_file()}  # of other checkouts
+        others = {path: one for path, one in known.items() if Path(path).is_file()}  # summaries of other checkouts
         draft = kept.with_suffix(f".{os.getpid()}")
-        with suppress(OSError):  # a place that cannot be written costs the time of parsing
+        with suppress(OSError):  # a folder that cannot be written costs only the time of parsing
             kept.parent.mkdir(parents=True, exist_ok=True)
             draft.write_text(json.dumps(others | read_here))
             draft.replace(kept)
@@ -85,7 +88,7 @@ def _summary(source: bytes, stamp: list[int]) -> Module:
 
 
 def _files(root: Path, imports: list[str]) -> Iterator[str]:
-    """Those of dotted names that are modules, as files; packages only gather what is in them."""
+    """The files of those dotted names that are modules. Packages are skipped; they only collect modules."""
     for name in imports:
         path = f"{name.replace('.', '/')}.py"
         if (root / path).is_file():

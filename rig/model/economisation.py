@@ -1,8 +1,9 @@
-"""Powers of u on [0, 1] by polynomials of lower degree, so that a series over a whole tick needs few terms.
+"""Approximates powers of u on [0, 1] by polynomials of lower degree, for short series over a whole tick.
 
-Telescoping after Lanczos: u^j = u u^(j-1), and u^(j-1) without what it has of Chebyshev polynomials beyond the degree.
-A vibration of w h radians in a tick is met to 2 (w h / 4)^(d+1) / (d+1)! by degree d, where its Taylor series of the
-same degree would leave (w h)^(d+1) / (d+1)!. At u = 0 nothing changes.
+Telescoping after Lanczos: u^j = u u^(j-1), where the Chebyshev polynomials beyond the degree are removed from u^(j-1).
+For a vibration that turns by w h radians per tick, degree d leaves an error of 2 (w h / 4)^(d+1) / (d+1)!; its Taylor
+series of the same degree would leave (w h)^(d+1) / (d+1)!. At u = 0 the approximation is exact.
+
 Source: Lanczos, Applied Analysis (1956), chapter 7.
 """
 
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 @cache
 def economy(degree: int, terms: int) -> NDArray[np.float64]:
-    """Coefficients of u^k, k = 0 .. degree, in what stands for u^j, j = 0 .. terms: [k, j]."""
+    """The coefficients of u^k, k = 0 .. degree, in the approximation of u^j, j = 0 .. terms: [k, j]."""
     chebyshev = _shifted(degree)
     out = np.zeros((degree + 1, terms + 1))
     for j in range(terms + 1):
@@ -35,13 +36,13 @@ def economy(degree: int, terms: int) -> NDArray[np.float64]:
 
 
 def bernstein(degree: int) -> NDArray[np.float64]:
-    """Bernstein coefficients [i] from those of powers [k]: [i, k]."""
+    """The matrix from the coefficients of powers [k] to Bernstein coefficients [i]: [i, k]."""
     rows = [[comb(i, k) / comb(degree, k) if k <= i else 0.0 for k in range(degree + 1)] for i in range(degree + 1)]
     return np.array(rows)
 
 
 def _shifted(count: int) -> list[list[int]]:
-    """T_i(2u - 1), i < count, lowest power first."""
+    """The coefficients of T_i(2u - 1), i < count, lowest power first."""
     found = [[1], [-1, 2]]
     while len(found) < count:
         before, last = found[-2], found[-1]

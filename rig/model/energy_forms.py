@@ -15,7 +15,7 @@ Array = NDArray[np.float64]
 
 
 def powers(system: System, modes: ModeSet) -> Array:
-    """Quadratic forms of the powers, [term, n, n], symmetric; that of a switch, which acts at once, is zero."""
+    """The symmetric quadratic forms of the powers, [term, n, n]; zero for the switch, which acts at once."""
     nq, n = len(system.coordinates), system.n
     velocity = np.eye(n)[nq : 2 * nq]
     normal_modes = system.modes(modes.key)[1]
@@ -35,13 +35,13 @@ def powers(system: System, modes: ModeSet) -> Array:
 
 
 def loss_rows(system: System, modes: ModeSet) -> Array:
-    """What each resistor's heat is the square of, as rows over x [loss, n]."""
+    """Rows over x whose square, times the conductance, is the power of each resistor, [loss, n]."""
     network = modes.A[2 * len(system.coordinates) : system.one]
     return np.array([loss.row + loss.rate @ network for loss in system.losses]).reshape(-1, system.n)
 
 
 def store(system: System, key: int) -> Array:
-    """Twice the energy stored in the network as a form of x [n, n], in mode set `key`."""
+    """Twice the energy stored in the network as a quadratic form of x [n, n], in mode set `key`."""
     *_, clamped, _, thrown = system.modes(key)
     out = system.store + sum(s.positions[mode].store for s, mode in zip(system.switches, thrown))
     for limiter, mode in zip(system.limiters, clamped):
@@ -53,13 +53,13 @@ def store(system: System, key: int) -> Array:
 
 
 def by_name(system: System, terms: Array) -> dict[str, float]:
-    """The terms [J] by name, those of the network where there is one."""
+    """The terms [J] by name; those of the network only if there is one."""
     told = TERMS if system.losses or system.switches else RESISTOR
     return dict(zip(NAMES[:told], terms[:told].tolist()))
 
 
 def supplied(system: System) -> Array:
-    """Rows of the surface speeds that friction forces draw their power from, [patch, n]."""
+    """Rows of the surface speeds through which the drives supply the power of the friction forces, [patch, n]."""
     nq = len(system.coordinates)
     rows = system.slip_rows.copy()
     for p, patch in enumerate(system.patches):
@@ -68,12 +68,12 @@ def supplied(system: System) -> Array:
 
 
 def damping(system: System, key: int) -> Array:
-    """Damping matrix of a mode set."""
+    """The damping matrix of a mode set."""
     return system.damping + system.change(system.modes(key)[3]).damping
 
 
 def stored(system: System, x: Array, key: int) -> float:
-    """Kinetic and elastic energy of the structure, and that of the network [J]."""
+    """The kinetic and elastic energy of the structure plus the energy of the network [J]."""
     nq = len(system.coordinates)
     q, v = x[:nq], x[nq : 2 * nq]
     stiffness = system.stiffness + system.change(system.modes(key)[3]).stiffness
@@ -81,12 +81,12 @@ def stored(system: System, x: Array, key: int) -> float:
 
 
 def at_nodes(A: Array, landing: Array, cell: float) -> Array:
-    """Propagators to the nodes of a cell so short that its Taylor series serves, [node, n, n]."""
+    """Propagators to the quadrature nodes of a cell that is short enough for its Taylor series, [node, n, n]."""
     return np.array([(np.eye(len(A)) + taylor(A, node * cell, ORDER)) @ landing for node in NODES])
 
 
 def work(nodes: Array, forms: Array, step: float, E: Array) -> Array:
-    """Integrals of the powers over step / 2^level, [level, term, n, n]; `nodes`: propagators in the finest cell."""
+    """Integrals of the powers over step / 2^level, [level, term, n, n]. `nodes`: propagators in the finest cell."""
     levels = len(E)
     out = np.zeros((levels, *forms.shape))
     for Phi, weight in zip(nodes, WEIGHTS):
@@ -98,10 +98,10 @@ def work(nodes: Array, forms: Array, step: float, E: Array) -> Array:
 
 
 def gathered(forms: Array, sums: Array, count: int) -> Array:
-    """What sums of x x^T, [mode set, n, n or wider], come to under `forms` [mode set, term, n, n]: [term]; empties
-    them.
+    """Evaluate sums of x x^T with the forms of the energy terms, [term], and reset the sums.
 
-    Of the first `count` mode sets; few of many have been met since the last call.
+    `forms` [mode set, term, n, n]; `sums` [mode set, n, n or wider], of which the first `count` mode sets are in use.
+    Mode sets that were not visited since the last call are skipped.
     """
     total, n = np.zeros(forms.shape[1]), forms.shape[2]
     sizes = np.einsum("sii->s", sums[:count, :, :n])

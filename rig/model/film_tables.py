@@ -1,4 +1,4 @@
-"""Tables of a film and of the structure under it, as the steps of rig.solve.film_steps read them."""
+"""Tables of a film and of the structure under it, as rig.solve.film_steps reads them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 def empty() -> Riding:
-    """Tables of a rig without a film."""
+    """The tables of a rig without a film."""
     z, none = np.zeros, np.zeros(0, dtype=np.int64)
     return Riding(
         alike=Side(z((0, 0, LANE)), none, z((0, LANE)), z((0, LANE)), z(0), z(0)),
@@ -57,7 +57,10 @@ def empty() -> Riding:
 
 
 def tables(system: System, step: float, outputs: Array, read: int) -> Riding:
-    """The tables of a system with a film for steps of `step` s; `outputs` [quantity, n], the sensors read the first."""
+    """The tables of a system with a film for steps of `step` s.
+
+    `outputs` [output, n], of which sensors read the first `read`.
+    """
     film = system.film
     assert film is not None
     nq, first = len(system.coordinates), system.names.index(on(system.coordinates[0]))
@@ -138,7 +141,7 @@ def _fits() -> Array:
 
 
 def _side(film: Film, parity: float) -> Side:
-    """The coordinates of one parity."""
+    """The coordinates of one parity (symmetric or antisymmetric)."""
     which = np.flatnonzero(film.parity == parity)
     lanes = film.directions * (film.points // 2)
     rows = zeros((len(film.rows), len(which), -(-lanes // LANE) * LANE))

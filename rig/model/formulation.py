@@ -1,17 +1,17 @@
 """One formulation for every rig: the matrices of one mode set.
 
 Each friction patch is in slip+ (w > 0), slip- or stick, each normal force closed or open, each limiter linear, low or
-high, each place on a path in one sector, each switch of a network in one position. Within a mode set whose friction
-coefficients are constant the motion is linear, x' = A x. What is not, contributes x' = A x + b T with inputs T: the
-friction force of a patch whose coefficient depends on speed, and products of states (rig.solve.product_inputs):
+high, each position along a path in one sector, each switch of a network in one position. Within a mode set whose
+friction coefficients are constant the equations are linear, x' = A x. Otherwise x' = A x + b T with inputs T: the
+friction forces of patches whose coefficient depends on speed, and products of states (rig.solve.product_inputs):
 
     [ Me   -T_P ] [ a   ]   [ F - K q - D v + sum_closed d_k r_k + sum_limiters                ]
     [ C_P    0  ] [ lam ] = [ rest of dw/dt: W_q v + W_e E + W_s S                               ] x
     d_k = n_k + sigma mu_k t_p (slip, constant law) | n_k (stick, or law over speed) | absent (open)
-    Me  = M - sum_closed d_k g_k^T            lam: the friction force a stuck patch needs
+    Me  = M - sum_closed d_k g_k^T            lam: the friction force that a stuck patch needs
 
-Stick keeps the state's length: its constraint dw/dt = 0 is solved with the reaction, and the landing projector
-Pi = I + M^-1 T (C M^-1 T)^-1 W, mass-weighted, removes the rest of w and moves nothing else.
+Stick keeps the length of the state: its constraint dw/dt = 0 is solved together with the reaction. The landing
+projector Pi = I + M^-1 T (C M^-1 T)^-1 W, mass-weighted, removes the rest of w and changes nothing else.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ from rig.solve.state_codes import (
 
 Array = NDArray[np.float64]
 _SINGULAR = 1e-12
-"""Share of the largest singular value below which a value is rounding."""
+"""Share of the largest singular value below which a singular value counts as rounding."""
 
 
 @dataclass(frozen=True)
 class ModeSet:
-    """One mode set: x' = A x + b T, every output and guard a row over x and, where a law needs it, over T.
+    """One mode set: x' = A x + b T, with every force and guard as a row over x and, if it depends on inputs, over T.
 
-    T: inputs [friction forces, products]; rows `friction` + `friction_t` T give the force of every patch (reaction in
-    stick), `normal` + `normal_t` T the normal forces. `sigma` is +-1 in slip, 0 else. `nonlinear`: slips under a law
-    over speed. `jam` = det(Me)/det(M).
+    T: inputs [friction forces, products]. Rows `friction` + `friction_t` T give the friction force of every patch (in
+    stick, the reaction), `normal` + `normal_t` T the normal forces. `sigma` is +-1 in slip, otherwise 0. `nonlinear`:
+    the patch slips with a speed-dependent law. `jam` = det(Me)/det(M).
     """
 
     key: int
@@ -75,13 +75,13 @@ class ModeSet:
 
 
 def _redundant(held: Array) -> bool:
-    """Whether contacts that stick hold the same motion twice: `held` [stuck, stuck], what their forces do to them."""
+    """Whether stuck contacts constrain the same motion twice. `held` [stuck, stuck]: effect of their forces on them."""
     sizes = np.linalg.svd(held, compute_uv=False)
     return bool(len(sizes) > 1 and sizes[-1] < _SINGULAR * sizes[0])
 
 
 def assemble(system: System, key: int) -> ModeSet:
-    """The matrices of mode set `key` (numpy, a fraction of a millisecond; runs once for each set visited)."""
+    """The matrices of mode set `key` (numpy, a fraction of a millisecond; runs once for each mode set visited)."""
     patch_modes, normal_modes, limiter_modes, sector_modes, switch_modes = system.modes(key)
     nq, n, inputs = len(system.coordinates), system.n, system.inputs
     v = slice(nq, 2 * nq)
@@ -153,7 +153,7 @@ def assemble(system: System, key: int) -> ModeSet:
             rhs[:nq, n + p] = directions[p]
     MT = np.linalg.solve(system.mass, directions[stuck].T) if stuck else np.zeros((nq, 0))
     redundant = _redundant(C @ MT)
-    if redundant:  # any forces that hold them do: the least
+    if redundant:  # the reactions are not unique: take the smallest
         solved = np.linalg.lstsq(lhs, rhs, rcond=_SINGULAR)[0]
     else:
         solved = np.linalg.solve(lhs, rhs) if nq else rhs
@@ -210,22 +210,24 @@ def assemble(system: System, key: int) -> ModeSet:
 
 
 def _in_order(system: System, friction_t: Array, loads_t: Array) -> None:
-    """Raise ValueError where a product would have to be known before what it is made of (see
-    rig.solve.product_inputs).
-    """
+    """Raise ValueError if a product depends on inputs that are computed after it (see rig.solve.product_inputs)."""
     P = len(system.patches)
     later = [True] * P + [product.level > 0 for product in system.products]
     for j, product in enumerate(system.products):
         for factor in product.factors:
             if factor.kind == NORMAL and np.any(loads_t[factor.index, later]):
                 name = system.normals[factor.index].name
-                raise ValueError(f"product {product.name}: the normal force {name} in it depends on other forces")
+                raise ValueError(
+                    f"product {product.name}: its factor, the normal force {name}, depends on another force"
+                )
         if product.level == 2 and np.any(loads_t[:, P + j]):
             raise ValueError(
-                f"product {product.name}: a normal force cannot depend on it, for friction depends on that"
+                f"product {product.name}: it has a friction force as a factor, so no normal force may depend on it"
             )
         if product.level == 2 and np.any(friction_t[:, P + j]):
-            raise ValueError(f"product {product.name}: what a stuck contact needs cannot depend on its own force")
+            raise ValueError(
+                f"product {product.name}: it has a friction force as a factor, so no stuck contact may depend on it"
+            )
 
 
 def _guards(
@@ -239,9 +241,9 @@ def _guards(
     loads_t: Array,
     gains: Sequence[float],
 ) -> tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]:
-    """What holds while the mode set lasts, as rows over x and T that stay positive; their kinds and owners.
+    """The guards of a mode set, as rows over x and T that stay positive while it lasts, with their kinds and owners.
 
-    `gains`: of the limiters; one with none is out of the network.
+    `gains`: of the limiters; a limiter with gain 0 is out of the network.
     """
     _, normal_modes, limiter_modes, sector_modes, _ = system.modes(key)
     n, inputs = system.n, system.inputs
@@ -251,7 +253,7 @@ def _guards(
     owners: list[int] = []
 
     def guard(row: Array, row_t: Array, kind: int, owner: int) -> None:
-        if np.any(row) or np.any(row_t):  # a guard that vanishes identically is only noise
+        if np.any(row) or np.any(row_t):  # a guard that is identically zero would only give rounding noise
             guards.append(row)
             guards_t.append(row_t)
             kinds.append(kind)
@@ -287,7 +289,7 @@ def _guards(
         else:
             guard(-below if mode == LOW else -above, np.zeros(inputs), G_LIMIT_BACK, x)
     for s, (sector, where) in enumerate(zip(system.sectors, sector_modes)):
-        if sector.patch < 0 or sigma[sector.patch] != 0.0:  # a stuck contact stays where it is
+        if sector.patch < 0 or sigma[sector.patch] != 0.0:  # a stuck contact cannot leave its sector
             ends = (*sector.edges, sector.period)
             guard(ends[where + 1] * one - sector.row, np.zeros(inputs), G_NEXT, s)
             guard(sector.row - ends[where] * one, np.zeros(inputs), G_PREVIOUS, s)
@@ -301,9 +303,9 @@ def _guards(
 
 
 def _never_changes(row: Array, row_t: Array, system: System) -> bool:
-    """Whether a normal force is a constant: it rests on signals alone that nothing drives or writes.
+    """Whether a normal force is constant: it depends only on state variables that nothing drives or writes.
 
-    Only the signal "one" is known to stay; a load written by a command is a state and keeps its guard.
+    Only the state "one" is known to be constant. A load written by a command is a state and keeps its guard.
     """
     used = np.flatnonzero(row)
     return not np.any(row_t) and bool(np.all(used == system.one))

@@ -1,6 +1,4 @@
-"""Friction laws as a rig states them, and their packing into the rows that kernels read
-(rig.solve.friction_coefficient).
-"""
+"""Friction laws as a rig states them, and their packing for kernels (rig.solve.friction_coefficient)."""
 
 from __future__ import annotations
 
@@ -24,7 +22,7 @@ from rig.solve.friction_coefficient import (
 
 @dataclass(frozen=True)
 class Law:
-    """A friction law: static coefficient, code, numbers."""
+    """A friction law: static coefficient, code of the law, and its numbers."""
 
     static: float
     code: int
@@ -37,41 +35,41 @@ class Law:
 
     @property
     def sticks(self) -> bool:
-        """Whether a contact may stick under it."""
+        """Whether a contact with this law can stick."""
         return self.code != SMOOTH
 
     def mu(self, speed: float) -> float:
-        """Coefficient at slip speed `speed` >= 0 [m/s]."""
+        """The coefficient at slip speed `speed` >= 0 [m/s]."""
         return float(coefficient(self.code, np.array(self.numbers), speed))
 
     def over(self, speeds: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Coefficients at many slip speeds >= 0 [m/s]."""
+        """The coefficients at many slip speeds >= 0 [m/s]."""
         values = np.zeros(len(speeds))
         coefficients(self.code, np.array(self.numbers), speeds, values)
         return values
 
     def slope(self, speed: float) -> float:
-        """D mu / d speed [s/m] at `speed` > 0."""
+        """The slope d mu / d speed [s/m] at `speed` > 0 [m/s]."""
         return float(slope(self.code, np.array(self.numbers), speed))
 
 
 def coulomb(static: float, kinetic: float) -> Law:
-    """One coefficient in slip, another in stick."""
+    """One coefficient in slip, another one in stick."""
     return Law(static, COULOMB, (kinetic,))
 
 
 def stribeck(static: float, dynamic: float, speed: float) -> Law:
-    """Exponential fall from the static to the dynamic coefficient over `speed` [m/s]."""
+    """Exponential decay from the static to the dynamic coefficient over `speed` [m/s]."""
     return Law(static, STRIBECK, (dynamic, static - dynamic, 1.0 / speed))
 
 
 def falling(zero: float, slope: float, floor: float) -> Law:
-    """Linear fall with `slope` [s/m] from `zero` down to `floor`."""
+    """Linear decrease with `slope` [s/m] from `zero` down to `floor`."""
     return Law(zero, FALLING, (zero, slope, floor))
 
 
 def seal(mixed: float, decay: float, film: float, offset: float) -> Law:
-    """Mixed friction that falls with `decay` [s/m], and a film that bears `film` [(s/m)^0.5]; `offset` [m/s] > 0."""
+    """Mixed friction that decays with `decay` [s/m], plus film friction `film` [(s/m)^0.5]; `offset` [m/s] > 0."""
     return Law(mixed + film * offset**0.5, SEAL, (mixed, decay, film, offset))
 
 
@@ -91,7 +89,7 @@ def table(speeds: NDArray[np.float64], values: NDArray[np.float64], static: floa
 
 
 def width(laws: tuple[Law, ...]) -> int:
-    """How many numbers the longest of these laws has."""
+    """The largest count of numbers that one of these laws has."""
     return max((len(law.numbers) for law in laws), default=1)
 
 

@@ -1,4 +1,4 @@
-"""Tables of the method kick: the exact flow of the structure over half a step, and the kicks of the contacts."""
+"""Tables of the method kick: the exact flow of the structure over a step, and the kicks of the contacts."""
 
 from __future__ import annotations
 
@@ -20,26 +20,27 @@ Array = NDArray[np.float64]
 
 
 def refusal(system: System) -> str:
-    """Why this system is not for kicks; "" where it is."""
+    """The reason why the method kick does not support this system; "" if it does."""
     positions = slice(len(system.coordinates))
     if not any(k.opens and np.any(k.row[positions]) for k in system.normals):
-        return "no contact opens here: exact or dopri5"
+        return "no contact of this rig opens: use exact or dopri5"
     over_speed = [p.name for i, p in enumerate(system.patches) if any(not law.constant for law in system.laws(i))]
     if over_speed:
-        return f"friction over speed is no force of positions alone ({', '.join(over_speed)}): dopri5"
+        return f"the friction of {', '.join(over_speed)} depends on speed: use dopri5"
     if system.products or system.limiters or system.sectors or system.switches:
-        return "knows structures and contacts only: exact or dopri5"
+        return "supports neither products, limiters, sectors nor switches: use exact or dopri5"
     velocities = slice(len(system.coordinates), system.one)
     for k in system.normals:
         if np.any(k.inertia) or np.any(k.row[velocities]):
-            return f"the force of {k.name} is none of positions alone: exact or dopri5"
+            return f"the normal force {k.name} depends on more than positions: use exact or dopri5"
     return ""
 
 
 def pressed(system: System) -> System:
-    """The system with every contact that opens as a product, what is positive of its row; they are no modes any more.
+    """The system with every contact that opens turned into a product: the positive part of its row.
 
-    The product of a normal force k is called N:k, as outputs name it. What they press is one normal force of the patch.
+    These contacts have no mode any more. The product of a normal force k is called N:k, like its output. All of them
+    together are one normal force of the patch.
     """
     points = [k for k in system.normals if k.opens]
     count = len(points)
@@ -58,7 +59,7 @@ def _whole(columns: int) -> int:
 
 
 def empty(system: System | None, guards: int) -> Flow:
-    """Tables without a mode set, for a system of `pressed` with at most so many guards; of no length for None."""
+    """Tables without a mode set, for a system from `pressed` with at most `guards` guards; of length zero for None."""
     n, nq, P, points = 0, 0, 0, 0
     if system is not None:
         n, nq, P, points = system.n, len(system.coordinates), len(system.patches), len(system.products)
@@ -81,7 +82,10 @@ def empty(system: System | None, guards: int) -> Flow:
 
 
 def tables(system: System, modes: ModeSet, forms: Array, step: float, guards: int) -> dict[str, Array]:
-    """The tables of one mode set. `forms`: of the powers; `step` [s]; `guards`: what all mode sets have room for."""
+    """The tables of one mode set.
+
+    `forms`: quadratic forms of the powers; `step` in s; `guards`: number of guards for which all mode sets have room.
+    """
     P, points = len(system.patches), len(system.products)
     E = expm.ladder(modes.A, step)
     nodes = energy_forms.at_nodes(modes.A, modes.landing, step / 2.0 ** (len(E) - 1))
@@ -106,14 +110,14 @@ def tables(system: System, modes: ModeSet, forms: Array, step: float, guards: in
 
 
 def _rows(system: System) -> Array:
-    """What presses at each point, as a row over the states."""
+    """The normal force of each point before it is cut at zero, as a row over the state."""
     return np.array([product.factors[0].row for product in system.products], dtype=np.float64)
 
 
 def compliances(system: System) -> Array:
-    """Compression for each newton at a point [m/N]: the part of its push that gives way as the row says; [point].
+    """The compliance of each point [m/N], [point]: compression of its spring per newton, as its row states it.
 
-    0 for a force that no position changes.
+    0 for a force that depends on no position.
     """
     rows = _rows(system)[:, : len(system.coordinates)]
     stiff = np.sum(rows * rows, axis=1)

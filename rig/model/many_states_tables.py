@@ -17,7 +17,7 @@ Array = NDArray[np.float64]
 
 
 def depth(A: Array, step: float) -> int:
-    """Halvings of a tick down to a cell."""
+    """The number of halvings from a tick to a cell."""
     turn = float(np.abs(np.linalg.eigvals(A)).max(initial=0.0)) * step
     size = float(expm.norm(A, expm.balance(A))) * step
     level = 0
@@ -75,10 +75,10 @@ def tables(
     outputs: Array,
     read: int,
 ) -> dict[str, Array]:
-    """The tables of one mode set. `terms`: `series` over a cell; E [level, n, n] as in ModeSets; bounds [guard, n]: of
-    chords.
+    """The tables of one mode set.
 
-    field [n, n + inputs]: the derivative; outputs [output, n], of which the first `read` are signals for the sensors.
+    `terms`: `series` over a cell; E [level, n, n] as in ModeSets; bounds [guard, n]: chord bounds; field [n, n +
+    inputs]: rows of the derivative; outputs [output, n], of which sensors read the first `read`.
     """
     n, levels = len(landing), len(E)
     polynomial = landing @ _combine(economy(ORDER, TERMS)[1:], terms) @ landing  # [ORDER, n, n]
@@ -92,7 +92,7 @@ def tables(
         left = (powers - powers[:, : QUICK + 1] @ low) @ np.einsum("gi,kij->kgj", guards, terms).reshape(TERMS + 1, -1)
         margin = MARGIN * np.abs(left).max(axis=0).reshape(guards.shape)
         quick = np.einsum("bk,gkj->gbj", bernstein(QUICK), np.einsum("gi,kij->gkj", guards, _combine(low, terms)))
-    else:  # the ends of the chord, and how far from it a guard can be
+    else:  # values at the ends of the chord; `margin` bounds the distance of the guard from the chord
         margin = bounds
         quick = np.repeat(guards[:, None, :], QUICK + 1, axis=1)
         quick[:, 1:] += (guards @ E[0])[:, None, :]
@@ -110,20 +110,20 @@ def tables(
 
 
 def take(t: Wide, count: int, work: Array, powers: Array) -> Array:
-    """What `whole` and `part` of the first `count` mode sets come to, [term], and empties them.
+    """Evaluate the sums `whole` and `part` of the first `count` mode sets as energy terms, [term], and reset them.
 
-    work, powers [mode set, term, n, n]: forms.
+    work, powers [mode set, term, n, n]: quadratic forms.
     """
     return gathered(work, t.whole, count) + gathered(powers, t.part, count)
 
 
 def at(places: Array, terms: Array) -> Array:
-    """exp(A u) at places u of a cell, [place, n, n]."""
+    """The propagators exp(A u) at places u of a cell, [place, n, n]."""
     return _combine(places[:, None] ** np.arange(TERMS + 1), terms)
 
 
 def _combine(weights: Array, terms: Array) -> Array:
-    """sum_j weights[k, j] terms[j], [k, n, n]."""
+    """The sums sum_j weights[k, j] terms[j], [k, n, n]."""
     out = np.zeros((len(weights), terms[0].size))
     expm.multiply(np.ascontiguousarray(weights), np.ascontiguousarray(terms.reshape(len(terms), -1)), out)
     return out.reshape(len(weights), *terms.shape[1:])

@@ -1,4 +1,4 @@
-"""Which method carries a system on, and how each of them sees it."""
+"""Which method serves a system, and the system as each method sees it."""
 
 from __future__ import annotations
 
@@ -7,20 +7,21 @@ from rig.model.system import System
 
 METHODS = ("exact", "dopri5", "rk4", "kick", "smooth")
 MANY = 1 << 22
-"""Mode sets that can be told apart."""
+"""Largest number of mode sets that a system may have."""
 CROWD = 1 << 14
-"""Mode sets of which a run would build one after the other as it meets them: those of 13 points and more."""
+"""Number of mode sets beyond which a run would build new ones all the time; 13 contacts that open exceed it."""
 
 
 def crowded(system: System) -> bool:
-    """Whether so many contacts open and close that their mode sets are not told apart: none is an event then."""
+    """Whether so many contacts open and close that their mode sets are not distinguished: opening is then no event."""
     return system.keys > CROWD and system.film is None and not kick_tables.refusal(system)
 
 
 def chosen(method: str, system: System) -> str:
-    """The method that "auto" stands for: exact where the motion is linear in every mode set, else dopri5.
+    """The method that "auto" stands for.
 
-    kick where a crowd of contacts opens and closes, or travels.
+    kick if very many contacts open and close or a film travels; otherwise exact if every mode set is linear; otherwise
+    dopri5.
     """
     if method != "auto":
         return method
@@ -30,12 +31,15 @@ def chosen(method: str, system: System) -> str:
 
 
 def seen(system: System, method: str, smoothing: float) -> System:
-    """The system as a method sees it; `smoothing` [m/s] of the method smooth. Raises ValueError if it cannot serve."""
+    """The system as `method` sees it. `smoothing` [m/s]: of the method smooth.
+
+    Raises ValueError if the method does not support the system.
+    """
     if method not in METHODS:
         raise ValueError(f"unknown method {method!r}; known: {', '.join(METHODS)}")
     if system.film is not None:
         if method != "kick":
-            raise ValueError(f"{method} cannot follow points that travel, and stick and slip each by itself: use kick")
+            raise ValueError(f"method {method} does not support a film of travelling contact points: use kick")
         why = film.refusal(system)
         if why:
             raise ValueError(f"kick: {why}")
@@ -49,9 +53,11 @@ def seen(system: System, method: str, smoothing: float) -> System:
     elif method == "smooth":
         system = smooth.smoothed(system, smoothing)
     if system.keys > MANY:
-        raise ValueError(f"{method} cannot tell {system.keys:.3g} mode sets apart: use kick")
+        raise ValueError(f"the rig has {system.keys:.3g} mode sets, method {method} supports {MANY:.3g}: use kick")
     if method == "exact" and not system.linear:
         bent = [p.name for i, p in enumerate(system.patches) if any(not law.constant for law in system.laws(i))]
         bent += [product.name for product in system.products]
-        raise ValueError(f"exact needs motion that is linear in every mode set, unlike {', '.join(bent)}: use dopri5")
+        raise ValueError(
+            f"method exact requires linear equations in every mode set; not linear: {', '.join(bent)}; use dopri5"
+        )
     return system

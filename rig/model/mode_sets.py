@@ -1,7 +1,7 @@
-"""Mode sets as arrays: the tables a kernel needs for each mode set, built when a run first visits it.
+"""The mode sets of a run as arrays: tables for the kernels, built for each mode set at its first visit.
 
-Only a few of the possible mode sets are ever visited, so a kernel that meets an unknown one returns and asks for it.
-A command, a slope or a speed target is a state, so no command ever rebuilds a table.
+A run visits only a few of the possible mode sets. A kernel that meets an unknown one returns and asks for it. Commands,
+slopes and speed targets are states, so no command ever rebuilds a table.
 """
 
 from __future__ import annotations
@@ -30,14 +30,15 @@ _MARGIN = 1.25
 
 
 class ModeSets:
-    """The mode sets of one run: `tables` for the kernels, `add(key)` when one is met for the first time."""
+    """The mode sets of one run. `tables`: for the kernels; `add(key)`: builds a mode set at its first visit."""
 
     def __init__(
         self, system: System, step: float, signals: list[dict[str, float]], read: int = 0, kicks: int = 0
     ) -> None:
-        """`signals`: extended rows (rig.model.assembly) of the rig's outputs, sensors read the first; `step` in s.
+        """Start without mode sets.
 
-        `kicks`: steps of the method kick in a `step`; 0 for other methods.
+        `step` in s; `signals`: extended rows (rig.model.assembly) of the rig's outputs, of which sensors read the first
+        `read`; `kicks`: steps of the method kick in a `step`, 0 for other methods.
         """
         self.read, self._kicks, self._wide = read, kicks, system.n > UNROLLED
         self.system = system
@@ -45,17 +46,17 @@ class ModeSets:
         self.rows = signals
         self.sets: list[ModeSet] = []
         self.sticks: list[bool] = []
-        """Whether every patch sticks, by mode set."""
+        """For each mode set, whether every patch sticks."""
         self.tables = empty(system, step, len(signals), read, kicks)
         self.handle = Loan(self.tables)
 
     @property
     def keys(self) -> tuple[int, ...]:
-        """The mode sets that are there, by mode set."""
+        """The keys of the mode sets built so far, in the order of the tables."""
         return tuple(modes.key for modes in self.sets)
 
     def add(self, key: int) -> ModeSet:
-        """Assemble mode set `key` and append its tables; returns the mode set."""
+        """Assemble mode set `key`, append its tables and return it."""
         system = self.system
         modes = assemble(system, key)
         if system.film is not None:
@@ -154,8 +155,9 @@ class ModeSets:
         return modes
 
     def _ride(self, modes: ModeSet) -> ModeSet:
-        """Append the tables of the only mode set of a rig whose contacts travel: what rig.solve.film_steps does not ask
-        for stays of length zero.
+        """Append the tables of the only mode set of a rig with a film.
+
+        Tables that rig.solve.film_steps does not read keep length zero.
         """
         t, rows = self.tables, signal_rows(self.system, modes, self.rows)[0]
         new: dict[str, Any] = {"signals": rows, "asks": np.zeros(len(rows))}
@@ -170,7 +172,10 @@ class ModeSets:
         return modes
 
     def take(self) -> Array:
-        """What kernels have booked as sums over states since the last call, [term]; the rest they have worked out."""
+        """The energy terms, [term], of the sums over states that kernels have collected since the last call.
+
+        Terms that kernels compute themselves are not included.
+        """
         t, count, total = self.tables, len(self.sets), np.zeros(TERMS)
         if self._wide:
             total += many_states_tables.take(t.wide, count, t.work[:, 0], t.powers)
@@ -186,7 +191,7 @@ def _padded(array: NDArray[Any], count: int) -> NDArray[Any]:
 
 
 def _put(old: NDArray[Any], mode_set: int, new: Any) -> NDArray[Any]:
-    """The array with `new` in place of `mode set`; with more room where it is full, or where a ladder is deeper."""
+    """The array with entry `mode_set` set to `new`; enlarged if it is full or if `new` has more levels."""
     entry = np.asarray(new, dtype=old.dtype)
     levels = entry.ndim > 2
     if mode_set >= len(old) or (levels and len(entry) > old.shape[1]):

@@ -1,4 +1,4 @@
-"""Quantities of the plant as rows over its state: what sensors read and what truth tells."""
+"""Outputs of the plant as rows over its state: for the sensors and for the plant's own record."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) -> tuple[Array, Array]:
-    """Extended rows by name as rows over x [signal, n] and T [signal, inputs] of one mode set."""
+    """Rows by name (extended rows) as rows over x [output, n] and over T [output, inputs] of one mode set."""
     nq, inputs, states = len(system.coordinates), np.eye(system.inputs), np.eye(system.n)
     known: dict[str, tuple[Array, Array]] = {}
     for i, name in enumerate(system.names):
@@ -34,7 +34,7 @@ def signal_rows(system: System, modes: ModeSet, rows: list[dict[str, float]]) ->
     gains = [position.gains for position in (s.positions[at] for s, at in zip(system.switches, thrown))]
     for i, (limiter, mode) in enumerate(zip(system.limiters, clamped)):
         held = {LOW: limiter.low, HIGH: limiter.high}.get(mode)
-        idle = any(found.get(i) == 0.0 for found in gains)  # a switch has taken it out of the network
+        idle = any(found.get(i) == 0.0 for found in gains)  # a switch took the limiter out of the network
         within = held is None or idle
         known[f"c:{limiter.name}"] = (limiter.row if within else held * states[system.one], np.zeros(system.inputs))
     over_x, over_t = np.zeros((len(rows), system.n)), np.zeros((len(rows), system.inputs))

@@ -1,4 +1,4 @@
-"""Products of states, forces and angles as a rig states them; their packing for kernels; their tangent."""
+"""Products of states, forces and angles as a rig states them, their packing for the kernels, and their derivatives."""
 
 from __future__ import annotations
 
@@ -15,7 +15,11 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Factor:
-    """One factor: its kind; which state, normal or patch; the row over the state of an angle [rad] or a press."""
+    """One factor of a product.
+
+    `kind`: of the factor; `index`: of the state, normal force or patch; `row`: over the state, of an angle [rad] or of
+    a press.
+    """
 
     kind: int
     index: int = 0
@@ -24,20 +28,20 @@ class Factor:
 
 @dataclass(frozen=True)
 class Product:
-    """The product of some factors, by the name that rows use."""
+    """A product of factors, with the name by which rows refer to it."""
 
     name: str
     factors: tuple[Factor, ...]
 
     @property
     def level(self) -> int:
-        """0, 1 or 2: see above."""
+        """The level 0, 1 or 2 of the product (rig.solve.product_inputs)."""
         kinds = {factor.kind for factor in self.factors}
         return 2 if FRICTION in kinds else 1 if NORMAL in kinds else 0
 
 
 def pack(products: tuple[Product, ...], n: int, patches: int, normals: int) -> Products:
-    """The arrays of `products`, which are in the order of their levels."""
+    """The arrays of `products`, which must be in the order of their levels."""
     angles: list[Array] = []
     presses: list[Array] = []
     known: dict[tuple[bool, bytes], int] = {}
@@ -75,9 +79,9 @@ def tangent(
     x: Array,
     forces: tuple[tuple[Array, Array], tuple[Array, Array]],
 ) -> tuple[Array, Array]:
-    """Values [product] and slopes over x [product, n] of the products of one level, 0 for the others.
+    """Values [product] and derivatives over x [product, n] of the products of one level; 0 for the other products.
 
-    `forces`: values and slopes of the normal forces, and of the friction forces, as far as they are known.
+    `forces`: values and derivatives of the normal forces, and of the friction forces, as far as they are known.
     """
     n = len(x)
     values, slopes = np.zeros(len(products)), np.zeros((len(products), n))

@@ -1,4 +1,4 @@
-"""Why the equations of motion of a mode set have no single solution: jamming, no inertia, a contact not held."""
+"""Why the equations of motion of a mode set have no unique solution: jamming, no inertia, no holding force."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from rig.model.system import System
 from rig.solve.state_codes import CLOSED, OPEN, SLIP_PLUS, STICK
 
 Array = NDArray[np.float64]
-JAMS = "jams: friction takes up all of the inertia at just these values"
-_ROUNDING = 1e-12  # of the largest singular value
+JAMS = "jams: friction takes up all of the inertia at these parameter values"
+_ROUNDING = 1e-12  # share of the largest singular value
 
 
 def assembled(system: System, key: int) -> ModeSet:
-    """The matrices of mode set `key`. Raises rig.errors.Singular where they are not defined."""
+    """The matrices of mode set `key`. Raises rig.errors.Singular if they are not defined."""
     try:
         return assemble(system, key)
     except np.linalg.LinAlgError:
@@ -27,11 +27,11 @@ def assembled(system: System, key: int) -> ModeSet:
 
 
 def singular(system: System, key: int) -> Singular:
-    """What is wrong with mode set `key`, which `assemble` cannot solve."""
+    """The error that says why `assemble` cannot solve mode set `key`."""
     nq, mode = len(system.coordinates), system.describe(key)
     patch_modes, normal_modes, _, sectors, _ = system.modes(key)
     if not _regular(system.mass):
-        return Singular("the mass matrix has no inverse: some motion has no inertia", mode)
+        return Singular("the mass matrix is singular: some motion has no inertia", mode)
     laws = [system.law(p, sectors) for p in range(len(system.patches))]
     mass = bearing_mass(system, key, lambda p: float(laws[p].numbers[0]) if laws[p].constant else 0.0)
     if not _regular(np.linalg.solve(system.mass, mass)):
@@ -41,12 +41,12 @@ def singular(system: System, key: int) -> Singular:
     free = [p for p in stuck if not np.any(system.slip_rows[p, nq : 2 * nq])]
     names = ", ".join(system.patches[p].name for p in free or stuck)
     if free:
-        return Singular(f"no coordinate moves along {names}: no force can hold what slips there", mode)
-    return Singular(f"no forces can hold {names}: they press where they hold", mode)
+        return Singular(f"no coordinate moves along {names}: no friction force can stop the slip there", mode)
+    return Singular(f"no friction forces can hold {names}: their effect on the slip speeds cancels", mode)
 
 
 def bearing_mass(system: System, key: int, mu: Callable[[int], float]) -> Array:
-    """The mass matrix with friction in it in mode set `key`; `mu`: coefficient of each patch, by number."""
+    """The mass matrix with friction included, in mode set `key`. `mu`: coefficient of each patch, by its index."""
     patch_modes, normal_modes, *_ = system.modes(key)
     Me = system.mass.copy()
     for normal, where in zip(system.normals, normal_modes):

@@ -1,8 +1,9 @@
-"""Friction smoothed through rest, for comparison: T = mu(|w|) N tanh(w / scale), no stick and no events.
+"""Smoothed friction, for comparison only: T = mu(|w|) N tanh(w / scale), without stick and without events.
 
-A stuck contact creeps by scale atanh(T / (mu N)), for ever. Static friction that leaps to kinetic has no smooth form:
-it is given a fall over 5 scales, as the literature does, whose largest value lies a sixth below the static one whatever
-the scale is. Finite, smooth and wrong; to be seen so.
+A stuck contact creeps at scale atanh(T / (mu N)) forever. The jump from static to kinetic friction has no smooth form.
+As in the literature it becomes a decay over 5 scales, whose maximum is a sixth below the static coefficient for any
+scale. The result is finite, smooth and wrong; the method exists to show this error.
+
 Source: the form of Liu and Ouyang, Mechanical Systems and Signal Processing (2022), with tanh(50 v).
 """
 
@@ -14,7 +15,7 @@ from rig.model import friction_law
 from rig.model.friction_law import Law
 from rig.model.system import System
 
-_FALL = 5.0  # scales over which static friction falls to kinetic
+_FALL = 5.0  # number of scales over which static friction falls to kinetic
 
 
 def smoothed(system: System, scale: float) -> System:

@@ -1,7 +1,7 @@
 """The tables that a kernel reads, stacked by mode set.
 
-A guard g = G x is certified free of events over a cell of length h when it exceeds, at both ends, the bound
-b = B.|x|, B_j = 1.25 h^2/8 max |(G A^2 exp(A t))_j|: the interpolation error of a chord cannot reach zero then.
+A guard g = G x is certified free of events over a cell of length h if it exceeds, at both ends, the bound b = B.|x|,
+B_j = 1.25 h^2/8 max |(G A^2 exp(A t))_j|. This bounds the interpolation error of the chord, so g cannot reach zero.
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from rig.solve.product_inputs import Products
 
 Array = NDArray[np.float64]
 UNROLLED = 8
-"""States up to which their number is a constant of the compiled code; above, one compiled code serves all rigs."""
+"""Up to this number of states, compiled code has it as a constant; above, the same code serves all rigs."""
 
 
 class Tables(NamedTuple):
-    """All mode sets visited so far, stacked by mode set; unknown ones have mode set -1 in `mode_set_of`. I: number of
-    inputs T.
+    """Tables of all mode sets visited so far, stacked by mode set. I: number of inputs T.
 
-    What a rig does not have are arrays of length zero, so that all tables are of one type: kernels compile once.
+    Unknown mode sets have the entry -1 in `mode_set_of`. Arrays that a rig does not need have length zero, so that all
+    tables have one type and kernels compile once.
     """
 
     mode_set_of: NDArray[np.int32]  # [mode sets]
     depth: NDArray[np.int64]  # [mode set]
-    order: NDArray[np.int64]  # [mode set] terms of a finest cell's Taylor polynomial
-    curved: NDArray[np.int64]  # [mode set] 1: not linear: a slipping patch has a law over speed, or there are products
-    stuck: NDArray[np.int64]  # [mode set] 1: some patch sticks
-    lands: NDArray[np.int64]  # [mode set] 1: landing moves something
-    E: Array  # [mode set, level, n, n] propagators over step / 2^level less one, landing folded in
+    order: NDArray[np.int64]  # [mode set] number of Taylor terms of the finest cell
+    curved: NDArray[np.int64]  # [mode set] 1: not linear: a slipping patch has speed-dependent friction, or products
+    stuck: NDArray[np.int64]  # [mode set] 1: at least one patch sticks
+    lands: NDArray[np.int64]  # [mode set] 1: the landing projection is not the identity
+    E: Array  # [mode set, level, n, n] propagators over step / 2^level minus one, landing included
     A: Array  # [mode set, n, n]
     b: Array  # [mode set, n, I]
     landing: Array  # [mode set, n, n]
@@ -48,7 +48,7 @@ class Tables(NamedTuple):
     G: Array  # [mode set, guard, n]
     GT: Array  # [mode set, guard, I]
     GA: Array  # [mode set, guard, n]
-    B: Array  # [mode set, guard, n] bound of the chord over one step
+    B: Array  # [mode set, guard, n] chord bound over one step
     BA: Array  # [mode set, guard, n] the same for the guard's slope
     normal: Array  # [mode set, K, n]
     normal_t: Array  # [mode set, K, I]
@@ -60,18 +60,18 @@ class Tables(NamedTuple):
     pace: Array  # [mode set, P, n] sigma times the slip speed
     bear: Array  # [mode set, P, n] sigma times the load
     bear_t: Array  # [mode set, P, I]
-    signals: Array  # [mode set, S, n] quantities the sensors read
+    signals: Array  # [mode set, S, n] outputs that sensors read
     signals_t: Array  # [mode set, S, I]
-    asks: NDArray[np.int64]  # [mode set, S] 1: the quantity depends on the inputs
-    coupled: NDArray[np.int64]  # [mode set] 1: some load depends on the friction forces T
+    asks: NDArray[np.int64]  # [mode set, S] 1: the output depends on the inputs
+    coupled: NDArray[np.int64]  # [mode set] 1: a load depends on the friction forces T
     needs: NDArray[np.int64]  # [mode set, guard] 1: the guard depends on the inputs
-    press: Array  # [mode set, K, n] the normal forces that are closed, 0 for the others
+    press: Array  # [mode set, K, n] closed normal forces, 0 for open ones
     press_t: Array  # [mode set, K, I]
-    active: NDArray[np.int64]  # [mode set, terms] 1: the power is not zero throughout
+    active: NDArray[np.int64]  # [mode set, terms] 1: the power is not identically zero
     powers: Array  # [mode set, terms, n, n] quadratic forms of power
     work: Array  # [mode set, level, terms, n, n] their integrals over step / 2^level
     slip: Array  # [P, n] slip speed rows
-    surface: Array  # [P, n] slip speed and the speed of the body under the friction force: what the drive supplies
+    surface: Array  # [P, n] surface speed: slip speed plus speed of the body along the friction force
     lift: Array  # [K, n] rows of the speed along each normal force
     damping: Array  # [mode set, nq, nq]
     force: Array  # [nq, n]
@@ -80,29 +80,29 @@ class Tables(NamedTuple):
     code: NDArray[np.int64]  # [mode set, P]
     numbers: Array  # [mode set, P, widest]
     of_patch: NDArray[np.int64]  # [K]
-    opens: NDArray[np.int64]  # [K] 1: the contact opens at N = 0; else it pulls as it presses
+    opens: NDArray[np.int64]  # [K] 1: the contact opens at N = 0; 0: it transmits tension too
     limiters: NDArray[np.int64]  # [1] number of limiters
     sectors: NDArray[np.int64]  # [sector row] number of sectors
-    turn: NDArray[np.int64]  # [sector row] the state that is moved by a period
-    commanded: NDArray[np.int64]  # [switch] the state that says its position
-    positions: NDArray[np.int64]  # [switch] how many it has
-    swing: NDArray[np.int64]  # [generator, 2] signals a, b of a' = rate b, b' = -rate a
+    turn: NDArray[np.int64]  # [sector row] the state that is shifted by a period
+    commanded: NDArray[np.int64]  # [switch] the state that commands its position
+    positions: NDArray[np.int64]  # [switch] number of positions
+    swing: NDArray[np.int64]  # [generator, 2] states a, b with a' = rate b, b' = -rate a
     swing_rate: Array  # [generator]
     store: Array  # [mode set, n, n] twice the energy in the network
-    loss: Array  # [mode set, resistor, n] their heat is the square of this, times the
+    loss: Array  # [mode set, resistor, n] power: the square of this row times x, times the
     conductance: Array  # [resistor]
-    path: Array  # [sector row, n] place
+    path: Array  # [sector row, n] position along the path
     edges: Array  # [sector row, widest + 1] the last is the period
-    change: Array  # [sector row, widest, nq, nq] what a sector adds to the stiffness; no row where none does
+    change: Array  # [sector row, widest, nq, nq] stiffness that a sector adds; no rows if none does
     products: Products
     wide: Wide  # of rigs with many states
     flow: Flow  # of the method kick
-    film: Riding  # of that method, where contacts travel
+    film: Riding  # of the method kick with a travelling film
     step: Array  # [1] s
 
 
 def empty(s: System, step: float, signals: int, read: int, kicks: int) -> Tables:
-    """Tables without a mode set; see ModeSets for the arguments, `signals`: how many."""
+    """Tables without a mode set. `signals`: number of outputs; the other arguments as in ModeSets."""
     n, nq, P, K, S = s.n, len(s.coordinates), len(s.patches), len(s.normals), signals
     I = s.inputs
     g = 2 * P + K + 2 * len(s.limiters) + 2 * len(s.sectors)

@@ -1,4 +1,4 @@
-"""Scratch memory that the kernels need for a system."""
+"""Allocates the scratch memory that the kernels need for a system."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rig.solve.roots import DEGREE, WORK_COLUMNS, WORK_ROWS
 
 
 def workspace(system: System, read: int, guards: int) -> Work:
-    """Scratch for a system, of which `read` quantities are read and a mode set has at most `guards` guards."""
+    """Scratch for a system with `read` outputs for sensors and at most `guards` guards in a mode set."""
     n, P = system.n, len(system.patches)
     both = np.zeros(n + system.inputs)
     nodes, weights = np.polynomial.legendre.leggauss(3)

@@ -1,8 +1,7 @@
-"""The parts of compiled code that a rig needs (rig.solve.specialised), where they begin, and two processes that compile
-them.
+"""Finds or compiles the parts of compiled code that a rig needs (rig.solve.specialised), with two processes.
 
-The second process takes the list from its end, this one from its begin; nothing is compiled by both
-(rig.kernel_store.Folder.claimed). Behind the parts stand the kernels that a run calls from Python first.
+The second process takes the list from its end, this one from its begin; no part is compiled twice
+(rig.kernel_store.Folder.claimed). After the parts the list holds the kernels that a run calls first from Python.
 """
 
 from __future__ import annotations
@@ -24,12 +23,12 @@ from rig.kernel import FOLDER
 from rig.solve.specialised import Shape
 
 _ADDRESSES: dict[tuple[Any, Shape], int] = {}
-_HUNG = 120.0  # s that another process may compile one part
+_HUNG = 120.0  # s, longest time that another process may need for one part
 _PATIENCE = 5.0  # s, for the second process to end
 
 
 class Task(NamedTuple):
-    """A function to be compiled for arguments of these types. `name`: of it among the kernels that are kept."""
+    """A function to compile for arguments of the types `kinds`. `name`: its name among the stored kernels."""
 
     name: str
     function: Any
@@ -38,8 +37,8 @@ class Task(NamedTuple):
 
 @contextmanager
 def _beside(tasks: Sequence[Task]) -> Iterator[None]:
-    """While these are compiled here, another process does so too, from the last one on; it ends with this."""
-    # Another thread than the main one builds beside a run, whose cores are not to be taken.
+    """Run a second process that compiles the same tasks from the last one on; it ends with this context."""
+    # A thread other than the main one compiles during a run: it must not take the cores of that run.
     apart = threading.current_thread() is not threading.main_thread() or "RIG_OWN_PROCESS" not in os.environ
     if len(tasks) < 2 or not FOLDER.keeps or scheduling.cores() < 2 or apart:
         yield
@@ -49,7 +48,7 @@ def _beside(tasks: Sequence[Task]) -> Iterator[None]:
     try:
         yield
     finally:
-        fellow.send(signal.SIGTERM)  # all is there, or is not wanted any more
+        fellow.send(signal.SIGTERM)  # everything is compiled, or no longer needed
         end([fellow], _PATIENCE)
 
 
@@ -58,10 +57,11 @@ def addresses(
     kinds: Callable[[], Sequence[Any]],
     more: Callable[[Sequence[Any]], Sequence[tuple[Any, tuple[Any, ...]]]],
 ) -> dict[str, int]:
-    """Where the code of each of `wanted`, by name, begins: of a leaf or another part, for this shape.
+    """The address of each of `wanted`, a leaf or another part with its shape, by name.
 
-    part(shape, t, w, state, log, seg, plan, ticks) -> int; `kinds`: types of t .. ticks. What has not been compiled is
-    compiled, by two processes where this one is a command's; `more`: what the run then calls, and for which types.
+    part(shape, t, w, state, log, seg, plan, ticks) -> int. `kinds`: the types of t .. ticks. Missing parts are
+    compiled, by two processes if this process belongs to a command. `more`: functions that the run then calls, with
+    their types.
     """
     missing = [one for one in wanted.values() if one not in _ADDRESSES]
     if missing:
@@ -78,7 +78,7 @@ def addresses(
 
 
 def compiled(tasks: Sequence[Task]) -> None:
-    """Compile these, or take what is kept. What another process is compiling is waited for last."""
+    """Compile these tasks or load them from the store. Tasks that another process is compiling come last."""
     done = set()
     for longest in (0.0, _HUNG):
         for name, function, kinds in tasks:
@@ -95,7 +95,7 @@ def _name(part: Any, shape: Shape) -> str:
 
 
 def main() -> None:
-    """Compile what the command line says: `python -m rig.motion.compiled_parts TASKS`."""
+    """Compile the tasks given on the command line: `python -m rig.motion.compiled_parts TASKS`."""
     told = pickle.loads(base64.b64decode(sys.argv[1]))
     compiled(
         [

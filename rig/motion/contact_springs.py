@@ -1,8 +1,8 @@
-"""What the method kick leaves over: the energy of its contacts beside the work of its kicks.
+"""The energy error of the contacts under the method kick.
 
-A contact that presses by how far it is pressed is a spring, whose energy changes by force times motion. Kicks act at
-the ends of steps only, so the work they do differs from that, by the square of the step. The energy balance of the
-structure closes with the kicks as they are; this residual is what it cannot show.
+A contact whose force depends on its compression is a spring. Its energy changes by force times motion. Kicks act at the
+ends of steps only, so their work differs from this by an error of second order in the step. The energy balance of the
+structure closes with the work of the kicks; this residual shows the error that the balance cannot show.
 """
 
 from __future__ import annotations
@@ -16,33 +16,34 @@ if TYPE_CHECKING:
 
 
 class Springs:
-    """The springs of the contacts of a motion by kick."""
+    """The springs of the contacts of a motion by the method kick."""
 
     def __init__(self, motion: Motion) -> None:
         self._motion = motion
-        self._given = self.held() - self._worked()  # at the start, and since then in other ways than by kicks
+        self._given = self.held() - self._worked()  # energy at the start, plus later supplies other than by kicks
 
     def held(self) -> float:
-        """Their energy now [J]."""
+        """The energy of the springs [J]."""
         return kick_tables.held(self._motion.system, self._motion.x)
 
     def _worked(self) -> float:
-        """The work of kicks on them with the matrices of now [J]."""
+        """The work of the kicks on the springs, with the present matrices [J]."""
         flow = self._motion.mode_sets.tables.flow
         return float(flow.spring[0]) if flow is not None else 0.0
 
     def pause(self) -> None:
-        """State or system are changed from here on to `go_on`: what that gives the springs is no work of kicks."""
+        """Begin a change of state or system: energy that the springs gain until `go_on` is not work of the kicks."""
         self._given += self._worked() - self.held()
 
     def go_on(self) -> None:
-        """The end of a change."""
+        """End a change that `pause` began."""
         self._given += self.held() - self._worked()
 
     def residual(self) -> dict[str, float]:
-        """`energy` [J]: what they hold beyond what they were given; `share`: of the largest energy of the vibration.
+        """The energy error, `energy` [J], and its `share` of the largest energy of the vibration.
 
-        That is what structure and springs hold, and what contacts and dampers have exchanged.
+        `energy` is the energy of the springs minus the energy supplied to them. The share refers to the largest of:
+        energy of structure, energy of springs, work of contacts and dampers.
         """
         motion = self._motion
         off = self.held() - self._given - self._worked()

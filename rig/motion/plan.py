@@ -1,4 +1,4 @@
-"""How a motion is carried on: its method and options as the kernels take them, and the leaves it needs."""
+"""How a motion is advanced: its method and options as the kernels take them, and the leaves it needs."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from rig.solve.segment_output import empty_segments
 from rig.solve.specialised import ANY, Shape
 
 _STATE = (np.int64, float, float, float, float, np.int64, np.int64, float)
-"""Kinds of the arrays of State."""
+"""Types of the arrays of State."""
 _WHOLE = np.zeros((0, 4), dtype=np.int64)
 
 
@@ -36,9 +36,9 @@ def plan(
     limit: float,
     lent: Sequence[Loan],
 ) -> Plan:
-    """The plan of a system as the method sees it; what has not been compiled yet is.
+    """The plan for a system as its method sees it. Parts that are not compiled yet are compiled.
 
-    `lent`: what is around the plant, if anything.
+    `lent`: what surrounds the plant, if anything (rig.solve.frames.Around).
     """
     wide, fixed, bends = system.n > UNROLLED, method in ("rk4", "kick"), not system.linear
     made = Plan(

@@ -107,8 +107,9 @@ def loaded(patch_of, P, key, p):
 
 @inner
 def choose(slip, key, p, x, size):
-    """The key with patch p in stick if its slip speed is zero to rounding, otherwise in slip in the direction of its
-    speed.
+    """The key with patch p in stick if its slip speed is zero to rounding, otherwise in slip.
+
+    The sign of the slip speed gives the direction.
     """
     w = dot(slip[p], x)
     if abs(w) <= rounding(slip[p], size):

@@ -102,8 +102,9 @@ def located(t, mode_set, w, f, g, theta, noise):
 
 @inlined
 def sampled(t, mode_set, w, f):
-    """Evaluate the guards that depend on the inputs: w.fits[g] = values at the quarters and at `_PROBE`, rounding
-    bound.
+    """Evaluate the guards that depend on the inputs, at the quarters of the step and at `_PROBE`.
+
+    w.fits[g, 0..5] = values; w.fits[g, 6] = bound on their rounding error.
     """
     found, fits = False, w.fits
     for g in range(t.guards[mode_set]):

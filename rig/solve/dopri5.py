@@ -1,10 +1,10 @@
-"""Dormand-Prince 5(4) with dense output and events, for mode sets that are not linear: speed-dependent friction,
-products.
+"""Dormand-Prince 5(4) with dense output and events, for mode sets that are not linear.
 
-x' = A x + b T(x). Steps are not cut at ticks: the quartic dense output gives the state there. Guards are polynomials
-along the dense output; the first event ends the step. Stick is linear for any friction law; without products it is left
-to the exact propagator. Undamped generators, such as dither, are set to their exact values after every step. The
-friction law is continued smoothly through w = 0, so a trial step beyond an event keeps its order.
+x' = A x + b T(x), with speed-dependent friction forces and products as inputs T. Steps are not cut at ticks: the
+quartic dense output gives the state there. Guards are polynomials along the dense output; the first event ends the
+step. Stick is linear for any friction law; without products it is left to the exact propagator. Undamped generators,
+such as dither, are set to their exact values after every step. The friction law is continued smoothly through w = 0, so
+a trial step beyond an event keeps its order.
 
 Source: Dormand and Prince, J. Comp. Appl. Math. 6 (1980) 19; dense output: Hairer, Norsett, Wanner, Solving Ordinary
 Differential Equations I, section II.6.
@@ -210,13 +210,12 @@ def reach(tick, place, done, share, ticks, last):
 
 @inner
 def steps(shape, t, w, state, log, seg, plan, ticks):
-    """Take steps from state.x, with its derivative in w.k[0], to the end of the ticks or to a step that `stretch` must
-    handle.
+    """Take steps from state.x to the end of the ticks, or to a step that `stretch` must handle.
 
-    A leaf (rig.solve.specialised). Returns ENDED; ASKS; CLEAR, if the step is proved free of events; or FAILED, if no
-    step is short enough. With ASKS and CLEAR the length of the step is in fc[LENGTH], its end in w.y, its stages in w.k
-    and its dense output in w.derivatives; state, tick and place are those at its begin. Working arrays are passed to no
-    function that is not inlined, so that they stay in registers.
+    A leaf (rig.solve.specialised). The derivative at state.x must be in w.k[0]. Returns ENDED; ASKS; CLEAR, if the step
+    is proved free of events; or FAILED, if no step is short enough. With ASKS and CLEAR the length of the step is in
+    fc[LENGTH], its end in w.y, its stages in w.k and its dense output in w.derivatives; state, tick and place are those
+    at its begin. Working arrays are passed to no function that is not inlined, so that they stay in registers.
     """
     n, tick_length, looked = states(shape), t.step[0], plan.with_energy or plan.emitting
     ic, fc, x, size, mode_set = state.ic, state.fc, state.x, w.size, t.mode_set_of[state.ic[KEY]]

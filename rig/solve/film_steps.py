@@ -77,8 +77,7 @@ def _pushed(side, forces):
 
 @inlined
 def look(own, x, anew):
-    """Compute the positions of the points, own.seen, and the rows there. Returns False if the slider is off the
-    structure.
+    """Compute the positions of the points, own.seen, and the rows there. Returns False if the slider is off.
 
     The rows are those of the previous step plus a share of the rise; both stay in the fastest cache of the processor.
     `anew`: interpolate them from the table, as at the begin of every tick, so that they do not depend on the past.
@@ -124,8 +123,7 @@ def push(own, forces):
 
 @inlined
 def flow(own, x, one):
-    """Kick the coordinates by half a step, then propagate coordinates and driving states over a whole step without the
-    film.
+    """Kick the coordinates by half a step, then propagate everything but the film over a whole step.
 
     The energy that the dampers dissipate is added to own.damped. Returns the work of the driving states.
     """

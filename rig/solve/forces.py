@@ -1,8 +1,8 @@
-"""The right-hand side of one mode set, x' = A x + b T(x), with its inputs T: speed-dependent friction forces and
-products.
+"""The right-hand side of one mode set, x' = A x + b T(x), with its inputs T.
 
-The arrays of the mode set are taken from the tables once for a stretch of steps. Functions that run many times in a
-step are inlined into their callers. Both bring plain array code close to the speed of C.
+Inputs are speed-dependent friction forces and products. The arrays of the mode set are taken from the tables once for a
+stretch of steps. Functions that run many times in a step are inlined into their callers. Both bring plain array code
+close to the speed of C.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ Array = NDArray[np.float64]
 
 
 class Field(NamedTuple):
-    """The right-hand side of one mode set: its tables (see rig.model.tables.Tables), scratch for its inputs, all tables
-    `t`.
+    """The right-hand side of one mode set.
 
-    T [friction forces, products]: the inputs.
+    It holds the tables of the mode set (see rig.model.tables.Tables), the inputs T [friction forces, products], scratch
+    for them, and all tables `t`.
     """
 
     A: Array
@@ -100,8 +100,7 @@ def drag(f, p, x, others):
 
 @inlined
 def fill(f, x):
-    """f.T = the inputs at x: friction forces of slipping patches with a speed-dependent law (otherwise 0), then
-    products.
+    """f.T = the inputs at x: friction forces of patches that slip with a speed-dependent law (else 0), products.
 
     `coupled`: at least one load depends on a friction force.
     """

@@ -29,11 +29,11 @@ class Around(NamedTuple):
 
 @kernel
 def frames(tables, loan, begin, first, last, steps, around):
-    """Advance plant and instruments from row `first` of the log to row `last`, `steps` rows per frame; status as in
-    `advance`.
+    """Advance plant and instruments from row `first` of the log to row `last`, `steps` rows per frame.
 
-    `around`: Around, lent (rig.lent_records); its controllers act from the second frame on. Returns LOOK if it ended
-    early because the caller has to act; ic[REACHED] is the row reached.
+    `around`: Around, lent (rig.lent_records); its controllers act from the second frame on. The other arguments and the
+    status are those of `advance`. Returns LOOK if it ended early because the caller has to act; ic[REACHED] is the row
+    reached.
     """
     work, state, log, seg, plan = loan.work, loan.state, loan.log, loan.segments, loan.plan
     ic, rack, controls = state.ic, around.rack, around.controls

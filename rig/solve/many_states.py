@@ -75,10 +75,10 @@ def powers(table, out):
 
 @inner
 def quiet(t, mode_set, x, y, w, plan, start, seg):
-    """Advance from x to y by one certified tick, with its energy and its segments. Returns False, changing nothing, if
-    a guard is not certified.
+    """Advance from x to y by one certified tick, with its energy and its segments.
 
-    `w`: Workspace; w.size holds the largest values of the states so far.
+    Returns False, changing nothing, if a guard is not certified. `w`: Workspace; w.size holds the largest values of the
+    states so far.
     """
     n, guards = x.shape[0], t.guards[mode_set]
     z, size, bound = t.wide.product, t.wide.size, t.wide.bound

@@ -61,8 +61,9 @@ def weigh(poles: Any, p: int, at: int, h: float) -> None:
 
 @inner
 def settle(poles: Any, p: int, at: int, coef: Any, j: int, column: int, a: float) -> complex:
-    """The state of pole p after the first share `a` of segment j of `coef`; `at`: column of the weights for that
-    length.
+    """The state of pole p after the first share `a` of segment j of `coef`.
+
+    `at`: column where the weights for that length begin; `column`: the output.
     """
     z = poles[p, at] * poles[p, STATE]
     if a == 1.0:

@@ -55,9 +55,7 @@ def _fill(t, begin, end, T):
 
 @inner
 def early(t, mode_set, x, T):
-    """T of the products of levels 0 and 1; inputs that are not known yet are set to 0, because rows sum over all
-    inputs.
-    """
+    """T of the products of levels 0 and 1, and 0 for inputs not known yet, because rows sum over all inputs."""
     p = t.products
     if p.upto[2] == 0:
         return

@@ -17,8 +17,9 @@ PLACE, DRAWN = range(2)  # of Chance.at
 
 
 class Chance(NamedTuple):
-    """Random numbers drawn ahead. `at`: PLACE, index of the state that holds the number, -1: none; DRAWN, numbers used
-    up.
+    """Random numbers drawn ahead.
+
+    `at`: PLACE, index of the state that holds the number (-1: none); DRAWN, how many numbers are used up.
     """
 
     at: NDArray[np.int64]  # [2]

@@ -25,11 +25,11 @@ Array = NDArray[np.float64]
 
 
 class Rub(NamedTuple):
-    """The friction of the only patch. `alone`: there is one patch, its friction depends on speed, and there are no
-    products.
+    """The friction of the only patch.
 
-    ask . x: argument of the law, which is the exponent of STRIBECK, otherwise the slip speed; bear . x: the load. *_x
-    [n] and *_f: rates of change of both with the state and with the friction force.
+    `alone`: there is one patch, its friction depends on speed, and there are no products. ask . x: argument of the law,
+    which is the exponent of STRIBECK, otherwise the slip speed; bear . x: the load. *_x [n] and *_f: rates of change of
+    both with the state and with the friction force.
     """
 
     alone: bool
@@ -74,8 +74,9 @@ def rubbing(shape, f, t, w, state, log, seg, plan):
 
 @inner
 def whole(shape, t, w, state, log, seg, plan, ticks):
-    """Compute the derivative w.rates at w.at for any rig; a part (rig.solve.specialised). Rigs with one patch do not
-    need it.
+    """Compute the derivative w.rates at w.at for any rig; a part (rig.solve.specialised).
+
+    `stage` calls it unless the rig has a single patch and no products.
     """
     mode_set = t.mode_set_of[state.ic[KEY]]
     if plan.wide:
@@ -90,8 +91,9 @@ def whole(shape, t, w, state, log, seg, plan, ticks):
 
 @inlined
 def begin(shape, rub, k):
-    """The first `late` of `stage`, for a complete k[0]: no force is missing; rates of the argument of the law and of
-    the load.
+    """The first argument `late` of `stage`, for a complete k[0].
+
+    No force is missing; the rates are those of the argument of the law and of the load.
     """
     asked, borne = 0.0, 0.0
     if rub.alone:
@@ -111,11 +113,10 @@ def complete(shape, f, rub, k, last, late):
 
 @fused
 def stage(shape, f, rub, reach, z, k, last, late):
-    """Add reach times derivative k[last] to z, complete k[last], and compute k[last + 1] at z without its friction
-    force.
+    """Add reach times derivative k[last] to z and compute k[last + 1] there without its friction force.
 
-    `late`: the force missing in k[last], and the rates, without it, of the argument of the law and of the load. Returns
-    the same three values for k[last + 1].
+    Also completes k[last]. `late`: the force missing in k[last], and the rates, without it, of the argument of the law
+    and of the load. Returns the same three values for k[last + 1].
     """
     n = states(shape)
     force, asked, borne = 0.0, 0.0, 0.0

@@ -124,8 +124,9 @@ local: Any = intrinsic(_place)
 def _call(
     typing: Any, place: Any, shape: Any, t: Any, w: Any, state: Any, log: Any, seg: Any, plan: Any, ticks: Any
 ) -> Any:
-    """The result of the leaf at an address. Its arguments are passed as pointers, so that the caller need not know its
-    shape.
+    """The result of the leaf at an address.
+
+    Its arguments are passed as pointers, so that the caller need not know its shape.
     """
 
     def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:

@@ -1,13 +1,15 @@
-"""What stops a motion that grows by itself, or meets it first.
+"""What limits a growing motion.
 
-    a limiter        that sees it and, once it clamps, ends it
-    the friction law whose fall with speed makes the growth: it ends where the law is flat
-    the contact      a guard that the growing shape moves: an oscillation reaches it, a monotone growth only if guards
-                     stand on both sides, or from where the rig starts (a warning: thrown farther it runs away). That it
-                     grows no more then is likely and not proven: without damping it may
+    a limiter          that the motion reaches and that makes it decay once it clamps
+    the friction law   if its fall with speed causes the growth: the growth ends where the law is flat
+    the contact        if the growing mode shape reaches a guard. An oscillation always does. A monotone growth does if
+                       there are guards on both sides, or if the start lies on the side of the guard; this is a warning,
+                       because a larger disturbance lets it run away. That the growth ends at the guard is likely but
+                       not proved: without damping it may continue
 
-Not the contact where a drive or a network runs away by itself: a belt that follows the body it carries (gain K above
-one, stuck: growth (K-1)/lag), a negative capacitance below -1/(1+kappa/k), or one whose charge leaks away.
+The contact does not limit a drive or a network that runs away by itself: a belt that follows the body it carries (gain
+K above one, stuck: growth (K-1)/lag), a negative capacitance below -1/(1+kappa/k), or one whose charge leaks away.
+
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, equations 4.7 to 4.20; the criteria are ours.
 """
 
@@ -25,7 +27,10 @@ from rig.stability.linearisation import Steady, steady
 
 
 def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: float) -> tuple[Level, str, str]:
-    """How grave a growing motion is, what stops it, what helps."""
+    """The severity of a growing motion, what limits it, and the remedy.
+
+    `value`, `shape`: its eigenvalue [1/s] and eigenvector; growth rates up to `least` [1/s] count as zero.
+    """
     system = at.system
     patch_modes, normal_modes, _, sector_modes, thrown = system.modes(at.modes.key)
     for x, limiter in enumerate(system.limiters):
@@ -34,14 +39,14 @@ def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: fl
         clamped = [int(i == x) for i in range(len(system.limiters))]
         held = steady(system, system.key(patch_modes, normal_modes, clamped, sector_modes, thrown))
         if _largest(held.eigenvalues()) <= least:
-            remedy = "nothing to do; a lower gain keeps the drive out of its limit"
+            remedy = "none needed; a lower gain keeps the drive within its limits"
             return "info", f"the limits of {limiter.name} stop it", remedy
     q = 2 * len(system.coordinates)
     if value.imag == 0.0 and q < system.n - 1 and _largest(_undriven(at).eigenvalues()) <= least:
         driver = system.names[q + int(np.abs(shape[q:]).argmax())]
-        remedy = "give the drive limits (speed_min, speed_max, force_max), or lower the gain of what feeds it"
+        remedy = "give the drive limits (speed_min, speed_max, force_max), or lower the gain of its feedback"
         if driver in system.names[q : system.one]:
-            remedy = "less negative capacitance, or a bleed of less resistance than the leak of the stack"
+            remedy = "less negative capacitance, or a bleed resistor with less resistance than the leak of the stack"
         return "error", f"{driver} runs away and nothing limits it", remedy
     if at.modes.nonlinear.any():
         flat = _flat(at)
@@ -58,19 +63,19 @@ def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: fl
     if seen.any():
         which = np.flatnonzero(seen)
         first = int(which[0])
-        if at.exists and value.imag > 0.0:  # an oscillation grows to all sides alike: what has least room for it
+        if at.exists and value.imag > 0.0:  # an oscillation grows in both directions: the nearest guard comes first
             room = at.modes.guards @ at.x + at.modes.guards_t @ at.T
             first = int(which[(room[which] / np.abs(rows[which])).argmin()])
         guard = system.happens(int(at.modes.kinds[first]), int(at.modes.owners[first]))
         if value.imag > 0.0 or both_sides:
-            remedy = "a run shows what comes of it; against it: more damping, or less friction"
+            remedy = "run the scene to see the vibration; to suppress it: more damping, or less friction"
             return "info", f"it grows until {guard}", remedy
         if _returns(at, value, shape, first):
             farthest = int(np.abs(shape[: q // 2]).argmax())
             far = f"{system.names[farthest]} = {at.x[farthest]:.3g}"
             return (
                 "warning",
-                f"{guard} as long as nothing carries it beyond {far}",
+                f"{guard}, unless a disturbance carries it beyond {far}",
                 "more stiffness against this motion",
             )
     remedy = "more damping" if value.imag > 0.0 else "more stiffness against this motion"
@@ -79,13 +84,16 @@ def stopped(at: Steady, value: complex, shape: NDArray[np.complex128], least: fl
 
 
 def _turned(at: Steady) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-    """Eigenvalues [i] and shapes [i, state], the least stable first."""
+    """Eigenvalues [i] and mode shapes [i, state], the least stable first."""
     values, shapes = at.eigenvectors()
     return values, shapes.T
 
 
 def _returns(at: Steady, value: complex, shape: NDArray[np.complex128], guard: int) -> bool:
-    """Whether a monotone growth takes the rig from its start to that guard: the start is on that side of the rest."""
+    """Whether a monotone growth takes the rig from its start to that guard.
+
+    It does if the start lies on the guard's side of the equilibrium.
+    """
     rates, left = np.linalg.eig(at.A[np.ix_(at.moving, at.moving)].T)
     own = left[:, int(np.abs(rates - value).argmin())]
     away = own @ (at.system.start - at.x)[at.moving] / (own @ shape[at.moving])
@@ -94,7 +102,7 @@ def _returns(at: Steady, value: complex, shape: NDArray[np.complex128], guard: i
 
 
 def _undriven(at: Steady) -> Steady:
-    """The same mode set with the network and all signals held as they are."""
+    """Steady sliding in the same mode set with network and driving states held at their values."""
     system = at.system
     signals, network = np.zeros_like(system.signals), np.zeros_like(system.network)
     held = replace(system, signals=signals, network=network, limiters=(), switches=(), start=at.x)
@@ -103,7 +111,7 @@ def _undriven(at: Steady) -> Steady:
 
 
 def _flat(at: Steady) -> Steady:
-    """The same mode set with the coefficients of now, whatever the speed."""
+    """Steady sliding in the same mode set with the present friction coefficients, constant over speed."""
     patch_modes, normal_modes, limiter_modes, sector_modes, thrown = at.system.modes(at.modes.key)
     flat = []
     for p, patch in enumerate(at.system.patches):

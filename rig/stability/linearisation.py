@@ -1,11 +1,12 @@
-"""Small motions about steady sliding: the equilibrium of a mode set and its linearisation, from the run's own matrices.
+"""Linearisation about steady sliding: the equilibrium of a mode set and its Jacobian, from the matrices of the run.
 
     0 = A x + b T(x),   dx' = (A + b dT/dx) dx
     T_p = sigma mu(sigma w_p) N_p,   dT_p = sigma mu dN_p + N_p mu' dw_p,   N = load x + load_t T
     products by the product rule (rig.solve.product_inputs)
 
-Signals that nothing settles (commands, generators) are held at their values; lags settle. Eigenvalues are those of the
-states that structure and network move: what only drives them (the exosystem) has a spectrum of its own.
+Driving states without an equilibrium of their own (commands, generators) are held at their values; lags take their
+steady values. The eigenvalues are those of the states that structure and network move. States that only drive them (the
+exosystem) have a spectrum of their own.
 """
 
 from __future__ import annotations
@@ -29,8 +30,8 @@ Contact = Callable[[int, float, float], tuple[float, float, float]]
 """(patch, slip speed w, normal force N) -> friction force T, dT/dw, dT/dN."""
 
 _ROUNDS = 60
-_WIDE = 20  # of full steps: where they lead to an equilibrium at all they need a few
-_FAR = 1e12  # times the rest of the step before: the full step leads nowhere
+_WIDE = 20  # number of full steps: if they converge at all, they need a few
+_FAR = 1e12  # times the previous residual: the full step diverges
 _TOLERANCE = 1e-12
 _REST = 1e-9
 _LEAST = 1e-3
@@ -39,12 +40,12 @@ _ROUNDING = 2.0**-52
 
 @dataclass(frozen=True)
 class Steady:
-    """Steady sliding in one mode set, and the matrix of small motions about it.
+    """Steady sliding in one mode set, and the Jacobian about it.
 
-    `exists`: the equilibrium was found, agrees with the modes and does not jam; if not, `x` is where the search ended.
-    `moving`: states whose eigenvalues count. Of each patch: slip `speed`, `load` and `friction` force. `T`: the inputs.
-    `inertia`: determinant of the mass matrix with friction in it, over that without; at zero and below the rig jams.
-    `balanced`: whether all forces balance at `x`.
+    `exists`: the equilibrium was found, agrees with the modes and does not jam; if not, `x` is the last point of the
+    search. `A`: the Jacobian. `moving`: the states whose eigenvalues count. `speed`, `load`, `friction` [patch]: slip
+    speed, normal force and friction force. `T`: the inputs. `inertia`: determinant of the mass matrix with friction
+    included, divided by that without; at zero and below the rig jams. `balanced`: all forces balance at `x`.
     """
 
     system: System
@@ -67,21 +68,22 @@ class Steady:
 
     @property
     def counts(self) -> bool:
-        """Whether the eigenvalues say something.
+        """Whether the eigenvalues are meaningful.
 
-        Under constant friction coefficients the matrix is the same wherever the equilibrium lies: they count also where
-        that would pull the contact open, as it does beyond a divergence. They never count where the rig jams.
+        With constant friction coefficients the matrix does not depend on the equilibrium. The eigenvalues then count
+        even if the equilibrium would pull the contact open, as it does beyond a divergence. They never count if the rig
+        jams.
         """
         same = not bool(self.modes.nonlinear.any()) and (self.balanced or not self.system.products)
         return self.exists or (self.inertia > 0.0 and self.slides and same)
 
     def eigenvalues(self) -> NDArray[np.complex128]:
-        """Of the moving states, the least stable first [1/s]."""
+        """The eigenvalues [1/s] of the moving states, the least stable first."""
         found = np.linalg.eigvals(self.A[np.ix_(self.moving, self.moving)]).astype(np.complex128)
         return found[np.lexsort((-found.imag, -found.real))]
 
     def eigenvectors(self) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
-        """Eigenvalues [i], the least stable first, and shapes [state, i] over all states."""
+        """The eigenvalues [i], the least stable first, and the mode shapes [state, i] over all states."""
         values, vectors = np.linalg.eig(self.A[np.ix_(self.moving, self.moving)])
         order = np.lexsort((-values.imag, -values.real))
         shapes = np.zeros((self.system.n, len(values)), dtype=np.complex128)
@@ -90,9 +92,9 @@ class Steady:
 
 
 def sliding_key(system: System, x: Array | None = None) -> int:
-    """The mode set in which every contact slides the way its surface runs, closed and unclamped.
+    """The mode set in which every contact is closed and slips in the direction of its surface; limiters linear.
 
-    `x`: a state with the signals in force; the start by default.
+    `x`: a state with the driving states in force; the start by default.
     """
     x = system.start if x is None else x
     held = _settled(system, x)
@@ -107,7 +109,7 @@ def sliding_key(system: System, x: Array | None = None) -> int:
 
 
 def _settled(system: System, x: Array) -> Array:
-    """`x` at rest, with the lags among its signals settled, limiters in their range."""
+    """`x` at rest, with lags at their steady values and limiters in their range."""
     stick = system.key([STICK] * len(system.patches), [1] * len(system.normals), [0] * len(system.limiters))
     A = assembled(system, stick).A
     out = x.copy()
@@ -116,7 +118,7 @@ def _settled(system: System, x: Array) -> Array:
     held = np.setdiff1d(np.arange(system.one, system.n), free)
     if len(free):
         out[free] = np.linalg.solve(A[np.ix_(free, free)], -A[np.ix_(free, held)] @ x[held])
-    for limiter in system.limiters:  # a lag behind a clamp ends where the clamp does
+    for limiter in system.limiters:  # a lag behind a clamp settles at the clamp's limit
         if limiter.state < system.one:
             continue
         value = float(limiter.row @ out)
@@ -127,7 +129,7 @@ def _settled(system: System, x: Array) -> Array:
 
 
 def moving_states(system: System, A: Array) -> NDArray[np.int64]:
-    """Structure, network, and every signal that these drive."""
+    """The states of structure and network, and every driving state that depends on them."""
     moving = np.zeros(system.n, dtype=bool)
     moving[: system.one] = True
     for _ in range(system.n):
@@ -139,7 +141,10 @@ def moving_states(system: System, A: Array) -> NDArray[np.int64]:
 
 
 def settling(system: System, A: Array, moving: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Signals outside of `moving` that come to rest by themselves: lags and filters, not commands or generators."""
+    """The driving states outside of `moving` that approach a steady value: lags and filters.
+
+    Commands and generators do not.
+    """
     rest = np.setdiff1d(np.arange(system.one, system.n), moving)
     own = A[np.ix_(rest, rest)]
     linked = np.eye(len(rest), dtype=bool) | (own != 0.0)
@@ -149,16 +154,17 @@ def settling(system: System, A: Array, moving: NDArray[np.int64]) -> NDArray[np.
     loops = linked & linked.T
     stable = [
         (own[i, i] if loop.sum() == 1 else np.linalg.eigvals(own[np.ix_(loop, loop)]).real.max()) < 0.0
-        for i, loop in enumerate(loops)  # the loop that the signal is in
+        for i, loop in enumerate(loops)  # the loop that contains the state
     ]
     return np.asarray(rest[np.array(stable, dtype=bool)], dtype=np.int64)
 
 
 def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
-    """Steady sliding in mode set `key`, by Newton's method from the unloaded structure at rest.
+    """Find steady sliding in mode set `key` by Newton's method, starting from the unloaded structure at rest.
 
-    In a stuck mode set only the matrix counts. `contact`: the friction force of patches with a law over speed, where
-    it is not the law's own (an average over a fast vibration). Raises rig.errors.Singular.
+    In a mode set with a stuck patch no equilibrium is searched; only the matrix counts. `contact`: friction force of
+    patches with a speed-dependent law, if it is not the law's own (an average over a fast vibration). Raises
+    rig.errors.Singular.
     """
     modes = assembled(system, key)
     moving = moving_states(system, modes.A)
@@ -166,7 +172,7 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
     stuck = STICK in system.modes(key)[0]
     law = contact if contact is not None else own_law(system, modes)
     found = _newton(system, modes, law, free, 0 if stuck else _WIDE, False)
-    if not (stuck or (found.balanced and _agrees(system, modes, found))):  # another way may lead to another place
+    if not (stuck or (found.balanced and _agrees(system, modes, found))):  # another search may find another equilibrium
         other = _newton(system, modes, law, free, _ROUNDS, True)
         if not found.balanced or (other.balanced and _agrees(system, modes, other)):
             found = other
@@ -179,7 +185,7 @@ def steady(system: System, key: int, contact: Contact | None = None) -> Steady:
 
 
 class _Found(NamedTuple):
-    """Where the search has ended: x, the matrix, inputs and normal forces there, and whether all forces balance."""
+    """The last point of the search: x, the matrix, inputs and normal forces there, and whether all forces balance."""
 
     x: Array
     A: Array
@@ -189,7 +195,7 @@ class _Found(NamedTuple):
 
 
 def _agrees(system: System, modes: ModeSet, at: _Found) -> bool:
-    """Whether every contact slips the way of its mode, and presses."""
+    """Whether every contact slips in the direction of its mode and is pressed."""
     slips = np.all(modes.sigma * (system.slip_rows @ at.x) > 0.0)
     return bool(slips) and bool(np.all(at.load[modes.sigma != 0.0] > 0.0))
 
@@ -197,11 +203,11 @@ def _agrees(system: System, modes: ModeSet, at: _Found) -> bool:
 def _newton(
     system: System, modes: ModeSet, law: Contact, free: NDArray[np.int64], rounds: int, falling: bool
 ) -> _Found:
-    """Where the rates of the states `free` vanish.
+    """Find the point where the rates of the states `free` vanish.
 
-    Full steps need two rounds in most cases, and find equilibria on the way to which the residual grows first.
-    `falling`: steps are halved until it falls, for near a speed at which the structure gives way full steps lead
-    astray.
+    Full steps need two rounds in most cases and also find equilibria on the way to which the residual grows first.
+    `falling`: halve each step until the residual decreases. This is needed near a speed at which the structure becomes
+    unstable statically, where full steps diverge.
     """
     nq = len(system.coordinates)
     rows, columns = free[free >= nq], free[(free < nq) | (free >= 2 * nq)]  # q' = v is solved by v = 0
@@ -226,12 +232,12 @@ def _newton(
             residual = before
             break
         x, (A, T, load) = y, found
-    x[columns[np.abs(x[columns]) <= _ROUNDING * np.linalg.norm(x[columns])]] = 0.0  # lstsq tells them no further apart
+    x[columns[np.abs(x[columns]) <= _ROUNDING * np.linalg.norm(x[columns])]] = 0.0  # below the resolution of lstsq
     return _Found(x, A, T, load, residual <= _REST * scale)
 
 
 def _inertia(system: System, modes: ModeSet, speed: Array, load: Array, contact: Contact) -> float:
-    """det(M with friction)/det(M): what constant coefficients leave of it, and those over speed."""
+    """det(M with friction)/det(M), for constant and speed-dependent coefficients together."""
     P, by_force = len(system.patches), loads(system, modes)[1][:, : len(system.patches)]
     if not np.any(by_force):
         return modes.jam
@@ -242,9 +248,10 @@ def _inertia(system: System, modes: ModeSet, speed: Array, load: Array, contact:
 
 
 def _rest(system: System, modes: ModeSet, free: NDArray[np.int64], x: Array, T: Array) -> tuple[float, float]:
-    """Largest rate of the states `free` at x, and the largest sum of the sizes of its terms.
+    """The largest rate of the states `free` at x, and the largest sum of the absolute values of its terms.
 
-    Preloads are among the terms, each by itself: in the matrix they have met the contact forces that they balance.
+    Every preload counts as a term of its own, because the matrix holds it already combined with the contact force that
+    balances it.
     """
     rate = modes.A @ x + modes.b @ T
     terms = np.abs(modes.A) @ np.abs(x) + np.abs(modes.b) @ np.abs(T)
@@ -255,7 +262,7 @@ def _rest(system: System, modes: ModeSet, free: NDArray[np.int64], x: Array, T: 
 
 
 def own_law(system: System, modes: ModeSet) -> Contact:
-    """The friction of a patch in slip by its own law, continued to rest where w has the other sign."""
+    """The friction of slipping patches by their own law; for w of the other sign the value at rest."""
     sectors = system.modes(modes.key)[3]
     laws = [system.law(p, sectors) for p in range(len(system.patches))]
 
@@ -269,14 +276,14 @@ def own_law(system: System, modes: ModeSet) -> Contact:
 
 
 def linearised(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[Array, Array, Array]:
-    """Matrix of small motions at x, inputs T and normal forces [patch] there."""
+    """The Jacobian at x, and the inputs T and the normal forces [patch] there."""
     T, dT = inputs(system, modes, x, contact)
     load, load_t = loads(system, modes)
     return modes.A + modes.b @ dT, T, load @ x + load_t @ T
 
 
 def loads(system: System, modes: ModeSet) -> tuple[Array, Array]:
-    """Rows of the closed normal forces of each patch: over x [patch, n] and over the inputs [patch, inputs]."""
+    """Rows of the sum of closed normal forces of each patch: over x [patch, n] and over the inputs [patch, inputs]."""
     P, closed = len(system.patches), system.modes(modes.key)[1]
     load, load_t = np.zeros((P, system.n)), np.zeros((P, system.inputs))
     for k, normal in enumerate(system.normals):
@@ -287,7 +294,7 @@ def loads(system: System, modes: ModeSet) -> tuple[Array, Array]:
 
 
 def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[Array, Array]:
-    """The inputs T at x and their slopes over x [input, n]: what rig.solve.forces does, with the chain rule."""
+    """The inputs T at x and their derivatives over x [input, n]: rig.solve.forces with the chain rule."""
     P, n = len(system.patches), system.n
     T, dT = np.zeros(system.inputs), np.zeros((system.inputs, n))
     closed = np.array([mode == CLOSED for mode in system.modes(modes.key)[1]], dtype=bool).reshape(-1, 1)
@@ -305,7 +312,7 @@ def inputs(system: System, modes: ModeSet, x: Array, contact: Contact) -> tuple[
     slipping = np.flatnonzero(modes.nonlinear)
     w = system.slip_rows @ x
     by_speed, by_load = np.zeros(P), np.zeros(P)
-    for _ in range(_ROUNDS if np.any(load_t[:, :P]) else 1):  # N depends on T where the inertia of an absorber bears it
+    for _ in range(_ROUNDS if np.any(load_t[:, :P]) else 1):  # N depends on T if an absorber's inertia contributes to N
         N = load @ x + load_t @ T
         before = T.tolist()
         for p in slipping:

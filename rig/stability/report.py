@@ -1,8 +1,8 @@
-"""What the matrices say before a run starts: growth in every mode set, jamming, steps that a method cannot take.
+"""The stability report: growth in every mode set, jamming, and steps that a method cannot take, before a run starts.
 
-Friction rigs are built to be unstable: a sliding equilibrium that flutters into stick-slip is what one wants to see and
-is told as information. An error is what no part of the rig would ever stop: the run would only reach the limit of its
-state (rig.stability.growth).
+Friction rigs are unstable on purpose: a sliding equilibrium that flutters into stick-slip is what one wants to see, so
+it is reported as information. An error is a growth that no part of the rig limits: the run would only reach the limit
+of its states (rig.stability.growth).
 """
 
 from __future__ import annotations
@@ -25,21 +25,21 @@ from rig.stability.growth import stopped
 from rig.stability.linearisation import Steady, moving_states, steady
 
 MOST = 27
-"""Mode sets looked at one by one; of more contacts only those in which all are alike, or one is stuck."""
+"""Up to this number every mode set is examined; beyond, only those with all contacts alike or a single one stuck."""
 RK4_LIMIT = 2.785
 """|lambda| h on the negative real axis up to which rk4 is stable; 2.828 on the imaginary one."""
 KICK_LIMIT = 2.0
 """|lambda| h up to which a contact that stays closed is stable under kicks."""
 FILM_LIMIT = 1.6
-"""The same for a film: beyond, points that open and close feed the vibration (1.7 % of the work at 1.87). # derived"""
+"""The same for a film: beyond, opening and closing points gain energy (1.7 % of the work at 1.87). # derived"""
 FILM_COARSE = 1.0
-"""Up to this, the film's flutter grows as fast as it should to 4 %, and opens to 1 % when it should. # derived"""
-_FINE = 1e-4  # of the width of a law: errors of slip speeds that leave its events right
+"""Up to this the growth rate of the film's flutter is exact to 4 %, its first opening to 1 %. # derived"""
+_FINE = 1e-4  # share of the width of a law: slip speed errors up to this keep its events right
 _COARSE = 0.5  # |lambda| h: rk4's error in one step is then (1/2)^5/120 = 3e-4, kick's (1/2)^3/24 = 5e-3
 _STIFF = 50.0  # |lambda| step: dopri5 takes more than 15 steps for stability alone
-_ZERO = 1e-6  # of the largest eigenvalue: what a stuck contact carries along comes out as a rounded zero
+_ZERO = 1e-6  # share of the largest eigenvalue: zero eigenvalues of a stuck contact come out this large
 _NEUTRAL = 1e-10
-_FAST = 10.0  # times the speed of the surface: as fast as a rig is expected to slip
+_FAST = 10.0  # times the surface speed: the fastest slip expected
 _SPEEDS = 41
 _KINDS = (SLIP_PLUS, SLIP_MINUS, STICK)
 
@@ -85,7 +85,7 @@ def stability_report(
 
 
 def part(step: float, most: float) -> str:
-    """The longest step up to `most` s that the sample step of `step` s is a whole number of, with its unit."""
+    """The longest step up to `most` s that divides the sample step of `step` s, with its unit."""
     whole = round(step * 1e9)
     count = max(1, math.ceil(step / most * (1.0 - 1e-12)))
     count = next((n for n in range(count, whole) if whole % n == 0), whole)
@@ -104,7 +104,7 @@ def blame(system: System, method: str, step: float, substeps: int) -> str:
     size = fastest * h
     told = f"{method} took steps of {h:g} s: |lambda| h = {size:.3g}"
     if size <= coarse:
-        return f"{told}, which is short enough; what grows is the motion itself"
+        return f"{told}, which is short enough; the motion itself grows"
     why = f"unstable beyond {limit}" if size > limit else f"coarse beyond {coarse}"
     least = 0.1 / fastest if system.film is None else FILM_COARSE / fastest
     return f"{told}, {why}. Set clock.rk4_step to {part(step, least)} or less" + (
@@ -113,7 +113,10 @@ def blame(system: System, method: str, step: float, substeps: int) -> str:
 
 
 def steepest(system: System) -> float:
-    """The fastest eigenvalue [1/s] where a law over speed is steepest, with the load at the start; 0 without one."""
+    """The fastest eigenvalue [1/s] where a speed-dependent law is steepest; 0 without such a law.
+
+    The load is that at the start.
+    """
     found = 0.0
     speeds = [0.0, *np.geomspace(1e-9, 1.0, _SPEEDS).tolist()]
     for key in mode_sets(system):
@@ -130,9 +133,9 @@ def steepest(system: System) -> float:
 
 
 def mode_sets(system: System) -> Iterator[int]:
-    """The mode sets to look at: contacts closed in slip and stick, in every sector, and all open; limiters free.
+    """The mode sets to examine: contacts closed, in slip and stick and in every sector; contacts open; limiters linear.
 
-    Of the many positions of a switch its first two, its last and the one at the start.
+    Of the positions of a switch: the first two, the last and the one at the start.
     """
     P, K, free = len(system.patches), len(system.normals), [LINEAR] * len(system.limiters)
     ways = [_ways(system, p) for p in range(P)]
@@ -151,7 +154,7 @@ def mode_sets(system: System) -> Iterator[int]:
 
 
 def _ways(system: System, p: int) -> tuple[int, ...]:
-    """The modes of patch p: all, but where no coordinate moves along it, it slips as it is driven."""
+    """The modes of patch p to examine: all; or, if no coordinate moves along it, only slip as it is driven."""
     nq = len(system.coordinates)
     row = system.slip_rows[p]
     if np.any(row[nq : 2 * nq]):
@@ -160,7 +163,7 @@ def _ways(system: System, p: int) -> tuple[int, ...]:
 
 
 def _places(sector: Sector) -> Sequence[int]:
-    """The sectors to look at: all of a friction; of a structure the first and the one in the middle of the turn."""
+    """The sectors to examine: all sectors of a friction law; of a structure the first and the one at half a turn."""
     return (0, len(sector.edges) // 2) if sector.changes else range(len(sector.edges))
 
 
@@ -172,7 +175,9 @@ def _matrices(system: System) -> Iterator[Finding]:
         if not all(np.all(np.isfinite(v)) for v in vars(part).values() if isinstance(v, np.ndarray)):
             bad.append(part.name)
     if bad:
-        yield Finding("error", f"not a number in {', '.join(bad)}", math.nan, "look for a division by zero upstream")
+        yield Finding(
+            "error", f"not a finite number in {', '.join(bad)}", math.nan, "look for a division by zero upstream"
+        )
         return
     if not len(system.mass):
         return
@@ -180,7 +185,7 @@ def _matrices(system: System) -> Iterator[Finding]:
     if lowest <= 0.0:
         yield Finding(
             "error",
-            "the mass matrix is not positive definite: some motion has no inertia",
+            "the mass matrix is not positive definite: a motion has no inertia",
             lowest,
             "give every coordinate a mass",
         )
@@ -190,7 +195,7 @@ def _matrices(system: System) -> Iterator[Finding]:
 
 
 def _drivers(system: System) -> Iterator[Finding]:
-    """Growth among the signals that nothing of the rig drives."""
+    """Growth among the driving states that do not depend on the rig."""
     A = assembled(
         system, system.key([STICK] * len(system.patches), [OPEN] * len(system.normals), [0] * len(system.limiters))
     ).A
@@ -201,11 +206,11 @@ def _drivers(system: System) -> Iterator[Finding]:
     for value, shape in zip(values, vectors.T):
         if value.real > _ZERO * scale > 0.0 and value.imag >= 0.0:
             name = system.names[rest[int(np.abs(shape).argmax())]]
-            yield Finding("error", f"the signal {name} grows by itself{_at(value)}", float(value.real), "check its row")
+            yield Finding("error", f"the state {name} grows by itself{_at(value)}", float(value.real), "check its row")
 
 
 def _jamming(system: System, key: int, name: str) -> Iterator[Finding]:
-    """det(Me)/det(M) with the coefficients from rest to fast sliding, whichever is worst."""
+    """The smallest det(Me)/det(M) for the coefficients from rest to fast sliding."""
     sectors, M, worst = system.modes(key)[3], system.mass, 1.0
     if not len(M) or not any(np.any(k.inertia) for k in system.normals):
         return
@@ -236,14 +241,14 @@ def _jammed(name: str, jam: float) -> Finding:
 
 def _undefined(error: Singular, name: str) -> Finding:
     remedy = "give every body a mass, and every contact a coordinate that moves along it"
-    return Finding("error", f"no motion is defined in {name}: {error.why}", 0.0, remedy)
+    return Finding("error", f"the equations of motion have no unique solution in {name}: {error.why}", 0.0, remedy)
 
 
 def _growth(at: Steady, name: str, fastest: float) -> Iterator[Finding]:
-    """The growing motions of one mode set, each with what stops it."""
+    """The growing motions of one mode set, each with what limits it."""
     stuck = STICK in at.system.modes(at.modes.key)[0]
     if at.modes.nonlinear.any() and not (stuck or at.exists):
-        return  # passed through, never settled in: there is nothing to linearise about
+        return  # a transient mode set without an equilibrium: nothing to linearise about
     values, shapes = at.eigenvectors()
     least = (_ZERO if stuck else _NEUTRAL) * fastest
     for value, shape in zip(values, shapes.T):
@@ -264,8 +269,8 @@ def _at(value: complex) -> str:
 def _narrow(system: System, tolerance: float) -> Iterator[Finding]:
     """Whether the tolerance of dopri5 resolves the slip speeds over which friction laws change.
 
-    A contact that was let go moves off along the steep part of its law. With an error that is not far below the width
-    of that part it turns back, and sticks and slips again where the motion itself goes on.
+    A released contact starts to slip along the steep part of its law. If the error is not far below the width of that
+    part, the contact turns back, sticks and slips again, although the exact motion continues.
     """
     for p, patch in enumerate(system.patches):
         speed = abs(float(patch.surface @ system.start))
@@ -282,7 +287,7 @@ def _narrow(system: System, tolerance: float) -> Iterator[Finding]:
 
 
 def _width(law: Law) -> float:
-    """The slip speed [m/s] over which a law changes from its value at rest, where it is steepest."""
+    """The slip speed [m/s] over which a law changes from its value at rest, taken at its steepest slope."""
     speeds = np.array([0.0, *np.geomspace(1e-9, 1.0, 10 * _SPEEDS).tolist()])
     change = float(np.ptp(law.over(speeds)))
     slope = max(abs(law.slope(speed)) for speed in speeds.tolist())
@@ -290,7 +295,7 @@ def _width(law: Law) -> float:
 
 
 def _bends(system: System, step: float, substeps: int) -> Iterator[Finding]:
-    """Whether rk4 can follow a law over speed where it is steepest."""
+    """Whether rk4 can follow a speed-dependent law where it is steepest."""
     fastest, h = steepest(system), step / substeps
     if fastest * h > _COARSE:
         yield Finding(
@@ -302,7 +307,7 @@ def _bends(system: System, step: float, substeps: int) -> Iterator[Finding]:
 
 
 def _riding(system: System, step: float, substeps: int) -> Iterator[Finding]:
-    """Whether kicks can follow the fastest motion of a film with all of its points closed and stuck."""
+    """Whether kicks can follow the fastest motion of a film with all points closed and stuck."""
     h = step / substeps
     size = film.fastest(system, h) * h
     if size > FILM_LIMIT:
@@ -324,14 +329,14 @@ def _riding(system: System, step: float, substeps: int) -> Iterator[Finding]:
 
 
 def _short(system: System, h: float, most: float) -> float:
-    """A step [s] of no more than `most` radians of a film; a damped one is the stiffer, the shorter the step."""
+    """A step [s] of at most `most` radians of the film's fastest motion. A damped film is stiffer at a shorter step."""
     while (size := film.fastest(system, h) * h) > most:
         h *= max(0.999 * most / size, 0.1)
     return h
 
 
 def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -> Iterator[Finding]:
-    """Whether `method` can follow the fastest eigenvalue of all mode sets, that of the mode set `name`."""
+    """Whether `method` can follow the fastest eigenvalue of all mode sets, which belongs to the mode set `name`."""
     h = step / substeps if method in ("rk4", "kick") else step
     size = fastest * h
     if method == "rk4" and size > RK4_LIMIT:
@@ -353,7 +358,7 @@ def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -
             "warning",
             "friction is smoothed: a stuck contact creeps, and static friction above kinetic is lost",
             size,
-            "method auto; smooth is there to be compared with",
+            "use method auto; smooth serves for comparison only",
         )
     elif method in ("rk4", "kick") and size > _COARSE:
         yield Finding(
@@ -365,14 +370,14 @@ def _steps(fastest: float, name: str, method: str, step: float, substeps: int) -
     elif method == "dopri5" and size > _STIFF:
         yield Finding(
             "warning",
-            f"stiff for dopri5: |lambda| step = {size:.3g} in {name}; stability, not accuracy, sets its steps",
+            f"stiff for dopri5: |lambda| step = {size:.3g} in {name}; stability limits its steps, not the tolerance",
             size,
-            "drop what is so fast from the network at assembly (R = 0, L = 0), or use friction that exact can take",
+            "remove the fast elements of the network (R = 0, L = 0), or use friction laws that method exact supports",
         )
     elif method == "exact" and size > 1.0:
         yield Finding(
             "info",
-            f"the fastest motion in {name} is shorter than the step: |lambda| step = {size:.3g}; most ticks are opened",
+            f"the step is long for {name}: |lambda| step = {size:.3g} for its fastest mode; most ticks are subdivided",
             size,
-            "results stay exact; a finer frame or a faster sensor is quicker",
+            "results stay exact; a shorter sample step is quicker",
         )

@@ -153,8 +153,8 @@ def test_slopes_are_those_of_the_equations(seed):
 
 
 @pytest.mark.parametrize(("product", "inertia", "told"), [
-    ("N:load", {"x": 0.1}, "the normal force load in it depends on other forces"),
-    ("T:contact", {"z": 0.1}, "a normal force cannot depend on it"),
+    ("N:load", {"x": 0.1}, "its factor, the normal force load, depends on another force"),
+    ("T:contact", {"z": 0.1}, "it has a friction force as a factor, so no normal force may depend on it"),
 ])  # fmt: skip
 def test_what_would_have_to_be_known_before_itself_is_refused(product, inertia, told):
     A = Assembly("inertial")
