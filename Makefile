@@ -13,7 +13,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PROCESSES := $(addprefix tests/bench/test_,in_plant.py pace.py plant.py recorder_outcome.py runs.py) \
   $(addprefix tests/bus/test_,access.py fuzz.py processes.py session.py) $(addsuffix /test_process.py,tests tests/controllers tests/record) \
-  tests/test_child.py tests/view/test_bridge.py
+  tests/parts/test_live.py tests/test_child.py tests/view/test_bridge.py
 DAILY := not slow and not bench
 RUN := $(BIN)/python -m
 PIP := $(RUN) pip install --quiet --disable-pip-version-check

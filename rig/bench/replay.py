@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from rig import bus
+from rig import bus, controllers
 from rig.child_process import Child, end
 from rig.errors import BusError, UsageError
 from rig.record import replay as recorded
@@ -20,8 +20,9 @@ def replay(
 ) -> recorded.Replayed:
     """Host the replay of `log`; controllers `into` (names of the scene or Python files) are started and compared.
 
-    `pace`: simulated seconds for each second of the clock; None as fast as they answer. Raises UsageError for
-    a name that is not in the recording, BusError when one of them does not join, or leaves.
+    `pace`: simulated seconds for each second of the clock; None as fast as they answer. Raises UsageError for a name
+    that is not in the recording, Untrusted for code that is not trusted, BusError when one of them does not join, or
+    leaves.
     """
     names = [Path(one).stem if one.endswith(".py") else one for one in into]
     there = head(log).setup().controllers
@@ -29,6 +30,8 @@ def replay(
     if unknown:
         known = ", ".join(there) or "none"
         raise UsageError(f"the recording has no controller {', '.join(unknown)}; it has: {known}. A file ends in .py")
+    for one in set(into) & there.keys():
+        controllers.restored(there[one])  # refused here and now where its code is not trusted
     with bus.host(scene="replay") as session:
         tell(f"run {session.run}")
         joining = ["--run", session.run, "--wait", str(JOIN_S)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,18 +24,35 @@ Figure = Annotated[
 ]
 
 
-def list_scenes(as_json: Json = False) -> None:
-    """List the shipped scenes."""
+Folder = Annotated[
+    Path | None, typer.Argument(metavar="[FOLDER]", help="A folder with scene files of yours; else the shipped ones.")
+]
+
+
+def list_scenes(folder: Folder = None, as_json: Json = False) -> None:
+    """List the shipped scenes, or those in a folder; and parts that other packages have installed."""
     from rig.scenes import names
     from rig.scenes.shipped import card
+    from rig.scenes.shipped import cards as cards_of
 
-    cards = [card(name) for name in names()]
+    cards = [card(name) for name in names()] if folder is None else cards_of(folder)
     if as_json:
         printing.report(cards)
         return
     rows = [(c["name"], c["plant"], c["pace_limit"] or "", c["title"]) for c in cards]
     printing.table("", ("scene", "plant", "largest pace", "title"), rows)
+    for what, name, package in _installed():
+        printing.line(f"installed: {name} ({what}) of {package}")
     printing.line("\nnext: rig explain SCENE | rig run SCENE --view | rig simulate SCENE")
+
+
+def _installed() -> Iterator[tuple[str, str, str]]:
+    """Kind, name and package of each part that another package has installed. None of them is imported."""
+    from importlib.metadata import entry_points
+
+    for what in ("plants", "effects", "sensors", "controllers"):
+        for one in sorted(entry_points(group=f"friction_rig.{what}"), key=lambda one: one.name):
+            yield what, one.name, f"{one.dist.name} {one.dist.version}" if one.dist else "an unknown package"
 
 
 def explain(

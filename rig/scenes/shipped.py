@@ -40,15 +40,17 @@ def path(name_or_path: str | Path, folder: Path = Path()) -> Path:
     raise SceneError(brief(text)[1:-1], [f"no scene has this name; {hint}"])
 
 
-def card(name: str) -> dict[str, Any]:
-    """Title, plant and first line of the description of a shipped scene, and its largest pace where it has one.
+def card(name: str, folder: Path = Path()) -> dict[str, Any]:
+    """Title, plant and first line of the description of a scene, and its largest pace where it has one.
 
-    `based_on` is the scene that it is based on, None where it stands for itself.
+    `name`: of a shipped scene, or the path of a file from `folder` on. `based_on` is the scene that it is based on,
+    None where it stands for itself.
     """
-    head, *tables = _TABLE.split(_text(name))
+    file = path(name, folder)
+    head, *tables = _TABLE.split(file.read_text(encoding="utf-8"))
     raw = tomllib.loads(head + "".join(table for table in tables if table.startswith("[clock]")))
     base = raw.get("based_on")
-    told = card(base) if base else {"plant": raw.get("plant"), "pace_limit": None}
+    told = card(base, file.parent) if base else {"plant": raw.get("plant"), "pace_limit": None}
     limit = raw.get("clock", {}).get("pace_limit", told["pace_limit"])
     return {
         "name": name,
@@ -58,6 +60,25 @@ def card(name: str) -> dict[str, Any]:
         "about": str(raw.get("about", "")).strip().split("\n")[0],
         "pace_limit": None if limit in (None, "none") else float(limit[0] if isinstance(limit, list) else limit),
     }
+
+
+def cards(folder: Path) -> list[dict[str, Any]]:
+    """The cards of the scene files in a folder. No part is loaded; a file that is no scene is left out.
+
+    Raises SceneError for what is no folder.
+    """
+    if not folder.is_dir():
+        raise SceneError(str(folder), ["is no folder; rig explain SCENE shows one scene"])
+    found = []
+    for file in sorted(folder.glob("*.toml")):
+        try:
+            found.append(card(str(file)))
+        except (SceneError, OSError, ValueError, RecursionError) as error:
+            title = f"cannot be read: {' '.join(str(error).split())}"
+            found.append(
+                {"name": str(file), "based_on": None, "plant": None, "title": title, "about": "", "pace_limit": None}
+            )
+    return [one for one in found if one["plant"] or one["title"]]
 
 
 def plant(name: str) -> str:

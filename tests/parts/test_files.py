@@ -1,0 +1,205 @@
+"""A plant, an effect, a sensor and a controller from files: in scenes, in every command, with their faults told."""
+
+import inspect
+import json
+import re
+
+import numpy as np
+import pytest
+
+import rig as lab
+from rig.errors import SceneError
+from rig.scenes.scene import Scene
+from rig.scenes.variants import absent, dropped, without
+
+
+def rewritten(file, *changes):
+    """Change the text of a file: pairs of old and new."""
+    text = file.read_text()
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    file.write_text(text)
+
+
+def faults(folder, overrides=None):
+    with pytest.raises(SceneError) as told:
+        lab.load(folder / "scene.toml", overrides)
+    return "\n".join(told.value.faults)
+
+
+def test_a_scene_names_parts_from_files(folder):
+    scene = lab.load(folder / "scene.toml")
+    assert scene.plant == "example_plant.py"
+    assert scene.sensors["geophone"].kind == "example_sensor.py"
+    assert scene.controllers["two_levels"].kind == "example_controller.py"
+    assembly = scene.assemble()
+    assert {"x", "b", "buffer", "load.command"} <= set(assembly.names)
+    assert scene.values()["buffer.stiffness"] == (200.0, "N/m")
+    assert scene.values()["controllers.two_levels.swing"] == (5.0, "N")
+
+
+def test_it_runs_and_the_run_is_the_sum_of_its_parts(folder):
+    scene = lab.load(folder / "scene.toml")
+    run = lab.simulate(scene, 1.0)
+    assert run.units["meas/geophone"] == "V"
+    force = np.array([values[0] for values in run.commands["two_levels"].values])
+    assert set(np.unique(force)) <= {15.0, 20.0, 25.0}
+    free = lab.simulate(lab.load(folder / "scene.toml", {"buffer": "none"}), 1.0)
+    assert "buffer_force" in run.signals
+    assert "buffer_force" not in free.signals
+    assert abs(run.energy["error"]) < 1e-9
+
+
+def test_an_effect_from_a_file_is_an_effect_like_others(folder):
+    scene = lab.load(folder / "scene.toml")
+    assert "buffer" in dropped(scene)
+    assert "noise" in absent(scene)  # every plant may have it
+    assert "buffer" not in without(scene, ["buffer"]).assemble().names
+    softer = lab.load(folder / "scene.toml", {"buffer.stiffness": "100 N/m", "noise.force": 1e-3})
+    assert softer.parameters.buffer.stiffness == 100.0
+    assert "noise" in softer.assemble().names
+    assert "buffer.stiffness" in faults(folder, {"buffer.stiffness": "-1 N/m"})
+    buffer = {"buffer.effect": str(folder / "example_effect.py"), "buffer.stiffness": 100.0, "buffer.damping": 5.0}
+    assert "buffer" in lab.load("belt", buffer).assemble().names  # beside a shipped plant
+
+
+def test_the_scene_as_json_carries_source_and_hash_and_no_path(folder):
+    scene = lab.load(folder / "scene.toml")
+    text = scene.to_json()
+    assert str(folder) not in text
+    parts = json.loads(text)["parts"]
+    assert [(one["part"], one["name"]) for one in parts] == [
+        ("plants", "example_plant.py"),
+        ("effects", "example_effect.py"),
+        ("sensors", "example_sensor.py"),
+        ("controllers", "example_controller.py"),
+    ]
+    assert parts[0]["source"] == (folder / "example_plant.py").read_text()
+    assert Scene.from_json(text) == scene
+    assert "parts" not in json.loads(lab.load("belt").to_json())
+
+
+def test_two_versions_of_a_file_are_open_at_once(folder):
+    first = lab.load(folder / "scene.toml")
+    rewritten(folder / "example_plant.py", ('"block on a soft table"', '"block on a hard table"'))
+    second = lab.load(folder / "scene.toml")
+    assert (first.assemble().title, second.assemble().title) == ("block on a soft table", "block on a hard table")
+    assert first.digest != second.digest
+    assert "soft table" in inspect.getsource(inspect.getmodule(type(first.parameters)).assemble)
+    assert "hard table" in inspect.getsource(inspect.getmodule(type(second.parameters)).assemble)
+
+
+def test_a_file_is_sought_from_the_file_that_names_it(folder, tmp_path_factory, monkeypatch):
+    elsewhere = tmp_path_factory.mktemp("elsewhere")
+    (elsewhere / "mine.toml").write_text(f'based_on = "{folder}/scene.toml"\n[buffer]\nstiffness = "50 N/m"\n')
+    monkeypatch.chdir(elsewhere)
+    assert lab.load(elsewhere / "mine.toml").parameters.buffer.stiffness == 50.0
+    own = (folder / "example_sensor.py").read_text().replace("28.0", "14.0")
+    (elsewhere / "softer.py").write_text(own)  # a change on the command line: from the folder where it is typed
+    scene = lab.load(elsewhere / "mine.toml", {"sensors.geophone.kind": "./softer.py"})
+    assert scene.sensors["geophone"].sensitivity == 14.0
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "told"),
+    [
+        ("plant", "def assemble(", "def build(", "plant: example_plant.py: defines no function assemble"),
+        (
+            "plant",
+            "class Parameters(Section)",
+            "class Tables(Section)",
+            "example_plant.py: defines no class Parameters",
+        ),
+        ("plant", "    return a\n", "    return a.system\n", "assemble gives method; expected a rig"),
+        (
+            "plant",
+            'a.coordinate("x"',
+            'a.cordinate("x"',
+            r"example_plant.py: AttributeError: .*cordinate.* \(line \d+\)",
+        ),
+        ("plant", "class Body(Section):", "class Body(Section:", r"example_plant.py: SyntaxError: .* \(line 16\)"),
+        (
+            "effect",
+            "(Effect)",
+            "(object)",
+            "buffer.effect: example_effect.py: defines no class derived from rig.effects",
+        ),
+        ("effect", "def add(", "def put(", r"buffer.effect: example_effect.py: defines no function add\("),
+        ("sensor", "class Geophone(Instrument)", "class Geophone", "example_sensor.py: defines no class derived from"),
+        ("sensor", 'delivers: ClassVar[str] = "V"', "", "its class states no `delivers`, a unit"),
+        ("sensor", "0.7, self.lowest", "self.quality, self.lowest", r"sensors.geophone.kind: .*'quality' \(line \d+\)"),
+        ("controller", "def update(", "def step(", "Controller has no update"),
+        ("controller", "return side, (", "return (", "Controller.update returns .* expected .state, commands."),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_told_with_its_place(folder, file, old, new, told):
+    rewritten(folder / f"example_{file}.py", (old, new))
+    assert re.search(told, faults(folder)), faults(folder)
+
+
+def test_all_faults_are_told_at_once(folder):
+    (folder / "example_effect.py").unlink()
+    rewritten(folder / "scene.toml", ('"20 N"', '"-20 N"'), ('kind = "./example_sensor.py"', 'kind = "./other.py"'))
+    told = faults(folder)
+    assert f"buffer.effect: {folder}/example_effect.py: there is no such file" in told
+    assert f"sensors.geophone.kind: {folder}/other.py: there is no such file" in told
+    assert "load.force" in told
+    assert "(scene.toml, line" in told
+
+
+def test_names_that_cannot_be_are_refused(folder):
+    rewritten(folder / "scene.toml", ("[buffer]", "[model_fields]"))
+    assert "model_fields: no effect can have this name" in faults(folder)
+
+
+def test_two_files_of_one_name_are_refused(folder):
+    (folder / "b").mkdir()
+    (folder / "b" / "example_sensor.py").write_text((folder / "example_sensor.py").read_text() + "\n")
+    with (folder / "scene.toml").open("a") as file:
+        file.write('[sensors.other]\nkind = "b/example_sensor.py"\n')
+    assert "the scene names another file that is called example_sensor.py; rename one" in faults(folder)
+
+
+def test_an_error_in_a_run_is_told_in_a_line(rig, folder):
+    rewritten(folder / "example_controller.py", ("(v,) = values", "(v,) = values; t_ns < 50_000_000 or 1 / 0"))
+    code, _, err = rig("simulate", folder / "scene.toml", "--duration", "0.1")
+    assert code == 2
+    assert err.strip().endswith("example_controller.py: ZeroDivisionError: division by zero (line 33)")
+    assert "Traceback" not in err
+
+
+@pytest.mark.parametrize("command", ["explain", "modes", "cycle"])
+def test_commands_that_look_at_a_scene(rig, folder, command):
+    code, out, err = rig(command, folder / "scene.toml", "--json")
+    assert code == 0, err
+    assert "buffer" in out
+    assert json.loads(out)
+
+
+def test_hard_cases_of_a_scene_with_parts(rig, folder, monkeypatch):
+    monkeypatch.chdir(folder)
+    case = folder / "case.toml"
+    case.write_text(
+        f'title = "toy"\nabout = "toy"\nscene = "{folder}/scene.toml"\nduration = "0.5 s"\nsteps = ["1 ms"]\n'
+    )
+    code, out, err = rig("torture", "--case", case)
+    assert code in (0, 1), out + err
+    assert "green" in out
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("arguments", [["explain", "--measure", "--json"], ["cost", "--target", "1e-4", "--json"]])
+def test_commands_that_measure(rig, folder, arguments):
+    command, *options = arguments
+    code, out, err = rig(command, folder / "scene.toml", *options)
+    assert code == 0, err
+    assert "example_plant" in out or "buffer" in out
+
+
+def test_a_folder_of_scenes_is_listed(rig, folder):
+    code, out, _ = rig("list", folder)
+    assert code == 0
+    assert "example_plant.py" in out
+    assert "Parts of one's own" in out
+    assert json.loads(rig("list", folder, "--json")[1])[0]["plant"] == "./example_plant.py"

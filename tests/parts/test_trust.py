@@ -1,0 +1,105 @@
+"""Code that comes with a recording, or over the bus, runs only where the user says so."""
+
+import json
+from dataclasses import replace
+from hashlib import sha256
+
+import pytest
+
+import rig as lab
+from rig.errors import PartError, Untrusted
+from rig.record.save_run import save
+from rig.scenes.scene import Scene
+
+
+@pytest.fixture
+def log(rig, folder, strangers):
+    """A recording of a scene with parts, for a process that trusts none of them."""
+    path = folder / "run.mcap"
+    code, _, err = rig("simulate", folder / "scene.toml", "--duration", "0.3", "--out", path)
+    assert code == 0, err
+    strangers()
+    return path
+
+
+def tampered(log, path, change):
+    """The recording with another scene."""
+    run = lab.open(log)
+    raw = json.loads(run.scene)
+    change(raw)
+    save(replace(run, scene=json.dumps(raw)), path)
+    return path
+
+
+def test_without_trust_there_are_data_and_no_code_runs(log):
+    run = lab.open(log)
+    assert json.loads(run.scene)["plant"] == "example_plant.py"
+    assert len(run.measurements["geophone"].v) == 301
+    assert run.signals["velocity"].size
+    assert run.events
+    with pytest.raises(Untrusted) as told:
+        Scene.from_json(run.scene)
+    for kind in ("plant", "effect", "sensor", "controller"):
+        assert f"example_{kind}.py (SHA-256 " in str(told.value)
+    assert "--trust" in str(told.value)
+
+
+def test_with_trust_everything_works(log):
+    run = lab.open(log, trust=True)
+    assert Scene.from_json(run.scene).assemble().title == "block on a soft table"
+
+
+@pytest.mark.parametrize("command", ["verify", "amplitude"])
+def test_commands_ask_for_trust(rig, log, strangers, command):
+    code, _, err = rig(command, log)
+    assert code == 2
+    assert "example_plant.py (SHA-256" in err
+    assert "--trust" in err
+    strangers()
+    code, out, err = rig(command, log, "--trust")
+    assert code == 0, out + err
+
+
+def test_data_are_analysed_without(rig, log):
+    code, out, err = rig("spectrum", log, "--signal", "geophone")
+    assert code == 0, err
+    assert "geophone" in out
+
+
+def test_source_that_does_not_have_its_hash_is_refused(rig, log, tmp_path):
+    def change(raw):
+        raw["parts"][0]["source"] += "\nprint('hello')\n"
+
+    path = tampered(log, tmp_path / "bent.mcap", change)
+    code, _, err = rig("verify", path, "--trust")
+    assert code == 2
+    assert "part example_plant.py: its source has the SHA-256" in err
+    assert "is not run" in err
+    with pytest.raises(PartError):
+        lab.open(path, trust=True)
+
+
+@pytest.mark.parametrize("file", ["../../evil.py", "/tmp/evil.py", "evil", "a\\b.py", 5])
+def test_names_that_lead_elsewhere_are_refused(log, file):
+    raw = json.loads(lab.open(log).scene)
+    raw["parts"][0]["file"] = file
+    with pytest.raises(PartError, match="changed or is damaged"):
+        Scene.from_json(json.dumps(raw))
+
+
+def test_a_recording_never_makes_a_file_run(log, folder):
+    raw = json.loads(lab.open(log).scene)
+    raw["parts"] = []
+    raw["plant"] = str(folder / "example_plant.py")
+    with pytest.raises(PartError, match="the recording lacks the source of"):
+        Scene.from_json(json.dumps(raw))
+
+
+def test_trust_is_a_matter_of_the_text(log, strangers):
+    lab.open(log, trust=True)
+    raw = json.loads(lab.open(log).scene)
+    raw["parts"][0]["source"] += "\n"
+    raw["parts"][0]["sha256"] = sha256(raw["parts"][0]["source"].encode()).hexdigest()
+    with pytest.raises(Untrusted, match=r"example_plant\.py") as told:
+        Scene.from_json(json.dumps(raw))
+    assert "example_sensor.py" not in str(told.value)
