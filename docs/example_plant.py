@@ -10,7 +10,10 @@ from rig.effects.drive import BeltDrive
 from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.model.assembly import Assembly, Output
+from rig.picture import OnBelt
 from rig.quantities import Kilogram, NewtonPerMetre, NewtonSecondPerMetre, Section
+
+PICTURES = (OnBelt(),)
 
 
 class Body(Section):
@@ -45,6 +48,7 @@ def assemble(p, moved=None):
         "velocity": Output({"x'": 1.0}, "m/s"),
         "table_velocity": Output({"b'": 1.0}, "m/s"),
         "friction_force": Output({"T:contact": 1.0}, "N"),
+        "normal_force": Output({"N:load": 1.0}, "N"),
         "slip_speed": Output({"w:contact": 1.0}, "m/s"),
         "surface_speed": Output(dict(a.surface("contact")), "m/s"),
     }
