@@ -65,14 +65,10 @@ def simulate(scene: Scene | str, duration: float | None = None, stop: Callable[[
     `stop` is asked ten times a simulated second whether to end here; "" goes on, anything else is the reason.
     Raises rig.errors.SceneError for controllers that cannot be designed, UsageError for a scene without an end.
     """
-    from rig import controllers
     from rig.bench.simulate import simulate as run
-    from rig.design.numbers import numbers
 
     loaded = load(scene) if isinstance(scene, str) else scene
-    designed = numbers(loaded)
-    built = {name: controllers.build(section, designed[name]) for name, section in loaded.controllers.items()}
-    return run(loaded, built, None if duration is None else round(duration * 1e9), stop=stop)
+    return run(loaded, duration_ns=None if duration is None else round(duration * 1e9), stop=stop)
 
 
 def modes(scene: Scene | str) -> Modes:

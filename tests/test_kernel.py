@@ -12,8 +12,8 @@ import pytest
 
 from rig import kernel, sources
 from rig import kernel_store as kept
+from rig.analysis import kernel_shapes
 from rig.kernel_store import CheckedFile
-from rig.qualify import warmup
 
 CODE = """
 from rig.kernel import kernel
@@ -215,12 +215,12 @@ def test_a_damaged_kernel_is_compiled_again(tmp_path, how, suffix):
 @pytest.mark.parametrize("text", ["", "[[3, fal", "5", "[1]", "{}", "\x00"])
 def test_damaged_notes_of_a_warm_up_count_as_none(tmp_path, monkeypatch, text):
     monkeypatch.setattr(kernel.FOLDER, "path", tmp_path)
-    warmup.notes().write_text(text)
-    assert warmup.ready() == set()
-    shape = warmup.Shape(3, False, False, False)
-    warmup.note(shape)
-    assert warmup.ready() == {shape}
-    assert list(tmp_path.iterdir()) == [warmup.notes()]
+    kernel_shapes.notes().write_text(text)
+    assert kernel_shapes.ready() == set()
+    shape = kernel_shapes.Shape(3, False, False, False)
+    kernel_shapes.note(shape)
+    assert kernel_shapes.ready() == {shape}
+    assert list(tmp_path.iterdir()) == [kernel_shapes.notes()]
 
 
 ROOT = Path(kernel.__file__).parent.parent

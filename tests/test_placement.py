@@ -13,7 +13,7 @@ from rig import bus, controllers, placement
 from rig.bus import encode, messages
 from rig.bus.run_setup import Setup
 from rig.controllers.runtime import process
-from rig.design.numbers import numbers
+from rig.design import numbers
 from rig.scenes import load
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="only Linux says where a thread runs")

@@ -4,7 +4,7 @@ modes               eigenvalues about steady sliding
 axis, sweep         a parameter at evenly spaced values; eigenvalues and critical values over it (sweep_figure)
 eigenvalue_curves   which eigenvalue is which along a parameter; critical_values, growth_crossings: where growth is zero
 regions             stable and unstable regions over two parameters
-control_loop        eigenvalues and margins of a closed loop; sampled_loop is its exact discretisation
+control_loop        eigenvalues and margins of a closed loop (rig.design.sampled)
 averaged            friction under dither, averaged over a period
 cycle               the limit cycle: orbit carries the plant, shooting and repetition find it, floquet judges it,
                     turning_points serve motions without events, cycle_report prints it
@@ -14,4 +14,5 @@ amplitude           the amplitude index of a measured vibration; upper_speed: th
 identify            the experiments that tell the parameters of the lever rig
 recorded, sound     spectra, orders, hysteresis, pressure; what a microphone heard
 repeat              one scene with many seeds
+kernel_shapes       what the kernels of a scene are compiled for, and which of them have been
 """

@@ -1,9 +1,8 @@
 """A control loop of a scene, linearised: closed-loop eigenvalues, and how much gain, phase and delay it bears.
 
 The loop is that of the scene: the controller's own numbers, its instrument, its delay, sample and hold, all exactly
-discretised (rig.analysis.sampled_loop). Margins come from the exact frequency response L(exp(i w T)) of the opened
-loop. A rig that rubs may be unstable without control, so gain has a range, not a margin: below it friction wins, above
-it the loop.
+discretised (rig.design.sampled). Margins come from the exact frequency response L(exp(i w T)) of the opened loop. A rig
+that rubs may be unstable without control, so gain has a range, not a margin: below it friction wins, above it the loop.
 
     gain range     gains of both signs between which every eigenvalue decays
     phase margin   the least turn at |L| = 1 that makes L = -1        delay margin   the same turn as a delay, turn / w
@@ -25,11 +24,11 @@ from rig import controllers
 from rig.analysis.axis import Axis
 from rig.analysis.eigenvalue_curves import Spectrum, absent, of_matrix
 from rig.analysis.plant import plant
-from rig.analysis.sampled_loop import Feedback, Sampled, sampled
 from rig.analysis.sweep import Sweep, along
 from rig.analysis.text_table import columns
 from rig.controllers.blocks.feedback import VelocityFeedback
-from rig.design.numbers import numbers
+from rig.design import numbers
+from rig.design.sampled import Feedback, Sampled, sampled
 from rig.errors import SceneError, Singular
 from rig.quantities import unit_of
 from rig.scenes.faults import near

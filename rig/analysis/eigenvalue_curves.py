@@ -13,7 +13,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.modes import at_rest, energy_form, missing
+from rig.analysis.modes import at_rest, missing
+from rig.design.linearised import energy_form
 from rig.errors import Singular
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady
@@ -31,7 +32,7 @@ class Spectrum(NamedTuple):
     The first states are those of the rig, `own` of them, and of these the first are its `coordinates`. `exists`:
     whether the rig slides steadily there; `counts`: whether the rates say something; `note`: what speaks against it,
     and `why`, in words. `inertia`: determinant of the mass matrix with friction in it over that without; the rig jams
-    below zero. `energy`: the form of rig.analysis.modes.energy_form over the first states; empty where it is not known.
+    below zero. `energy`: rig.design.linearised.energy_form over the first states; empty where it is not known.
     """
 
     rates: Complex

@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 from rig.analysis.averaged import averaged
 from rig.analysis.text_table import columns
 from rig.bench.build_findings import findings
+from rig.design.linearised import energy_form
 from rig.errors import SceneError, Singular
 from rig.model.assembly import Assembly
 from rig.model.build_checks import Finding
-from rig.model.energy_forms import store
 from rig.model.film import over
 from rig.model.output_rows import signal_rows
 from rig.model.system import System
@@ -282,16 +282,6 @@ def _mode(system: System, rate: complex, vector: Any, form: Array) -> Mode:
         shape=amplitudes,
         energy=energy,
     )
-
-
-def energy_form(at: Steady) -> Array:
-    """Twice the kinetic energy of the structure and, state by state, that of the network, as a form of x [n, n]."""
-    system = at.system
-    nq, form = len(system.coordinates), np.zeros((system.n, system.n))
-    form[nq : 2 * nq, nq : 2 * nq] = system.mass
-    network = range(2 * nq, system.one)
-    form[network, network] = np.abs(store(system, at.modes.key)[network, network])
-    return form
 
 
 def motion(

@@ -1,50 +1,27 @@
 """The rig as a control engineer sees it: small motions about steady sliding, from actuators to outputs.
 
-    dx' = A dx + B du        dy = C dx + D du        u: commands of the actuators, y: outputs of the rig
-
-The same matrices as in the simulation, linearised at the sliding equilibrium of the scene's own values. Limits of the
-actuators are left out, dither is off, and what nothing commands and nothing moves is not a state.
+The matrices of rig.design.linearised at the sliding equilibrium of the scene's own values. Limits of the actuators are
+left out, and dither is off.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.modes import at_rest, energy_form, missing
+from rig.analysis.modes import at_rest, missing
+from rig.design.linearised import Plant, linear
 from rig.errors import SceneError
-from rig.model.assembly import Assembly
-from rig.model.output_rows import signal_rows
 from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
-from rig.stability.linearisation import Steady, inputs, own_law
 
 if TYPE_CHECKING:
     from control import StateSpace
 
 Array = NDArray[np.float64]
 ORDER = 8
-
-
-@dataclass(frozen=True)
-class Plant:
-    """Matrices, the names of their rows and columns, and the `equilibrium` [state] that the x are counted from.
-
-    `energy`: the form of rig.analysis.modes.energy_form over the states.
-    """
-
-    A: Array
-    B: Array
-    C: Array
-    D: Array
-    states: tuple[str, ...]
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-    equilibrium: Array
-    energy: Array
 
 
 def plant(scene: Scene) -> Plant:
@@ -58,33 +35,6 @@ def plant(scene: Scene) -> Plant:
         why = f"nothing slides steadily at these values ({missing(at)}): there is nothing to linearise about"
         raise SceneError(scene.name, [why])
     return linear(assembly, at)
-
-
-def linear(assembly: Assembly, at: Steady) -> Plant:
-    """The rig about the equilibrium `at`; actuators that are no states of this assembly are left out."""
-    system = at.system
-    commands = {name: system.names.index(one.state) for name, one in assembly.inputs.items() if one.state}
-    given = np.array(list(commands.values()), dtype=np.int64)
-    kept = np.zeros(system.n, dtype=bool)
-    kept[at.moving] = kept[given] = True
-    for _ in range(system.n):
-        kept |= np.any(at.A[:, kept] != 0.0, axis=1)
-    kept[given] = kept[system.one] = False
-    x = np.flatnonzero(kept)
-    over_x, over_t = signal_rows(system, at.modes, [output.row for output in assembly.outputs.values()])
-    _, slopes = inputs(system, at.modes, at.x, own_law(system, at.modes))
-    out = over_x + over_t @ slopes
-    return Plant(
-        A=at.A[np.ix_(x, x)],
-        B=at.A[np.ix_(x, given)],
-        C=out[:, x],
-        D=out[:, given],
-        states=tuple(system.names[i] for i in x),
-        inputs=tuple(commands),
-        outputs=tuple(assembly.outputs),
-        equilibrium=at.x[x],
-        energy=energy_form(at)[np.ix_(x, x)],
-    )
 
 
 def state_space(scene: Scene, delay: float = 0.0, order: int = ORDER) -> StateSpace:

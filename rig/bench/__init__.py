@@ -11,7 +11,8 @@ rig_variant           the same rig with other parameters; background_builds, reb
 simulate              everything in one process, as fast as possible
 controller_in_process a controller that works in this process; compiled_controllers: within the compiled loop;
                       controllers_in_plant: in the plant's process of a live run
-plant_process         the plant as a process, in lockstep or paced; hub, operator_commands, housekeeping, finalise
+plant                 the plant of a live run, in lockstep or paced; plant_parts: hub, operator_commands, housekeeping
+plant_process         its process; finalise: the end of a run
 frame_batches         how many frames are carried at once
 pace, timing          the wall clock, and the timing verdict
 supervise             the processes of one run

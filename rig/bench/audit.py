@@ -128,7 +128,7 @@ def _judged(scene: Scene, witness: Witness, motion: Motion) -> Iterator[Judged]:
     clamped = _clamped(motion)
 
     def rig_of(variant: Scene) -> System:
-        return seen(variant.assemble().system(), motion.method, motion.smoothing)
+        return seen(variant.assemble().system(), motion.how.method, motion.how.smoothing)
 
     for name, keys in dropped(scene).items():
         try:

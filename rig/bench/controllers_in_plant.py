@@ -70,16 +70,15 @@ class _Resident(Working):
 
 
 class InPlant:
-    """All of them. `numbers`: of the design step of each; `notice` is called when one has failed and left."""
+    """All of them. `described`: by rig.design; `notice` is called when one has failed and left."""
 
     def __init__(
-        self, session: Session, operation: Operation, numbers: Mapping[str, Any], notice: Callable[[], object]
+        self, session: Session, operation: Operation, described: Mapping[str, Any], notice: Callable[[], object]
     ) -> None:
         self._operation, self._notice = operation, notice
         self._all: dict[str, _Resident] = {}
         for name in sorted(operation.scene.in_plant):
-            told = controllers.described(operation.scene.controllers[name], numbers.get(name, {}))
-            loop = Loop(controllers.restored(told))
+            loop = Loop(controllers.restored(described[name]))
             self._all[name] = one = _Resident(name, loop, operation, session.stand_in("controller", name))
             one.expect(0)
             one.native()  # compiled if the rehearsal has done so

@@ -9,14 +9,12 @@ from __future__ import annotations
 import json
 import os
 import time
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rig.bench.hub import missing
+from rig.bench.plant_parts import PlantParts
 from rig.bench.timing import TimingVerdict
 from rig.bus import messages
-
-if TYPE_CHECKING:
-    from rig.bench.plant_process import Plant
 
 ANSWERS_S = 5.0
 """Longest wait for the totals of the others."""
@@ -24,7 +22,7 @@ LAST_ANSWER_S = 0.1
 """Longest wait for the answers to the last steps."""
 
 
-def finalise(plant: Plant) -> dict[str, Any]:
+def finalise(plant: PlantParts) -> dict[str, Any]:
     """End the run of `plant`; its summary."""
     hub, operation, runner = plant.hub, plant.operation, plant.runner
     wall = time.perf_counter_ns() - plant.begun_ns if plant.begun_ns else 0
@@ -84,7 +82,7 @@ def finalise(plant: Plant) -> dict[str, Any]:
     return summary
 
 
-def _verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> TimingVerdict:
+def _verdict(plant: PlantParts, lost: dict[str, int], unknown: list[str]) -> TimingVerdict:
     faults = list(plant.housekeeper.faults)
     for name, line in plant.operation.exchange.all_lines.items():
         if line.counts.safe:
@@ -96,7 +94,7 @@ def _verdict(plant: Plant, lost: dict[str, int], unknown: list[str]) -> TimingVe
     return plant.timing.verdict(clock.late_share_valid, clock.late_share_degraded, lost, faults, broken, unknown)
 
 
-def _unanswered(plant: Plant) -> dict[str, int]:
+def _unanswered(plant: PlantParts) -> dict[str, int]:
     """Steps that did not reach a controller, or their answers the plant: of those who were here from first to last."""
     hub, found = plant.hub, {}
     if plant.job.in_lockstep:  # asked again until they are answered
@@ -112,7 +110,7 @@ def _unanswered(plant: Plant) -> dict[str, int]:
     return found
 
 
-def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
+def _lost_elsewhere(plant: PlantParts) -> tuple[dict[str, int], list[str]]:
     """Messages of the plant that the others miss: "topic to name" -> how many; recorders of which nobody knows.
 
     A viewer may drop what it cannot draw, and a guest may call itself anything: who counts is the recorder of the run
@@ -147,6 +145,6 @@ def _lost_elsewhere(plant: Plant) -> tuple[dict[str, int], list[str]]:
     return found, [f"recorder {name}" for name in sorted(asked | gone)]
 
 
-def _records(plant: Plant, name: str) -> bool:
+def _records(plant: PlantParts, name: str) -> bool:
     """Whether the recorder `name` is that of the run: waited for, or under a name that no guest can take."""
     return name in plant.session.door.reserved or ("recorder", name) in plant.job.expect

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import asdict, dataclass
 
 from rig.errors import UsageError
 from rig.scenes.scene import Scene
@@ -16,8 +15,6 @@ class Job:
 
     scene: str
     """The scene, `Scene.to_json`."""
-    numbers: dict[str, Any] = field(default_factory=dict)
-    """Numbers of the design step for each controller."""
     run: str | None = None
     endpoint: str | None = None
     pace: float | None = 1.0

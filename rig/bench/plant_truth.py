@@ -1,4 +1,4 @@
-"""The plant's own quantities at every sample step, kept while it runs and worked out afterwards."""
+"""The plant's own quantities at every sample step, as a runner hands them over."""
 
 from __future__ import annotations
 
@@ -8,64 +8,49 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.motion.motion import Motion
-
-ROWS = 1 << 15
+from rig.model.system import System
 
 
 class Truth:
-    """States and mode sets as the motion keeps them; `work_out` turns them into outputs before the matrices change."""
+    """Outputs, mode sets and events. `outputs` [output], `key` (mode set): of the start; `step_ns`: a sample step."""
 
-    def __init__(self, motion: Motion, steps: int, step_ns: int) -> None:
-        """`motion` was made with `longest=ROWS`; a frame has `steps` steps."""
-        self._steps, self._step_ns = steps, step_ns
-        self._done = [motion.outputs_now()[None].copy()]
-        self._keys = [np.array([motion.key])]
-        self._events: list[tuple[int, NDArray[np.int64], NDArray[np.float64]]] = []
-        self._told: list[dict[str, Any]] = []
+    def __init__(self, outputs: NDArray[np.float64], key: int, step_ns: int) -> None:
+        self._step_ns = step_ns
+        self._outputs = [outputs[None].copy()]
+        self._keys = [np.array([key])]
+        self._met: list[tuple[System, int, NDArray[np.int64], NDArray[np.float64]]] = []
 
-    def advance(self, motion: Motion, frames: int) -> bool:
-        """Carry `motion` up to so many frames on, as far as it goes in one piece, and keep it; as `Motion.advance`."""
-        if motion.kept + self._steps > ROWS:
-            self.work_out(motion)
-        room = (ROWS - motion.kept) // self._steps
-        look = motion.advance(min(frames, room) * self._steps, keep=True)
-        if look and motion.event_count:
-            self._events.append(motion.met())
-        return look
+    def keep(self, outputs: NDArray[np.float64], keys: NDArray[np.int64]) -> None:
+        """Outputs [step, output] and mode sets [step] of the steps after those kept so far."""
+        self._outputs.append(outputs)
+        self._keys.append(keys)
 
-    def work_out(self, motion: Motion) -> None:
-        """Turn what was kept into outputs, with the matrices of now."""
-        rows = motion.kept
-        mode_sets = motion.log.modes[:rows]
-        self._done.append(motion.outputs_at(motion.log.out[:rows], mode_sets))
-        self._tell(motion)
-        keys = np.array([modes.key for modes in motion.mode_sets.sets], dtype=np.int64)
-        self._keys.append(keys[mode_sets])
-        motion.kept = 0
+    def happened(self, system: System, first: int, events: NDArray[np.int64], places: NDArray[np.float64]) -> None:
+        """Events of `system`, as `rig.motion.motion.Motion.met` tells them."""
+        self._met.append((system, first, events, places))
 
-    def outputs(self, motion: Motion) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def outputs(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """All outputs [output, step] and mode sets [step] so far."""
-        self.work_out(motion)
         keys = np.concatenate(self._keys)
-        values, done = np.empty((self._done[0].shape[1], len(keys))), 0
-        for block in self._done:
+        values, done = np.empty((self._outputs[0].shape[1], len(keys))), 0
+        for block in self._outputs:
             values[:, done : done + len(block)] = block.T
             done += len(block)
         return values, keys
 
-    def events(self, motion: Motion) -> list[dict[str, Any]]:
-        """All events so far, as a recording keeps them."""
-        self._tell(motion)
-        return self._told
+    def events(self) -> list[dict[str, Any]]:
+        """All events so far, as a recording keeps them.
 
-    def _tell(self, motion: Motion) -> None:
-        """Put what has happened into words; a squeal has thousands of events a second between two mode sets."""
-        describe, happens = cache(motion.system.describe), cache(motion.system.happens)
-        for first, events, places in self._events:
+        A squeal has thousands of events a second between two mode sets, so that words are looked up.
+        """
+        found: list[dict[str, Any]] = []
+        said = None
+        for system, first, events, places in self._met:
+            if system is not said:
+                said, describe, happens = system, cache(system.describe), cache(system.happens)
             for (tick, kind, owner, before), place in zip(events.tolist(), places.tolist()):
                 data = {"tick": first + tick, "place": place, "before": describe(before)}
                 t_ns = round((first + tick + place) * self._step_ns)
                 told = {"t_ns": t_ns, "tick": first + tick, "source": "plant", "kind": "contact"}
-                self._told.append({**told, "text": happens(kind, owner), "data": data})
-        self._events.clear()
+                found.append({**told, "text": happens(kind, owner), "data": data})
+        return found

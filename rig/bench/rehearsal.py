@@ -14,7 +14,7 @@ from __future__ import annotations
 import time
 from contextlib import suppress
 
-from rig import controllers
+from rig import controllers, design
 from rig.bench.controller_in_process import asked_often
 from rig.bench.frame_batches import length
 from rig.bench.job import Job
@@ -35,9 +35,9 @@ def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, 
     time, in which kernels are loaded or compiled.
     """
     working = {}
-    for name, section in scene.controllers.items():
+    for name, told in design.described(scene).items():
         with suppress(RigError):  # one that cannot begin says why in its own process; the run goes on without
-            working[name] = controllers.restored(controllers.described(section, job.numbers.get(name, {})))
+            working[name] = controllers.restored(told)
             if name in scene.in_plant and length(scene, job.pace) > 1:
                 asked_often(working[name])
     duration_ns = scene.duration_ns if job.duration is None else round(job.duration * 1e9)

@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 from rig.errors import SceneError
 from rig.model.assembly import Assembly
-from rig.motion.motion import Ready
+from rig.motion.ready import Ready
 from rig.placement import anywhere
 from rig.scenes.faults import lines
 from rig.scenes.scene import Scene

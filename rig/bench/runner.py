@@ -18,7 +18,7 @@ from rig.bench.audit import Witness, audit
 from rig.bench.build_findings import findings
 from rig.bench.measurements import Measurements
 from rig.bench.noise_numbers import Numbers
-from rig.bench.plant_truth import ROWS, Truth
+from rig.bench.plant_truth import Truth
 from rig.bench.rig_variant import Variant, Wanted, with_values
 from rig.errors import SceneError
 from rig.lent_records import Loan
@@ -32,6 +32,8 @@ from rig.solve.control_loop import Controls, controls
 from rig.solve.frames import Around
 
 Array = NDArray[np.float64]
+ROWS = 1 << 15
+"""Steps that a motion keeps for `truth` before they are handed over."""
 
 
 class PlantRunner:
@@ -105,7 +107,7 @@ class PlantRunner:
                 motion.write(self._index[one.lagging], min(max(command, one.low), one.high))
         motion.begin()
         self.bank.start(motion.outputs_now()[: self._needs].copy())
-        self.truth = Truth(motion, self.steps, self.step_ns) if self._truthful else None
+        self.truth = Truth(motion.outputs_now(), motion.key, self.step_ns) if self._truthful else None
         self.measurements = Measurements(self.bank) if self._truthful else None
         if self.measurements is not None:
             self.keep_samples = self.measurements.take
@@ -132,14 +134,32 @@ class PlantRunner:
             self.chance.fill()
         self._look = True
         try:
-            if self.truth is not None:
-                self._look = self.truth.advance(self.motion, most)
-            else:
-                self._look = self.motion.advance(most * self.steps)
+            self._look = self._carry(most)
         finally:
             self.tick = self.motion.tick // self.steps
         if self.tick >= self._witness.due:
             self._witness.look(self.motion, self.tick, self.steps)
+
+    def _carry(self, most: int) -> bool:
+        """Carry the motion up to `most` frames on; as `Motion.advance`."""
+        motion, truth = self.motion, self.truth
+        if truth is None:
+            return motion.advance(most * self.steps)
+        if motion.kept + self.steps > ROWS:
+            self.hand_over(truth)
+        room = (ROWS - motion.kept) // self.steps
+        look = motion.advance(min(most, room) * self.steps, keep=True)
+        if look and motion.event_count:
+            truth.happened(motion.system, *motion.met())
+        return look
+
+    def hand_over(self, truth: Truth) -> None:
+        """Give `truth` what the motion has kept, worked out with the matrices of now."""
+        motion = self.motion
+        mode_sets = motion.log.modes[: motion.kept]
+        keys = np.array([modes.key for modes in motion.mode_sets.sets], dtype=np.int64)
+        truth.keep(motion.outputs_at(motion.log.out[: motion.kept], mode_sets), keys[mode_sets])
+        motion.kept = 0
 
     def apply(self, name: str, value: float) -> None:
         """Put an actuator to `value` at this tick; a ramp that was under way ends."""
@@ -171,7 +191,7 @@ class PlantRunner:
         None where a command means more than that.
         """
         one = self.inputs[name]
-        if not one.state or one.write or name in self._witness.open or self.motion.method == "kick":
+        if not one.state or one.write or name in self._witness.open or self.motion.how.method == "kick":
             return None
         at = self._index[one.state]
         return None if at < 2 * len(self.motion.system.coordinates) else (at, self._index.get(one.slope, -1))
@@ -233,7 +253,7 @@ class PlantRunner:
         """Go on as this variant of the rig from this tick on; it must have been made from the rig as it is now."""
         assert variant.before is self.scene
         if self.truth is not None:
-            self.truth.work_out(self.motion)
+            self.hand_over(self.truth)
         self.motion.replace(variant.ready)
         self.scene = variant.scene
         self._prepared = [one for one in self._prepared if one.before is not variant.before]  # of no use any more
@@ -307,7 +327,7 @@ class PlantRunner:
         """Method, counts, stick share and energy so far."""
         energy = self.motion.energy()
         return {
-            "method": self.motion.method,
+            "method": self.motion.how.method,
             **self.motion.counts(),
             **({"stick_share": self.motion.stick_share()} if self.motion.system.patches else {}),
             **({"kick_residual": residual} if (residual := self.motion.residual()) is not None else {}),

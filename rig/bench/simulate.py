@@ -12,12 +12,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rig import design
 from rig.bench.compiled_controllers import Inside
 from rig.bench.controller_in_process import Working
 from rig.bench.exchange import Exchange
 from rig.bench.experiment import Operation
 from rig.bench.playback import Playback
 from rig.bench.runner import PlantRunner
+from rig.controllers import restored
 from rig.controllers.blocks.base import Controller
 from rig.controllers.runtime.loop import Loop
 from rig.errors import NumericsError, UsageError
@@ -31,14 +33,15 @@ Stop = Callable[[], str]
 
 def simulate(
     scene: Scene,
-    controllers: Mapping[str, Controller],
+    controllers: Mapping[str, Controller] | None = None,
     duration_ns: int | None = None,
     commands: Mapping[str, Commands] | None = None,
     stop: Stop | None = None,
     events: Iterable[Mapping[str, Any]] = (),
 ) -> Run:
-    """Run `scene` with `controllers` (by name; those of the scene) for `duration_ns`, or as long as its protocol takes.
+    """Run `scene` for `duration_ns`, or as long as its protocol takes.
 
+    `controllers`: by name; by default those of the scene, with the numbers of their design.
     `commands` and `events`: of a recorded run; what came from controllers and operators takes effect when and as it did
     then, and no controller is asked. `stop` is asked ten times a simulated second whether to end here, and why. A run
     that the numerics had to stop is returned as far as it came, with `fault`; what happened stands in its events.
@@ -46,11 +49,16 @@ def simulate(
     if duration_ns is None and scene.duration_ns is None:
         raise UsageError(f"{scene.name} has no protocol that ends; say how long: --duration 10")
     duration_ns = scene.duration_ns if duration_ns is None else duration_ns
+    own = design.described(scene) if controllers is None else {}
+    if controllers is None:
+        controllers = {name: restored(told) for name, told in own.items()}
     with model_store.gathered() as models:
         carried = carry_out(scene, controllers, duration_ns, commands, stop, events)
     for one in models.values():  # whoever draws the run assembles its rig
         model_store.offer(one)
-    return _run(scene.made_with(models), tuple(models.values()), *carried)
+    run = _run(scene.made_with(models), tuple(models.values()), *carried)
+    run.controllers = own
+    return run
 
 
 class Carried(NamedTuple):
@@ -168,10 +176,11 @@ def _run(
     truth, measurements = runner.truth, runner.measurements
     assert truth is not None
     assert measurements is not None
-    outputs, modes = truth.outputs(runner.motion)
+    runner.hand_over(truth)
+    outputs, modes = truth.outputs()
     units = dict(runner.units)
     units |= {f"meas/{name}": unit for name, unit in zip(runner.bank.names, runner.bank.units)}
-    events = [event._asdict() for event in operation.journal.events] + truth.events(runner.motion)
+    events = [event._asdict() for event in operation.journal.events] + truth.events()
     statistics = runner.statistics()
     return Run(
         scene=scene.to_json(),

@@ -47,7 +47,6 @@ TOLD = frozenset(
 def run(
     scene: Scene,
     *,
-    numbers: dict[str, Any],
     pace: float | None = 1.0,
     lockstep: bool = False,
     duration: float | None = None,
@@ -59,11 +58,10 @@ def run(
     name: str | None = None,
     say: Callable[[str], object] | None = None,
 ) -> Outcome:
-    """Run `scene` as processes; returns when all have ended. `numbers`: of the design of its controllers.
+    """Run `scene` as processes; returns when all have ended.
 
     `pace` None: as fast as the controllers answer. `out`, which is overwritten only to `replace` it, is the recording.
-    `say` gets lines; without it they go to standard error, under the
-    live line.
+    `say` gets lines; without it they go to standard error, under the live line.
     """
     address.directory()  # where a system has no live runs, they are refused before anything starts
     expect = [("controller", controller) for controller in scene.controllers if controller not in scene.in_plant]
@@ -71,7 +69,6 @@ def run(
     expect += [VIEWER] if view or web else []
     job = Job(
         scene.to_json(),
-        numbers,
         run=name,
         pace=pace,
         lockstep=lockstep,

@@ -49,13 +49,11 @@ def plant(
     from rig.bench.outcome import Outcome
     from rig.bench.plant_process import carry_out
     from rig.bench.status import Live
-    from rig.design.numbers import numbers
 
     loaded = the_scene(scene, overrides)
     printing.run_warnings(loaded, length)
     job = Job(
         loaded.to_json(),
-        numbers(loaded),
         run=name,
         pace=factor,
         lockstep=lockstep,

@@ -53,12 +53,11 @@ DIALS = ("clock.method", "clock.tolerance", "clock.rk4_step")
 def demo(view: View = False, web: Web = False) -> None:
     """Run the pendulum with its controller. Write a recording, a figure and a summary."""
     from rig.bench.supervise import run as supervise
-    from rig.design.numbers import numbers
     from rig.scenes import load
 
     scene = load("pendulum")
     printing.note(f"{scene.title}\n\n{scene.about}\n")
-    outcome = supervise(scene, numbers=numbers(scene), view=view, web=web)
+    outcome = supervise(scene, view=view, web=web)
     printing.line(outcome.text())
     if outcome.log:
         _draw(outcome.log, Path(outcome.log).with_suffix(".png"))
@@ -84,7 +83,6 @@ def run(
     factor, length, overrides = pace(speed, lockstep), seconds(duration), changes(p)
     from rig.bench.job import keeps_up
     from rig.bench.supervise import run as supervise
-    from rig.design.numbers import numbers
 
     loaded = the_scene(scene, overrides)
     keeps_up(loaded, factor)
@@ -92,7 +90,6 @@ def run(
     printing.run_warnings(loaded, length)
     outcome = supervise(
         loaded,
-        numbers=numbers(loaded),
         pace=factor,
         lockstep=lockstep,
         duration=length,
@@ -238,15 +235,11 @@ def _repeated(scene: Scene, count: int, length: float | None, figure: Path | Non
 
 def _save(run: Run, scene: Scene, out: Path, replace: bool) -> None:
     """Write a run of this process, with what a replay into its controllers needs."""
-    from rig.controllers import described
-    from rig.design.numbers import numbers
     from rig.record.provenance import provenance
     from rig.record.save_run import save
 
-    designed = numbers(scene)
     run.provenance = provenance(scene.seed)
-    of = {name: described(s, designed[name]) for name, s in scene.controllers.items()}
-    save(run, out, controllers=of, replace=replace)  # another command may have written it since this one began
+    save(run, out, replace=replace)  # another command may have written it since this one began
 
 
 def _told(run: Run, wall: float, out: Path | None, figure: Path | None) -> Iterator[tuple[str, str]]:

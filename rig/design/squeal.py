@@ -13,15 +13,16 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rig.controllers.narrow_band import NarrowBandFeedback
+from rig.design.designer import Designer
+from rig.design.linearised import linear
+from rig.design.sampled import sampled
 from rig.stability.linearisation import Steady, sliding_key, steady
-
-if TYPE_CHECKING:
-    from rig.design.numbers import Designer
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
@@ -112,10 +113,6 @@ def _path(sensor: Any, section: Any, s: complex) -> complex:
 
 def _stable(rig: Steady, designer: Designer, section: Any, numbers: dict[str, Any]) -> None:
     """Close the loop around the whole rig, with instrument, delays, sample and hold; ValueError where it grows."""
-    from rig.analysis.plant import linear
-    from rig.analysis.sampled_loop import sampled
-    from rig.controllers.narrow_band import NarrowBandFeedback
-
     sensor, feedback = designer.sensors[section.sensor], NarrowBandFeedback(section, numbers)
     model = sampled(linear(designer.assembly, rig), feedback, sensor.reads, sensor.front_end(), section.delay)
     z = np.linalg.eigvals(model.closed())

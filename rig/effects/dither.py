@@ -21,7 +21,7 @@ from pydantic import Field
 from rig.about import About
 from rig.effects.drive import reach
 from rig.model.assembly import Assembly, Input
-from rig.model.assembly import add as add_row
+from rig.model.named_rows import add as add_row
 from rig.quantities import Angle, Hertz, PositiveNewton, Section, Speed
 
 

@@ -16,7 +16,8 @@ from typing import Annotated, Any, ClassVar, Self
 from pydantic import model_validator
 
 from rig.about import About, Bound
-from rig.model.assembly import Assembly, Input, Row
+from rig.model.assembly import Assembly, Input
+from rig.model.named_rows import Row
 from rig.quantities import MetrePerSecond, PositiveSecond, RadianPerSecond, Section
 
 Lag = Annotated[PositiveSecond | None, About("a first-order actuator")]

@@ -17,7 +17,8 @@ from typing import Annotated, Any, ClassVar
 from annotated_types import Ge, Gt, Le, Lt
 
 from rig.about import About
-from rig.model.assembly import Assembly, Output, Row
+from rig.model.assembly import Assembly, Output
+from rig.model.named_rows import Row
 from rig.quantities import Section, quantity
 
 TURN = "disc.turn"

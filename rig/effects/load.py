@@ -16,7 +16,8 @@ from pydantic import model_validator
 
 from rig.about import About, Bound
 from rig.effects.drive import Lag, actuator
-from rig.model.assembly import Assembly, Row
+from rig.model.assembly import Assembly
+from rig.model.named_rows import Row
 from rig.quantities import PositiveNewton, Section
 
 

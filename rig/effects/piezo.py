@@ -22,7 +22,8 @@ from rig.effects.amplifier import Amplifier
 from rig.effects.noise import Noisy
 from rig.effects.shunt import Shunt
 from rig.effects.stack import Stack
-from rig.model.assembly import Assembly, Output, Row
+from rig.model.assembly import Assembly, Output
+from rig.model.named_rows import Row
 from rig.quantities import Farad, MetrePerVolt, NewtonPerVolt, Section, SomeNewtonPerMetre
 
 

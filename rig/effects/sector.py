@@ -16,7 +16,8 @@ from annotated_types import Ge, Gt, Lt
 
 from rig.about import About
 from rig.effects.friction import Friction
-from rig.model.assembly import Assembly, Output, Row
+from rig.model.assembly import Assembly, Output
+from rig.model.named_rows import Row
 from rig.quantities import Section, quantity
 
 TURN = "disc.turn"

@@ -35,7 +35,8 @@ from rig.effects import shunt_limits
 from rig.effects.drive import reach
 from rig.effects.stack import Stack, scaled, total
 from rig.errors import SceneError
-from rig.model.assembly import Assembly, Circuit, Input, Output, Row
+from rig.model.assembly import Assembly, Input, Output
+from rig.model.named_rows import Circuit, Row
 from rig.quantities import Henry, Number, Ohm, PositiveHenry, PositiveOhm, PositiveVolt, Section, quantity
 
 VOLTAGE, CURRENT, OFFSET, POSITION = "shunt.voltage", "shunt.current", "shunt.offset", "shunt.position"

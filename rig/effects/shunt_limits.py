@@ -15,9 +15,9 @@ from dataclasses import replace
 import numpy as np
 
 from rig.effects.stack import Stack
-from rig.model.build_checks import Finding, Judge
+from rig.model.build_checks import Finding
 from rig.model.singular import assembled
-from rig.model.system import System
+from rig.model.system import Judge, System
 from rig.quantities import at_least
 from rig.stability.linearisation import sliding_key
 

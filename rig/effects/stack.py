@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rig.model.assembly import Assembly, Output, Row
-from rig.model.assembly import add as add_row
+from rig.model.assembly import Assembly, Output
+from rig.model.named_rows import Row
+from rig.model.named_rows import add as add_row
 
 
 @dataclass(frozen=True)

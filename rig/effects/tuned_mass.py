@@ -22,7 +22,7 @@ from pydantic import field_validator, model_validator
 
 from rig.about import About
 from rig.model.assembly import Assembly, Output
-from rig.model.assembly import add as add_row
+from rig.model.named_rows import add as add_row
 from rig.quantities import Angle, NewtonPerMetre, Section, optional, quantity
 
 AbsorberMass: Any = quantity("kg", Ge(0.0))

@@ -15,7 +15,8 @@ from typing import Any, ClassVar
 from annotated_types import Gt, Lt
 
 from rig.about import About
-from rig.model.assembly import Assembly, Output, Row
+from rig.model.assembly import Assembly, Output
+from rig.model.named_rows import Row
 from rig.quantities import Angle, PositiveMetre, Section, quantity
 
 TRAVEL = "surface.travel"

@@ -1,13 +1,9 @@
-"""What is said of a rig before it runs, and who may say it: the solver of every rig, an effect of its own."""
+"""What is said of a rig before it runs."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
-
-if TYPE_CHECKING:
-    from rig.model.system import System
+from typing import Literal
 
 Level = Literal["info", "warning", "error"]
 
@@ -24,7 +20,3 @@ class Finding:
     def to_json(self) -> dict[str, object]:
         """As plain values."""
         return dict(vars(self))
-
-
-Judge = Callable[["System", float], Iterable[Finding]]
-"""(system, sample step [s]) -> what an effect has to say."""

@@ -17,21 +17,14 @@ sums over the points, and of each point what it presses with and what its fricti
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.solve.film_sums import SUMS
 
-if TYPE_CHECKING:
-    from rig.model.assembly import Assembly
-    from rig.model.system import System
-
 Array = NDArray[np.float64]
-_LOOKED_AT = 9
 
 
 @dataclass(frozen=True)
@@ -112,58 +105,3 @@ def over(quantity: str) -> str:
 def at(kept: str, point: int) -> str:
     """The state of something that is kept of a point, by its number."""
     return f"{kept}:{point + 1}"
-
-
-def lay(a: Assembly, film: Film) -> None:
-    """Give a rig the states of its film, behind all others."""
-    if on(a.coordinates[0]) in a.signals:
-        return
-    for name in a.coordinates:
-        a.signal(on(name), {}, 0.0, "film")
-        a.push(name, {on(name): 1.0})
-    for name in SUMS:
-        a.signal(over(name), {}, 0.0, "film")
-    for kept in film.of_points():
-        for point in range(film.points):
-            a.signal(at(kept, point), {}, 0.0, "film")
-    for point in range(film.points):
-        for kept in ("f", "g")[: film.directions - 1]:
-            a.stores.append((1.0 / film.shear, {at(kept, point): 1.0}))
-        if film.damping > 0.0:
-            a.stores.append((film.stiffness, {at("c", point): 1.0}))
-        else:
-            a.stores.append((1.0 / film.stiffness, {at("P", point): 1.0}))
-
-
-def refusal(system: System) -> str:
-    """Why a system with a film is not for kicks; "" where it is."""
-    if system.limiters or system.sectors or system.switches or system.products or len(system.network):
-        return "knows structures, a film and signals only: no drive or load with both a lag and limits"
-    for matrix in (system.mass, system.damping, system.stiffness):
-        if np.any(matrix - np.diag(np.diag(matrix))):
-            return "needs coordinates that are modes of the structure, coupled by the film alone"
-    if np.any(system.force[:, : system.one]):
-        return "forces of the structure must come from signals"
-    return ""
-
-
-def ridden(system: System) -> System:
-    """The system with its contacts in the film alone."""
-    return replace(system, patches=(), normals=())
-
-
-def fastest(system: System, h: float) -> float:
-    """The highest angular frequency [rad/s] with every point closed and stuck, wherever the slider is.
-
-    A damped film that is seen at steps of `h` [s] counts as stiffer by what its last three places give where they
-    alternate.
-    """
-    film, highest = system.film, 0.0
-    assert film is not None
-    stiffness = film.stiffness + 4.0 * film.damping / h
-    root = 1.0 / np.sqrt(np.diag(system.mass))
-    for place in np.linspace(0.0, film.longest, _LOOKED_AT).tolist():
-        normal, *sticking = film.everywhere(place)
-        K = system.stiffness + stiffness * (normal @ normal.T) + sum(film.shear * (one @ one.T) for one in sticking)
-        highest = max(highest, float(np.linalg.eigvalsh(root[:, None] * K * root)[-1]))
-    return math.sqrt(highest)

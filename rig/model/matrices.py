@@ -1,24 +1,21 @@
-"""An assembly's rows by name as matrices."""
+"""Rows by name as matrices."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rig.errors import SceneError
+from rig.model.named_rows import Circuit, Part, Row, Rows, Variation
 from rig.model.product_terms import Factor, Product
 from rig.model.system import Change, Limiter, Loss, Normal, Patch, Position, Sector, Switch, System
 from rig.solve.product_inputs import FRICTION, NORMAL, PRESS, SINE, STATE, VERSINE
 
-if TYPE_CHECKING:
-    from rig.model.assembly import Assembly, Circuit, Part, Row, Variation
 
-
-def matrices(a: Assembly) -> System:
-    """The matrices of an assembly. Raises SceneError when a row names an unknown state."""
+def matrices(a: Rows) -> System:
+    """The matrices of these rows. Raises SceneError when a row names an unknown state."""
     names = a.names
     index = {name: i for i, name in enumerate(names)}
     products = _products(a, index)
@@ -148,7 +145,7 @@ def matrices(a: Assembly) -> System:
     return system
 
 
-def _products(a: Assembly, index: dict[str, int]) -> tuple[Product, ...]:
+def _products(a: Rows, index: dict[str, int]) -> tuple[Product, ...]:
     """The products in the order of their levels. Raises KeyError for an unknown factor."""
     patches, normals = [p[0] for p in a.patches], [k[0] for k in a.normals]
 

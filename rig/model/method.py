@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rig.model import film, kick_tables, smooth
+from rig.model import film_system, kick_tables, smooth
 from rig.model.system import System
 
 METHODS = ("exact", "dopri5", "rk4", "kick", "smooth")
@@ -40,10 +40,10 @@ def seen(system: System, method: str, smoothing: float) -> System:
     if system.film is not None:
         if method != "kick":
             raise ValueError(f"method {method} does not support a film of travelling contact points: use kick")
-        why = film.refusal(system)
+        why = film_system.refusal(system)
         if why:
             raise ValueError(f"kick: {why}")
-        return film.ridden(system)
+        return film_system.ridden(system)
     if method == "kick":
         why = kick_tables.refusal(system)
         if why:

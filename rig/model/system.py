@@ -8,7 +8,7 @@ of a patch under a law over speed, and products of states such as x y, cos(k phi
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations, product
 from typing import Any
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.model.build_checks import Judge
+from rig.model.build_checks import Finding
 from rig.model.film import Film
 from rig.model.friction_law import Law
 from rig.model.product_terms import Product
@@ -143,6 +143,10 @@ class Loss:
     rate: Array
 
 
+Judge = Callable[["System", float], Iterable[Finding]]
+"""(system, sample step [s]) -> what an effect has to say of it before a run."""
+
+
 @dataclass(frozen=True)
 class System:
     """A rig as matrices over x = [q, v, network, signals]; the first signal is the constant one.
@@ -206,6 +210,11 @@ class System:
         """Whether the motion is linear in every mode set, so that exact propagation serves it."""
         over_speed = any(not law.constant for p in range(len(self.patches)) for law in self.laws(p))
         return not self.products and not over_speed
+
+    @property
+    def varies(self) -> bool:
+        """Whether the structure is another in other sectors."""
+        return any(sector.changes for sector in self.sectors)
 
     def laws(self, p: int) -> tuple[Law, ...]:
         """The laws that patch p may meet: its own, or those of its sectors."""

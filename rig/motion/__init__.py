@@ -3,5 +3,7 @@
 motion            one rig in motion: write commands, advance, read outputs and energy
 plan              how it is advanced: method, options and the compiled parts that these need
 compiled_parts    finds or compiles those parts
-contact_springs   energy of the contacts under the method kick
+ready             a system made ready for a motion: mode sets, scratch memory, plan
+balance           the energy balance and its residual, that of the contacts under the method kick too
+stops             why a motion has to stop, in words
 """

@@ -6,31 +6,24 @@ on nothing else.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import cache
-from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.errors import Chatter, Diverged, Jammed, NumericsError
+from rig.errors import Jammed, NumericsError
 from rig.kernel import entry
 from rig.lent_records import Loan
-from rig.model import energy_forms
-from rig.model.film import on
-from rig.model.method import seen
-from rig.model.mode_sets import ModeSets
 from rig.model.singular import singular
 from rig.model.system import System
-from rig.model.workspace import workspace
-from rig.motion.contact_springs import Springs
-from rig.motion.plan import plan
+from rig.motion.balance import Balance, Here
+from rig.motion.ready import How, Ready, add, foreseen, kept_by, made, parts
+from rig.motion.stops import where, why
 from rig.solve import energy_balance
 from rig.solve.advance import TALLIED, advance, evaluate
-from rig.solve.contact_state import CHATTER, DONE, JAM, LOOK, LOST, NEED, OVERFULL, SETTLE, START
+from rig.solve.contact_state import DONE, LOOK, NEED, OVERFULL, SETTLE, START
 from rig.solve.frames import frames as carried_in_frames
 from rig.solve.records import (
     BEGUN,
@@ -49,12 +42,9 @@ from rig.solve.records import (
     TRY,
     Carried,
     Log,
-    Plan,
     State,
-    Work,
 )
 from rig.solve.segment_output import empty_segments
-from rig.stability.report import blame
 
 Array = NDArray[np.float64]
 SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
@@ -69,19 +59,6 @@ class Frames(NamedTuple):
 
     steps: int
     around: Loan
-
-
-class Ready(NamedTuple):
-    """A system as a motion needs it to go on with, mode sets and compiled code included (`Motion.ready`)."""
-
-    system: System
-    outputs: list[dict[str, float]]
-    mode_sets: ModeSets
-    work: Work
-    plan: Plan
-    told: Callable[[int, int], str]
-    now: tuple[Array, NDArray[np.int64], Array]
-    carry: Callable[..., int] | None
 
 
 @dataclass(frozen=True)
@@ -136,19 +113,27 @@ class Motion:
         frames: Frames | None = None,
         smoothing: float = 1e-3,
     ) -> None:
-        self.step_ns, self.method, self.smoothing = step_ns, method, float(smoothing)
-        self.tolerance, self.limit = float(tolerance), float(limit)
-        self.substeps, self.with_energy = int(substeps), bool(with_energy)
+        lent = () if frames is None else (frames.around,)
+        self.how = How(
+            step_ns,
+            method,
+            float(tolerance),
+            int(substeps),
+            float(smoothing),
+            float(limit),
+            bool(with_energy),
+            read,
+            lent,
+        )
         self.tick = 0
         self.segments = empty_segments(read, SEGMENTS)
-        self._outputs, self._read, self._cap = outputs or [], read, cap
+        self._outputs, self._cap = outputs or [], cap
         self._kernel: Any = advance if frames is None else carried_in_frames
         self._more = frames or ()
         self._block = None if frames is None else frames.steps
         self._first = self.kept = 0
-        self._jumps = 0.0
         self._foresees = 0
-        self._take(self._made(system, self._outputs))
+        self._take(made(system, self._outputs, self.how))
         system = self.system
         self.state = State(
             ic=np.zeros(COUNTERS, dtype=np.int64),
@@ -170,13 +155,13 @@ class Motion:
         for part in (state.ic, state.fc, state.energy, state.edges, state.tally, self.work.size):
             part[:] = 0
         state.ic[PENDING], state.ic[BEGUN] = START, -1
-        state.fc[TRY] = self.step_ns * 1e-9
+        state.fc[TRY] = self.how.step_ns * 1e-9
         state.x[:] = x
         self.mode_sets.take()
-        self.tick, self._jumps = 0, 0.0
+        self.tick = 0
         at_start = system.key([0] * len(system.patches), [0] * len(system.normals), [0] * len(system.limiters))
-        self.stored_first = energy_forms.stored(system, state.x, at_start)
-        self._springs = Springs(self) if self.method == "kick" and system.film is None else None
+        sprung = self.how.method == "kick" and system.film is None
+        self.balance = Balance(Here(system, state.x, at_start, self.mode_sets.tables), sprung)
         self._run(0, 0)
         self._begun = state.x.copy()
 
@@ -191,15 +176,10 @@ class Motion:
         state.x[:], state.ic[:], state.fc[:] = saved.x, saved.ic, saved.fc
         self.work.size[:] = saved.size
 
-    @property
-    def _varies(self) -> bool:
-        """Whether the structure is another in other sectors."""
-        return any(sector.changes for sector in self.system.sectors)
-
     def _prepare(self) -> None:
         """Build what a turn over such sectors or a switch will meet: a paced run could not afford it on the way."""
-        for key in self.system.turn(self.key) if self._varies else self.system.thrown(self.key):
-            _add(self.mode_sets, key)
+        for key in self.system.turn(self.key) if self.system.varies else self.system.thrown(self.key):
+            add(self.mode_sets, key)
 
     def foresee(self, keys: Iterable[int] = (), most: int = 32) -> None:
         """Build the mode sets `keys`, and those that events of the contacts lead to, if there are at most so many.
@@ -208,32 +188,7 @@ class Motion:
         `ready` does so as well.
         """
         self._foresees = most
-        _foreseen(self.mode_sets, self.key, keys, most)
-
-    def _made(self, system: System, outputs: list[dict[str, float]]) -> Ready:
-        """A system as the method sees it, without a mode set yet."""
-        system = seen(system, self.method, self.smoothing)
-        kicks = self.substeps if self.method == "kick" else 0
-        mode_sets = ModeSets(system, self.step_ns * 1e-9, outputs, self._read, kicks)
-        return Ready(
-            system,
-            outputs,
-            mode_sets,
-            workspace(system, self._read, mode_sets.tables.G.shape[1]),
-            plan(
-                system,
-                self.method,
-                self.substeps,
-                self.tolerance,
-                self.with_energy,
-                self._read > 0,
-                self.limit,
-                self._more[1:],
-            ),
-            cache(system.happens),
-            (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((1, len(outputs)))),
-            None,
-        )
+        foreseen(self.mode_sets, self.key, keys, most)
 
     def _take(self, made: Ready) -> None:
         self.system, self._outputs, self.mode_sets, self.work = made.system, made.outputs, made.mode_sets, made.work
@@ -246,16 +201,16 @@ class Motion:
         ValueError where the systems differ in their patches, normal forces or sectors, or where the method cannot
         serve the new one.
         """
-        made = self._made(system, self._outputs if outputs is None else outputs)
+        new = made(system, self._outputs if outputs is None else outputs, self.how)
         old, key = self.system, self.key
-        if _parts(old) != _parts(made.system):
+        if parts(old) != parts(new.system):
             raise ValueError("it changes the contacts of the rig; start a new run with it")
         for known in self.mode_sets.keys:
-            _add(made.mode_sets, made.system.taken_over(old, known))
+            add(new.mode_sets, new.system.taken_over(old, known))
         if self._foresees:
-            _foreseen(made.mode_sets, made.system.taken_over(old, key), (), self._foresees)
-        carry = entry(self._kernel, made.mode_sets.handle, self.loan, True, 0, 0, *self._more)
-        return made._replace(carry=carry)
+            foreseen(new.mode_sets, new.system.taken_over(old, key), (), self._foresees)
+        carry = entry(self._kernel, new.mode_sets.handle, self.loan, True, 0, 0, *self._more)
+        return new._replace(carry=carry)
 
     def _room(self, rows: int, ticks: int) -> None:
         """Rows for states, and as many events as a block of `ticks` may have."""
@@ -308,16 +263,17 @@ class Motion:
 
         The energy that this gives the structure is booked as an impulse.
         """
-        if self._springs:
-            self._springs.pause()
-        if index < 2 * len(self.system.coordinates):
-            before = energy_forms.stored(self.system, self.state.x, self.key)
-            self.state.x[index] = value
-            self._jumps += energy_forms.stored(self.system, self.state.x, self.key) - before
-        else:
-            self.state.x[index] = value
-        if self._springs:
-            self._springs.go_on()
+        balance, before = self.balance, 0.0
+        structural = index < 2 * len(self.system.coordinates)
+        if balance.sprung:
+            balance.pause(self._here())
+        if structural:
+            before = self._here().stored()
+        self.state.x[index] = value
+        if structural:
+            balance.impulses += self._here().stored() - before
+        if balance.sprung:
+            balance.go_on(self._here())
 
     def begin(self) -> None:
         """Settle the modes as at the start, where states were written since: before the first step."""
@@ -331,31 +287,25 @@ class Motion:
 
         Modes are settled anew. What the change does to the stored energy is booked as an impulse.
         """
-        old, before = self.system, energy_forms.stored(self.system, self.state.x, self.key)
+        old, balance, before = self.system, self.balance, self._here().stored()
         self.terms()  # the sums of the mode sets that are given up
-        if self._springs:
-            self._springs.pause()
+        balance.pause(self._here())
         spent = dict(zip(self.mode_sets.keys, self.state.tally.tolist()))
         x, key, system = self.state.x, self.key, ready.system
         sizes = dict(zip(old.names, self.work.size.tolist()))
         self._take(ready)
         self.work.size[:] = [sizes.get(name, 0.0) for name in system.names]
-        values = dict(zip(old.names, x.tolist()))
-        kept = np.array([values.get(name, start) for name, start in zip(system.names, system.start.tolist())])
-        for name in (name for name in system.kept.keys() & old.kept.keys() if name in system.names):
-            row, at = system.kept[name], system.names.index(name)
-            kept[at] += (old.kept[name] @ x - row @ kept) / row[at]
+        kept = kept_by(system, old, x)
         self.state = self.state._replace(x=kept, tally=np.zeros_like(self.state.tally))
         for visited, ticks in spent.items():
-            mode_set = _add(self.mode_sets, system.taken_over(old, visited))
+            mode_set = add(self.mode_sets, system.taken_over(old, visited))
             self.state.tally[min(mode_set, TALLIED - 1)] += ticks
         if system.n != old.n:
             self.log = self.log._replace(out=np.zeros((len(self.log.out), system.n)))
         self.state.ic[KEY] = system.taken_over(old, key, kept)
         self.state.ic[PENDING] = SETTLE
-        self._jumps += energy_forms.stored(system, kept, self.key) - before
-        if self._springs:
-            self._springs.go_on()
+        balance.impulses += self._here().stored() - before
+        balance.go_on(self._here())
         self._lend()
         self._run(0, 0)
 
@@ -408,7 +358,8 @@ class Motion:
             status = self._carry(self.mode_sets.handle, self.loan, False, first, last, *more)
         self._reached(first, last if status == DONE else int(self.state.ic[REACHED]))
         if status not in (DONE, LOOK):
-            self._stop(status)
+            stop, what = why(status, self.system, self.how, self.state, self.log, len(self.segments.start))
+            raise stop(what, *self._where())
         return status == LOOK  # type: ignore[no-any-return]
 
     def _reached(self, first: int, last: int) -> None:
@@ -418,7 +369,7 @@ class Motion:
     def _more_segments(self) -> None:
         """Double the room for the segments of a frame; those that are there stay."""
         old, count = self.segments, int(self.segments.count[0])
-        self.segments = empty_segments(self._read, 2 * len(old.start))
+        self.segments = empty_segments(self.how.read, 2 * len(old.start))
         self.segments.count[0] = count
         for new, kept in zip(self.segments[1:], old[1:]):
             new[:count] = kept[:count]
@@ -426,32 +377,8 @@ class Motion:
 
     def _where(self) -> tuple[float, str, dict[str, float]]:
         ic, fc = self.state.ic, self.state.fc
-        time = (self.tick + int(ic[TICK]) - self.kept + float(fc[PLACE])) * self.step_ns * 1e-9
-        own = self.system.names[: self.system.names.index(on(self.system.coordinates[0]))] if self.system.film else None
-        return time, self.system.describe(self.key), dict(zip(own or self.system.names, self.state.x.tolist()))
-
-    def _stop(self, status: int) -> None:
-        where = self._where()
-        if status == JAM:
-            raise Jammed("no contact mode agrees with the equations: jamming (Painleve)", *where)
-        if status == CHATTER:
-            _, kind, owner, _ = self.log.event[int(self.state.ic[EVENTS]) - 1].tolist()
-            what = f"more than {len(self.log.event)} events in one block; the last: {self.system.happens(kind, owner)}"
-            raise Chatter(f"{what}. Raise clock.events_per_frame if this is meant", *where)
-        if status == OVERFULL:
-            finer = {"rk4": "clock.rk4_step", "kick": "clock.rk4_step", "dopri5": "clock.tolerance"}.get(self.method)
-            what = f"more than {len(self.segments.start)} smooth segments in one frame, for the sensors to read"
-            raise NumericsError(f"{what}. Shorten clock.frame{f' or raise {finer}' if finer else ''}", *where)
-        assert status == LOST
-        film = self.system.film
-        if film is not None and not 0.0 <= self.state.x[self.system.names.index(film.travel)] <= film.longest:
-            raise NumericsError(f"the slider has come to the end of its way, {film.longest:g} m", *where)
-        if np.all(np.abs(self.state.x) <= self.limit):
-            raise Diverged(f"no step is short enough for the tolerance {self.tolerance:g}", *where)
-        what = f"the state has left the limit of {self.limit:g} or is not finite"
-        if self.method in ("rk4", "kick"):
-            what += f"; {blame(self.system, self.method, self.step_ns * 1e-9, self.substeps)}"
-        raise Diverged(what, *where)
+        time = (self.tick + int(ic[TICK]) - self.kept + float(fc[PLACE])) * self.how.step_ns * 1e-9
+        return time, *where(self.system, self.key, self.state.x)
 
     def events(self) -> list[Event]:
         """Events of the last call of `advance`."""
@@ -492,39 +419,13 @@ class Motion:
         return energy.copy()
 
     def residual(self) -> dict[str, float] | None:
-        """What kick leaves over in the energy of its contacts (rig.motion.contact_springs); None for other methods."""
-        return self._springs.residual() if self._springs else None
+        """Residual of kick in the energy of its contacts (rig.motion.balance); None for other methods."""
+        return self.balance.residual(self._here(), self.terms()) if self.balance.sprung else None
 
-    @np.errstate(over="ignore", invalid="ignore")  # of a state that has left the range of numbers: the run says so
     def energy(self) -> dict[str, float]:
         """The energy balance so far [J], and `error`: what does not close, relative to the largest term or store."""
         terms = self.terms()
-        stored = energy_forms.stored(self.system, self.state.x, self.key) - self.stored_first
-        jumps = self._jumps + float(self.state.edges[0])
-        largest = max(float(np.abs(terms).max()), abs(stored), abs(self.stored_first), 1e-30)
-        out = energy_forms.by_name(self.system, terms)
-        if self._varies:
-            out["edges"] = float(self.state.edges[0])
-        out |= {"impulses": self._jumps, "stored": stored}
-        out["error"] = (float(terms @ energy_balance.SIGNS) + jumps - stored) / largest
-        return out
+        return self.balance.told(self._here(), terms, float(self.state.edges[0]))
 
-
-def _add(mode_sets: ModeSets, key: int) -> int:
-    """The mode set of a mode set, which is built if it is not there yet."""
-    if mode_sets.tables.mode_set_of[key] < 0:
-        mode_sets.add(key)
-    return int(mode_sets.tables.mode_set_of[key])
-
-
-def _foreseen(mode_sets: ModeSets, now: int, keys: Iterable[int], most: int) -> None:
-    """Build the mode sets `keys`, and what events of the contacts lead to from `now`, if that is at most so many."""
-    near = list(islice(mode_sets.system.contacts(now), most + 1))
-    for key in (*keys, *(near if len(near) <= most else ())):
-        with suppress(ArithmeticError, np.linalg.LinAlgError):  # no such motion: it will not be met
-            _add(mode_sets, key)
-
-
-def _parts(system: System) -> tuple[list[str], ...]:
-    """What two systems must share for one to go on as the other."""
-    return [p.name for p in system.patches], [k.name for k in system.normals], [s.name for s in system.sectors]
+    def _here(self) -> Here:
+        return Here(self.system, self.state.x, self.key, self.mode_sets.tables)

@@ -31,7 +31,8 @@ from rig.effects.drive import DiscDrive
 from rig.effects.friction import Friction
 from rig.effects.inhomogeneity import Inhomogeneity
 from rig.effects.piezo import Piezo, WithStack
-from rig.model.assembly import Assembly, Output, Row
+from rig.model.assembly import Assembly, Output
+from rig.model.named_rows import Row
 from rig.picture import Own
 from rig.plants.belt import RAMPED
 from rig.plants.structures.brake_disc import Bending

@@ -27,7 +27,8 @@ from rig.effects.load import Load
 from rig.effects.moving_contact import Geometry, Slope
 from rig.effects.noise import Noisy
 from rig.effects.separation import Separation
-from rig.model.assembly import Assembly, Output, Part
+from rig.model.assembly import Assembly, Output
+from rig.model.named_rows import Part
 from rig.picture import Own
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.quantities import (

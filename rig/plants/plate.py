@@ -32,11 +32,13 @@ from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.errors import SceneError
 from rig.model import film
-from rig.model.assembly import Assembly, Output, Row
+from rig.model.assembly import Assembly, Output
 from rig.model.film import over
+from rig.model.named_rows import Row
 from rig.picture import Own
 from rig.plants.belt import RAMPED
 from rig.plants.structures import model_store, plate_model
+from rig.plants.structures.film_points import FilmPoints
 from rig.plants.structures.plate_elements import Foam, Plate
 from rig.plants.structures.plate_model import Grid, Reduced
 from rig.quantities import (
@@ -133,6 +135,11 @@ class Slid(NamedTuple):
     load: Load
     friction: Constant
 
+    @property
+    def points(self) -> FilmPoints:
+        """The points of the film."""
+        return FilmPoints(self.slider.length, self.slider.width, self.film.along, self.film.across)
+
 
 class Parameters(Noisy):
     """The tables of a plate scene. Slider, film, drive, load and friction are there together, or none of them."""
@@ -192,6 +199,11 @@ class Parameters(Noisy):
         if self.slider and self.film and self.drive and self.load and self.friction:
             return Slid(self.slider, self.film, self.drive, self.load, self.friction)
         return None
+
+    @property
+    def film_points(self) -> FilmPoints | None:
+        """The points whose pressures are outputs; None without a slider, and where the film is bonded."""
+        return self.slid.points if self.slid is not None and self.slid.film.opens else None
 
     def grid(self) -> Grid:
         """The contact points; of a plate alone any will do."""
@@ -341,12 +353,10 @@ def _contact(a: Assembly, p: Slid, own: film.Film) -> None:
         "openings": Output({over("openings"): 1.0 / film_sums.COUNTED}, "1"),
     }
     area = p.slider.length * p.slider.width / own.points
-    for name, point in places(own).items():
+    for name, point in places(p.points, own).items():
         a.outputs[name] = Output({film.at("P", point): 1.0 / area}, "Pa")
 
 
-def places(own: film.Film) -> dict[str, int]:
+def places(points: FilmPoints, own: film.Film) -> dict[str, int]:
     """The output of the pressure at each point, rows along from the rear, across from the right: its number."""
-    order = np.lexsort((own.y, own.x))
-    across = int(np.sum(np.isclose(own.x, own.x[0])))
-    return {f"pressure_{1 + i // across}_{1 + i % across}": int(point) for i, point in enumerate(order)}
+    return dict(zip(points.names, np.lexsort((own.y, own.x)).tolist(), strict=True))

@@ -28,7 +28,8 @@ from rig.effects.friction import Friction
 from rig.effects.load import Load
 from rig.effects.noise import Noisy
 from rig.effects.waviness import Waviness
-from rig.model.assembly import Assembly, Output, Row
+from rig.model.assembly import Assembly, Output
+from rig.model.named_rows import Row
 from rig.picture import Own
 from rig.plants.belt import RAMPED, contact_outputs
 from rig.plants.structures import bending

@@ -26,10 +26,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig import kernel, scenes
+from rig.analysis import kernel_shapes
 from rig.bench import pace
 from rig.bench.frame_batches import length
 from rig.errors import RigError, SceneError, UsageError
-from rig.qualify import warmup
 from rig.qualify.frame_costs import Clock, Costs, behind, costs
 from rig.qualify.round_trip import round_trips
 from rig.scenes.scene import Scene
@@ -158,7 +158,7 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
     disk = _disk()
     say("frames of every scene, over its whole protocol")
     clock = time.thread_time_ns if alone else time.perf_counter_ns
-    ready = warmup.ready()
+    ready = kernel_shapes.ready()
     with pace.no_garbage():
         fit = [_fitness(scene, ready, clock, late, put) for scene in loaded]
     return Report(
@@ -179,11 +179,11 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
 
 
 def _fitness(
-    scene: Scene, ready: Collection[warmup.Shape], clock: Clock, late: NDArray[np.int64], put: Spread | None
+    scene: Scene, ready: Collection[kernel_shapes.Shape], clock: Clock, late: NDArray[np.int64], put: Spread | None
 ) -> Fitness:
     """Measure and judge one scene; one that cannot run is told with the reason."""
     try:
-        found = costs(scene, clock=clock) if warmup.shape(scene) in ready else None
+        found = costs(scene, clock=clock) if kernel_shapes.shape(scene) in ready else None
         return judge(scene, found, late, put)
     except RigError as fault:
         reason = "; ".join(fault.faults) if isinstance(fault, SceneError) else str(fault).partition("\n")[0]

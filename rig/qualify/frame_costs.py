@@ -13,8 +13,8 @@ from rig.bench.job import Job
 from rig.bench.prepared_rigs import Upcoming
 from rig.bench.rehearsal import visited
 from rig.bench.simulate import begun, carry_on
-from rig.controllers import described, restored
-from rig.design.numbers import numbers
+from rig.controllers import restored
+from rig.design import described
 from rig.errors import NumericsError
 from rig.scenes.scene import Scene
 
@@ -33,19 +33,18 @@ def costs(scene: Scene, least: int = LEAST, clock: Clock = time.perf_counter_ns)
     built the mode sets before; a short protocol is carried out again and again. Of a long one the frames between the
     measured rows are carried out in one piece. `clock`: that of the measurement [ns].
     """
-    designed = numbers(scene)
-    job = Job(scene.to_json(), designed)
+    job = Job(scene.to_json())
     sets, found, count = visited(scene, job), list[int](), -1
     while count < len(found) < least:
         count = len(found)
-        found += _carried_through(scene, job, sets, least, clock)
+        found += _carried_through(scene, sets, least, clock)
     return np.array(found, dtype=np.int64)
 
 
-def _carried_through(scene: Scene, job: Job, sets: tuple[int, ...], least: int, clock: Clock) -> list[int]:
+def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clock) -> list[int]:
     """Frames of one run, in order."""
     duration_ns = _ENDLESS_NS if scene.duration_ns is None else scene.duration_ns
-    working = {n: restored(described(section, job.numbers[n])) for n, section in scene.controllers.items()}
+    working = {name: restored(told) for name, told in described(scene).items()}
 
     def prepare(operation: Operation) -> None:
         operation.runner.motion.foresee(sets)
@@ -61,7 +60,7 @@ def _carried_through(scene: Scene, job: Job, sets: tuple[int, ...], least: int, 
         while True:
             tick = runner.tick
             if tick % _ROW == 0:
-                truth.work_out(runner.motion)  # which a paced run does not keep: not within a measured frame
+                runner.hand_over(truth)  # which a paced run does not keep: not within a measured frame
             begin = clock()
             if not operation.begin():
                 break

@@ -1,4 +1,4 @@
-"""Outputs of a film's points in a run: which they are, where the points lie, their pressures as a map.
+"""Outputs of a film's points in a run: the scale of their pressures, and how they are listed.
 
 A film has a point for every few square millimetres, and an output for the pressure at each. They belong together:
 whatever lists or draws outputs one by one leaves them out with a word, or shows them as one map.
@@ -9,13 +9,11 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Iterable, Mapping
-from typing import NamedTuple, Self
-
-import numpy as np
+from dataclasses import dataclass
+from typing import Self
 
 from rig.errors import Untrusted
-from rig.plants import plate
-from rig.record.run import Reals
+from rig.plants.structures.film_points import FilmPoints
 from rig.scenes.protocol import Load, Ramp, Set, flat
 from rig.scenes.scene import Scene
 
@@ -24,50 +22,25 @@ _ABOVE_MEAN = 5.0
 """Largest pressure of a scale over the mean one; in detachment 99.8 % of those of the shipped scene are below."""
 
 
-class Points(NamedTuple):
-    """The points of a film: `along` x `across` equal areas of a slider of `length` x `width` [m].
+@dataclass(frozen=True)
+class Points(FilmPoints):
+    """The points of a scene's film. `load` [N]: the largest that the scene presses with."""
 
-    `names`: their outputs, those of one line across after another, from the rear. `load` [N]: the largest that the
-    scene presses with.
-    """
-
-    length: float
-    width: float
-    along: int
-    across: int
-    names: tuple[str, ...]
     load: float
 
     @classmethod
     def of(cls, scene: Scene) -> Self | None:
         """The points of a scene's film; None where it has none, or is bonded."""
-        slid = scene.parameters.slid if isinstance(scene.parameters, plate.Parameters) else None
-        if slid is None or not slid.film.opens:
+        found: FilmPoints | None = getattr(scene.parameters, "film_points", None)
+        if found is None:
             return None
-        slider, film = slid.slider, slid.film
-        names = [f"pressure_{i}_{j}" for i in range(1, film.along + 1) for j in range(1, film.across + 1)]
-        return cls(slider.length, slider.width, film.along, film.across, tuple(names), largest_load(scene))
-
-    @property
-    def x(self) -> Reals:
-        """Of the points from the slider's middle, along the travel [m]."""
-        return ((np.arange(self.along) + 0.5) / self.along - 0.5) * self.length
-
-    @property
-    def y(self) -> Reals:
-        """Of the points from the slider's middle, across [m]."""
-        return ((np.arange(self.across) + 0.5) / self.across - 0.5) * self.width
+        return cls(found.length, found.width, found.along, found.across, largest_load(scene))
 
     @property
     def scale(self) -> float:
         """Upper end of a scale for their pressures [Pa]: five times the mean one under the largest load, rounded."""
         mean = (self.load or 100.0) / (self.length * self.width)
         return float(f"{_ABOVE_MEAN * mean:.1g}")
-
-    def maps(self, signals: Mapping[str, Reals]) -> Reals:
-        """Pressures [instant, along, across] in Pa; 0 where a point is open."""
-        table = np.stack([signals[name] for name in self.names], axis=-1)
-        return table.reshape(*table.shape[:-1], self.along, self.across)
 
 
 def read(scene: str) -> Scene | None:
@@ -82,12 +55,6 @@ def points_of(scene: str) -> Points | None:
     """The points of a scene as JSON text; None if it has none, or the text describes no scene."""
     found = read(scene)
     return Points.of(found) if found else None
-
-
-def highest_mode(scene: Scene) -> float:
-    """The highest frequency [Hz] of the modes of a scene's plate; 0 where it has no plate."""
-    parameters = scene.parameters
-    return float(parameters.reduced().frequencies[-1]) if isinstance(parameters, plate.Parameters) else 0.0
 
 
 def largest_load(scene: Scene) -> float:

@@ -91,6 +91,7 @@ def open(path: Path | str) -> Run:
         energy=summary.pop("energy", {}),
         summary=summary,
         mode=mode,
+        controllers=setup.controllers,
         provenance=setup.provenance,
         models=setup.models,
         fault=stopped or damage,

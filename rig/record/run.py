@@ -55,6 +55,8 @@ class Run:
     summary: dict[str, Any] = field(default_factory=dict)
     mode: Integers = field(default_factory=lambda: np.empty(0, np.int64))
     """Number of the contact mode at `time`, [n]; -1 where a recording lost it; empty where it was not recorded."""
+    controllers: dict[str, dict[str, Any]] = field(default_factory=dict)
+    """Controllers of the scene as their processes need them (controllers.described); empty where others took part."""
     provenance: dict[str, str] = field(default_factory=dict)
     models: tuple[bytes, ...] = ()
     """The reduced models that its scene names."""

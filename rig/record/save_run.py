@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -24,13 +24,11 @@ def save(
     run: Run,
     path: Path,
     name: str = "simulate",
-    controllers: Mapping[str, Any] | None = None,
     replace: bool = True,
 ) -> None:
     """Write `run` to `path`; simulated time stands for the clock, so that equal runs make equal messages.
 
-    A file that is there is overwritten only to `replace` it, else LogError is raised. `controllers`: what the process
-    of each would need (`controllers.described`), for a replay into them.
+    A file that is there is overwritten only to `replace` it, else LogError is raised.
     """
     setup = Setup(
         run=name,
@@ -39,7 +37,7 @@ def save(
         step_ns=run.step_ns,
         outputs={signal: run.units.get(signal, "") for signal in run.signals},
         sensors={s: (run.units.get(f"meas/{s}", ""), _period(t_ns)) for s, (t_ns, _) in run.measurements.items()},
-        controllers=dict(controllers or {name: {} for name in run.commands}),
+        controllers=run.controllers or {name: {} for name in run.commands},
         provenance=run.provenance,
         models=run.models,
     )

@@ -12,7 +12,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from rig.about import Bound
-from rig.model.film import lay
+from rig.model.film_system import lay
 from rig.quantities import ORIGINS
 from rig.scenes.effects import about, optional
 from rig.scenes.places import Origin, Place

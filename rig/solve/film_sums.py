@@ -2,11 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    pass
-
 SUMS = ("normal", "friction", "fraction", "centre_x", "centre_y", "openings")
 """Over the points: forces [N], share of them that is closed, where they press in the middle [m], and how often one has
 opened so far."""

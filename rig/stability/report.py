@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 
 from rig.errors import Singular
-from rig.model import film
+from rig.model import film_system
 from rig.model.build_checks import Finding
 from rig.model.friction_law import Law
 from rig.model.singular import assembled, bearing_mass
@@ -96,7 +96,7 @@ def blame(system: System, method: str, step: float, substeps: int) -> str:
     """Say whether the step made a run by rk4 or kick diverge, and which step helps. See `stability_report`."""
     h = step / substeps
     if system.film is not None:
-        fastest, limit, coarse = film.fastest(system, h), FILM_LIMIT, FILM_COARSE
+        fastest, limit, coarse = film_system.fastest(system, h), FILM_LIMIT, FILM_COARSE
     else:
         fastest = max(float(np.abs(np.linalg.eigvals(assembled(system, key).A)).max()) for key in mode_sets(system))
         fastest, limit = max(fastest, steepest(system)), RK4_LIMIT if method == "rk4" else KICK_LIMIT
@@ -309,7 +309,7 @@ def _bends(system: System, step: float, substeps: int) -> Iterator[Finding]:
 def _riding(system: System, step: float, substeps: int) -> Iterator[Finding]:
     """Whether kicks can follow the fastest motion of a film with all points closed and stuck."""
     h = step / substeps
-    size = film.fastest(system, h) * h
+    size = film_system.fastest(system, h) * h
     if size > FILM_LIMIT:
         yield Finding(
             "error",
@@ -330,7 +330,7 @@ def _riding(system: System, step: float, substeps: int) -> Iterator[Finding]:
 
 def _short(system: System, h: float, most: float) -> float:
     """A step [s] of at most `most` radians of the film's fastest motion. A damped film is stiffer at a shorter step."""
-    while (size := film.fastest(system, h) * h) > most:
+    while (size := film_system.fastest(system, h) * h) > most:
         h *= max(0.999 * most / size, 0.1)
     return h
 

@@ -18,8 +18,8 @@ from rig import controllers
 from rig.analysis.axis import Axis
 from rig.analysis.control_loop import sweep_loop
 from rig.analysis.plant import plant
-from rig.analysis.sampled_loop import sampled
-from rig.design.numbers import numbers
+from rig.design import numbers
+from rig.design.sampled import sampled
 from rig.errors import SceneError
 
 ROOTS = json.loads((Path(__file__).parents[1] / "reference" / "loop_roots.json").read_text())

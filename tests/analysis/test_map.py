@@ -12,7 +12,8 @@ from rig.analysis import map as maps
 from rig.analysis.axis import Axis
 from rig.analysis.map import workers
 from rig.analysis.map.chart import REGIONS
-from rig.analysis.map.job import _ROOT, _SOURCES, RUNS, Job, Settings, compute
+from rig.analysis.map.compute import compute
+from rig.analysis.map.job import _ROOT, _SOURCES, RUNS, Job, Settings
 from rig.analysis.map.steady_state import (
     BLANK,
     NAMES,

@@ -25,15 +25,16 @@ def carried(scene, piece):
     runner = PlantRunner(scene, truthful=True)
     while runner.tick < 3000:
         runner.frames(min(piece, 3000 - runner.tick))
+    runner.hand_over(runner.truth)
     return runner
 
 
 def test_a_piece_is_its_frames_one_by_one(scene):
     whole, single = carried(scene, 3000), carried(scene, 1)
-    for one, other in zip(whole.truth.outputs(whole.motion), single.truth.outputs(single.motion)):
+    for one, other in zip(whole.truth.outputs(), single.truth.outputs()):
         assert one.tobytes() == other.tobytes()
-    events = whole.truth.events(whole.motion)
-    assert events == single.truth.events(single.motion)
+    events = whole.truth.events()
+    assert events == single.truth.events()
     assert len(events) > 10
     known = single.measurements.samples()
     for name, found in whole.measurements.samples().items():

@@ -10,13 +10,12 @@ from twin import Twin
 from rig import controllers, scenes
 from rig.bench import lockstep
 from rig.bench.job import Job
-from rig.bench.plant_process import Plant
+from rig.bench.plant import Plant
 from rig.bench.simulate import simulate
 from rig.bus import messages
 from rig.bus.run_setup import fetch
 from rig.controllers.normal_force import NormalForceFeedback
 from rig.controllers.runtime.process import Worker
-from rig.design import numbers as design
 from rig.errors import BusError, SceneError
 from rig.scenes.scene import Scene
 
@@ -30,10 +29,9 @@ class Ran:
         twin = Twin("test")
         session, me = twin.open("plant", "plant"), twin.open("operator", "test")
         heard = me.subscribe("**", depth=1 << 20)
-        numbers = design.numbers(scene)
         outside = [name for name in scene.controllers if name not in scene.in_plant]
         expect = tuple(("controller", name) for name in outside)
-        self.plant = Plant(session, Job(scene.to_json(), numbers, wait=5.0, expect=expect, **job), lambda: "")
+        self.plant = Plant(session, Job(scene.to_json(), wait=5.0, expect=expect, **job), lambda: "")
         session.announce()
         threads = [threading.Thread(target=self._control, args=(twin.open("controller", n),)) for n in outside]
         threads.append(threading.Thread(target=self._run, args=(session,)))
@@ -72,9 +70,7 @@ class Ran:
 
 
 def in_one_process(scene, duration):
-    numbers = design.numbers(scene)
-    built = {name: controllers.build(section, numbers[name]) for name, section in scene.controllers.items()}
-    return simulate(scene, built, round(duration * 1e9))
+    return simulate(scene, duration_ns=round(duration * 1e9))
 
 
 def same_bits(ran, run):

@@ -13,7 +13,7 @@ from rig import controllers, scenes
 from rig.bench.experiment import Operation
 from rig.bench.finalise import _verdict
 from rig.bench.job import Job
-from rig.bench.plant_process import Plant
+from rig.bench.plant import Plant
 from rig.bench.playback import Playback
 from rig.bench.runner import PlantRunner
 from rig.bench.simulate import simulate
@@ -24,7 +24,6 @@ from rig.bus.arrivals import HEADER, Arrived, Count
 from rig.bus.run_setup import fetch
 from rig.controllers.runtime.file import load_file
 from rig.controllers.runtime.process import Worker
-from rig.design import numbers as design
 from rig.errors import BusError, UsageError
 from rig.motion.motion import Motion
 from rig.quantities import si
@@ -40,18 +39,13 @@ def scene():
     return scenes.load(SCENE)
 
 
-@pytest.fixture(scope="module")
-def numbers(scene):
-    return design.numbers(scene)
-
-
 class Bench:
     """One run in a thread; the test plays everybody else."""
 
-    def __init__(self, scene, numbers, **job):
+    def __init__(self, scene, **job):
         self.twin = Twin("test")
         self.stopped = ""
-        self.job = Job(scene.to_json(), numbers, **{"wait": 5.0, **job})
+        self.job = Job(scene.to_json(), **{"wait": 5.0, **job})
         self.session = self.twin.open("plant", "plant")
         self.plant = Plant(self.session, self.job, lambda: self.stopped)
         self.me = self.twin.open("operator", "test")
@@ -113,13 +107,12 @@ def samples(heard, name):
     return np.concatenate([messages.decode(f"meas/{name}", p).v for p in heard[f"meas/{name}"]])
 
 
-def test_lockstep_gives_the_bits_of_a_run_in_one_process(scene, numbers):
-    with Bench(scene, numbers, pace=None, duration=1.0, expect=(("controller", "nf"),)) as bench:
+def test_lockstep_gives_the_bits_of_a_run_in_one_process(scene):
+    with Bench(scene, pace=None, duration=1.0, expect=(("controller", "nf"),)) as bench:
         bench.controller()
         bench.begin()
         heard = bench.finish()
-    built = {name: controllers.build(section, numbers[name]) for name, section in scene.controllers.items()}
-    run = simulate(scene, built, 10**9)
+    run = simulate(scene, duration_ns=10**9)
     for name, known in run.measurements.items():
         assert samples(heard, name).tobytes() == known.v.tobytes()
     states = messages.state_type(bench.plant.runner.outputs)
@@ -134,8 +127,8 @@ def test_lockstep_gives_the_bits_of_a_run_in_one_process(scene, numbers):
     assert 0.0 < bench.summary["round_trip"]["p50"] <= bench.summary["round_trip"]["max"]
 
 
-def test_a_paced_run_can_be_simulated_again_to_the_bit(scene, numbers):
-    with Bench(scene, numbers, duration=1.0, pace=2.0, expect=(("controller", "nf"),)) as bench:
+def test_a_paced_run_can_be_simulated_again_to_the_bit(scene):
+    with Bench(scene, duration=1.0, pace=2.0, expect=(("controller", "nf"),)) as bench:
         bench.controller()
         bench.begin()
         time.sleep(0.2)
@@ -181,7 +174,7 @@ def test_a_controller_that_joins_builds_the_rig_once(monkeypatch, pace):
     replaced = Motion.replace
     monkeypatch.setattr(Motion, "replace", lambda motion, ready: built.append(motion) or replaced(motion, ready))
     here = () if pace else (("controller", "example_controller"),)  # in lockstep it joins before the first frame
-    with Bench(scene, {}, duration=1.5, pace=pace, expect=here) as bench:
+    with Bench(scene, duration=1.5, pace=pace, expect=here) as bench:
         session, gone = bench.twin.open("controller", "example_controller"), threading.Event()
 
         def work():
@@ -219,7 +212,7 @@ def test_no_frame_builds_a_rig_for_what_an_operator_tunes_and_the_protocol_sets_
         built.append(threading.current_thread().name)
         return ready(*given)
 
-    with Bench(scene, {}, pace=1.0) as bench:
+    with Bench(scene, pace=1.0) as bench:
         bench.begin()
         bench.me.ask("param/plant", {"get": ["shunt.delta"]}, 20.0)  # the frames have begun
         monkeypatch.setattr(Motion, "ready", noted)
@@ -272,7 +265,7 @@ def test_what_the_protocol_sets_right_after_an_operator_has_tuned_waits_for_its_
     hold = {"step": "hold", "time": 0.5}
     raw["protocol"] = [hold, *({"step": "set", "target": key, "to": to} for key, to in steps), hold | {"time": 1.5}]
     scene = Scene.from_json(json.dumps(raw))
-    with Bench(scene, {}, pace=1.0) as bench:
+    with Bench(scene, pace=1.0) as bench:
         bench.begin()
         bench.me.ask("param/plant", {"get": ["shunt.delta"]}, 20.0)  # the frames have begun
         begin()
@@ -319,7 +312,7 @@ def test_steps_and_operators_get_their_matrices_beside_a_controller_that_asks_fo
     scene = Scene.from_json(json.dumps(raw))
     monkeypatch.setattr("rig.bench.rebuild.PAUSE_S", 0.0)
     Gate(monkeypatch, takes_s=0.1)
-    with Bench(scene, {}, pace=1.0) as bench:
+    with Bench(scene, pace=1.0) as bench:
         runner, over = bench.plant.runner, threading.Event()
         bench.begin()
         mine = bench.twin.open("controller", "mine")
@@ -359,7 +352,7 @@ def test_a_step_that_still_waits_when_the_run_ends_is_told(built, monkeypatch):
     raw["protocol"] = [hold, {"step": "set", "target": "shunt.resistance", "to": 40.0}, hold]
     scene = Scene.from_json(json.dumps(raw))
     gate = Gate(monkeypatch)
-    with Bench(scene, {}, pace=1.0) as bench:
+    with Bench(scene, pace=1.0) as bench:
         bench.begin()
         bench.me.ask("param/plant", {"get": ["shunt.delta"]}, 20.0)  # the frames have begun
         begin()
@@ -387,7 +380,7 @@ def test_an_operator_who_tunes_in_a_pause_does_not_wait_for_a_step_that_cannot_t
     raw["protocol"] = [hold, {"step": "set", "target": "shunt.resistance", "to": 40.0}, hold | {"time": 1.0}]
     scene = Scene.from_json(json.dumps(raw))
     gate = Gate(monkeypatch)
-    with Bench(scene, {}, pace=1.0) as bench:
+    with Bench(scene, pace=1.0) as bench:
         bench.begin()
         bench.me.ask("param/plant", {"get": ["shunt.delta"]}, 20.0)  # the frames have begun
         begin()
@@ -417,7 +410,7 @@ def test_no_frame_builds_a_rig_when_a_controller_that_commands_a_coefficient_is_
     if by != "a successor":
         raw["controllers"] = {"mine": {"kind": "shunt_schedule", "drive": "shunt.resistance"}}
     scene = Scene.from_json(json.dumps(raw))
-    with Bench(scene, {}, pace=1.0) as bench:
+    with Bench(scene, pace=1.0) as bench:
         runner, over = bench.plant.runner, threading.Event()
         first = [runner.values[name] for name in drives]
         bench.begin()
@@ -451,19 +444,18 @@ def test_no_frame_builds_a_rig_when_a_controller_that_commands_a_coefficient_is_
     rebuilt_apart(bench, heard, scene, found)
 
 
-def test_a_controller_is_retuned_on_the_same_tick_in_every_mode(scene, numbers):
+def test_a_controller_is_retuned_on_the_same_tick_in_every_mode(scene):
     raw = json.loads(scenes.load(SCENE, {"controllers.nf.enable_at": "0 s"}).to_json())
     hold, louder = {"step": "hold", "time": 0.1}, {"step": "set", "target": "controllers.nf.gain", "to": 500.0}
     raw["protocol"] = [hold, louder, hold, {"step": "disconnect", "controller": "nf"}, hold]
     changed = Scene.from_json(json.dumps(raw))
-    with Bench(changed, numbers, pace=None, expect=(("controller", "nf"),)) as bench:
+    with Bench(changed, pace=None, expect=(("controller", "nf"),)) as bench:
         bench.controller()
         bench.begin()
         heard = bench.finish()
-    built = {name: controllers.build(section, numbers[name]) for name, section in changed.controllers.items()}
-    run = simulate(changed, built)
+    run = simulate(changed)
     raw["protocol"] = [hold]
-    unchanged = simulate(Scene.from_json(json.dumps(raw)), built, 3 * 10**8)
+    unchanged = simulate(Scene.from_json(json.dumps(raw)), duration_ns=3 * 10**8)
     for name, known in run.measurements.items():
         assert samples(heard, name).tobytes() == known.v.tobytes()
     loads = run.commands["nf"].values, unchanged.commands["nf"].values
@@ -491,16 +483,16 @@ HUGE, LONG = 10**4000, "x" * 5000
         ("cmd/plant", {"do": "admit", "controller": "a", "drives": [], "period_ns": 1, LONG: 1}, "not permitted"),
     ],
 )
-def test_a_refusal_tells_what_is_allowed_and_repeats_only_the_begin_of_what_is_long(scene, numbers, topic, body, told):
-    with Bench(scene, numbers, pace=1.0) as bench:
+def test_a_refusal_tells_what_is_allowed_and_repeats_only_the_begin_of_what_is_long(scene, topic, body, told):
+    with Bench(scene, pace=1.0) as bench:
         bench.begin()
         with pytest.raises(BusError, match=re.escape(told)) as refused:
             bench.me.ask(topic, body, 20.0)
     assert len(str(refused.value)) < 700
 
 
-def test_operators_stop_pause_and_are_told_what_is_wrong(scene, numbers):
-    with Bench(scene, numbers, pace=1.0) as bench:
+def test_operators_stop_pause_and_are_told_what_is_wrong(scene):
+    with Bench(scene, pace=1.0) as bench:
         bench.begin()
         ask = bench.me.ask
         for topic, body, wrong in [
@@ -574,8 +566,8 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene, numbers):
     assert [kind for kind in kinds if kind in ("paused", "resumed", "stop")] == ["paused", "resumed", "stop"]
 
 
-def test_what_cannot_be_tuned_is_refused_with_what_can(scene, numbers):
-    with Bench(scene, numbers, pace=None) as bench:
+def test_what_cannot_be_tuned_is_refused_with_what_can(scene):
+    with Bench(scene, pace=None) as bench:
         operator, operation = bench.plant.operator, bench.plant.operation
         for key, value in (("start.velocity", 1.0), ("friction.law", "coulomb")):
             with pytest.raises(UsageError, match=f"{key}: is fixed while the rig runs\n.*tuned: .*load.force") as told:
@@ -587,8 +579,8 @@ def test_what_cannot_be_tuned_is_refused_with_what_can(scene, numbers):
         assert str(told.value).count("drive.speed,") == str(told.value).count("load.force,") == 1
 
 
-def test_a_value_that_a_controller_overrules_is_told_to_wait(scene, numbers):
-    with Bench(scene, numbers, pace=None) as bench:
+def test_a_value_that_a_controller_overrules_is_told_to_wait(scene):
+    with Bench(scene, pace=None) as bench:
         operator, exchange = bench.plant.operator, bench.plant.operation.exchange
         assert operator.parameters({"set": {"load.force": 21.0}})["overruled"] == {}  # it has not commanded yet
         exchange.receive("nf", 0, (7.0,))
@@ -602,8 +594,8 @@ def test_a_value_that_a_controller_overrules_is_told_to_wait(scene, numbers):
         assert (told["values"], told["overruled"]) == ({"load.force": 5.0}, {})
 
 
-def test_a_controller_that_leaves_is_missed_and_the_verdict_says_so(scene, numbers):
-    with Bench(scene, numbers, duration=1.0, expect=(("controller", "nf"),)) as bench:
+def test_a_controller_that_leaves_is_missed_and_the_verdict_says_so(scene):
+    with Bench(scene, duration=1.0, expect=(("controller", "nf"),)) as bench:
         gone = bench.controller()
         bench.begin()
         while not bench.plant.operation.exchange.lines["nf"].counts.taken and bench.summary is None:
@@ -617,9 +609,9 @@ def test_a_controller_that_leaves_is_missed_and_the_verdict_says_so(scene, numbe
     assert {"begin", "left", "safe", "end", "verdict"} <= {event.kind for event in bench.events(heard)}
 
 
-def test_a_controller_that_hangs_is_evicted_from_lockstep(scene, numbers, monkeypatch):
+def test_a_controller_that_hangs_is_evicted_from_lockstep(scene, monkeypatch):
     monkeypatch.setattr("rig.bench.lockstep.EVICTED", 0.3)
-    with Bench(scene, numbers, pace=None, duration=0.2, expect=(("controller", "nf"),)) as bench:
+    with Bench(scene, pace=None, duration=0.2, expect=(("controller", "nf"),)) as bench:
         hung = bench.twin.open("controller", "nf")
         hung.announce()
         bench.begin()
@@ -632,8 +624,8 @@ def test_a_controller_that_hangs_is_evicted_from_lockstep(scene, numbers, monkey
     assert steps[-1] == 199
 
 
-def test_a_lost_answer_is_asked_for_again(scene, numbers):
-    with Bench(scene, numbers, pace=None, duration=0.3, expect=(("controller", "nf"),)) as bench:
+def test_a_lost_answer_is_asked_for_again(scene):
+    with Bench(scene, pace=None, duration=0.3, expect=(("controller", "nf"),)) as bench:
         deaf = bench.twin.open("controller", "nf")
         steps, act = deaf.subscribe("step"), deaf.publisher("act/nf")
         deaf.announce()
@@ -655,8 +647,8 @@ def test_a_lost_answer_is_asked_for_again(scene, numbers):
     assert [a.tick for a in applied] == list(range(300))
 
 
-def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, numbers, monkeypatch):
-    with Bench(scene, numbers, pace=None) as bench:
+def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, monkeypatch):
+    with Bench(scene, pace=None) as bench:
         operator, operation = bench.plant.operator, bench.plant.operation
         lines = operation.exchange.lines
         wanted = {"do": "admit", "controller": "first", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
@@ -677,8 +669,8 @@ def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, n
         assert kinds[-3:] == ["admitted", "dismissed", "admitted"]
 
 
-def test_the_name_of_an_admitted_controller_is_free_as_soon_as_it_came_and_left(scene, numbers):
-    with Bench(scene, numbers, pace=None) as bench:
+def test_the_name_of_an_admitted_controller_is_free_as_soon_as_it_came_and_left(scene):
+    with Bench(scene, pace=None) as bench:
         operator, hub = bench.plant.operator, bench.plant.hub
         wanted = {"do": "admit", "controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
         operator.cmd.asker = "guest-1"
@@ -696,9 +688,9 @@ def test_the_name_of_an_admitted_controller_is_free_as_soon_as_it_came_and_left(
         operator.command(wanted)
 
 
-def test_a_name_that_has_commanded_keeps_its_number_of_actuators(scene, numbers):
+def test_a_name_that_has_commanded_keeps_its_number_of_actuators(scene):
     """A recording has one number of commands for each name; who has not commanded yet may come again with more."""
-    with Bench(scene, numbers, pace=None) as bench:
+    with Bench(scene, pace=None) as bench:
         operation, both = bench.plant.operation, ["drive.speed", "load.force"]
         operation.dismiss("nf")  # its load is free
         for drives in (both, ["drive.speed"]):
@@ -715,8 +707,8 @@ def test_a_name_that_has_commanded_keeps_its_number_of_actuators(scene, numbers)
         operation.admit("mine", ["load.force"], scene.frame_ns)
 
 
-def test_the_verdict_tells_of_every_life_of_a_controller_that_has_gone(scene, numbers):
-    with Bench(scene, numbers, pace=None) as bench:
+def test_the_verdict_tells_of_every_life_of_a_controller_that_has_gone(scene):
+    with Bench(scene, pace=None) as bench:
         operation, hold = bench.plant.operation, scene.clock.hold_frames
         for _ in range(2):
             operation.admit("mine", ["drive.speed"], scene.frame_ns)
@@ -728,8 +720,8 @@ def test_the_verdict_tells_of_every_life_of_a_controller_that_has_gone(scene, nu
         assert "safe values stepped in for mine 2 times" in _verdict(bench.plant, {}, []).reasons
 
 
-def test_what_is_still_being_built_at_the_end_of_a_run_is_refused(scene, numbers):
-    with Bench(scene, numbers, duration=0.3) as bench:
+def test_what_is_still_being_built_at_the_end_of_a_run_is_refused(scene):
+    with Bench(scene, duration=0.3) as bench:
         bench.plant.operator._carried_out = lambda body: lambda: None  # takes longer than the run
         bench.begin()
         with pytest.raises(BusError, match="the run ended before it was done"):
@@ -737,8 +729,8 @@ def test_what_is_still_being_built_at_the_end_of_a_run_is_refused(scene, numbers
         bench.finish()
 
 
-def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene, numbers):
-    with Bench(scene, numbers, duration=3.0) as bench:
+def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene):
+    with Bench(scene, duration=3.0) as bench:
         bench.begin()
         mine = bench.twin.open("controller", "mine")
         act = mine.publisher("act/mine")
@@ -761,8 +753,8 @@ def test_strangers_are_refused_and_a_users_own_controller_is_admitted(scene, num
     assert bench.summary["loop"]["mine"]["safe"] == 1
 
 
-def test_commands_of_an_admitted_controller_count_only_from_the_user_that_asked(scene, numbers):
-    with Bench(scene, numbers, pace=None) as bench:
+def test_commands_of_an_admitted_controller_count_only_from_the_user_that_asked(scene):
+    with Bench(scene, pace=None) as bench:
         operator, hub = bench.plant.operator, bench.plant.hub
         wanted = {"do": "admit", "controller": "mine", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
 
@@ -788,8 +780,8 @@ def test_commands_of_an_admitted_controller_count_only_from_the_user_that_asked(
         assert refused["guest-2 on act/mine: another one commands there"] == 2
 
 
-def test_numerics_that_stop_are_told_and_the_run_is_concluded(scene, numbers):
-    with Bench(scenes.load(SCENE, {"clock.limit": "1000"}), numbers, pace=1.0, duration=5.0) as bench:
+def test_numerics_that_stop_are_told_and_the_run_is_concluded(scene):
+    with Bench(scenes.load(SCENE, {"clock.limit": "1000"}), pace=1.0, duration=5.0) as bench:
         bench.begin()
         bench.me.ask("cmd/plant", {"do": "knock", "impulse": 1e5}, 2.0)
         heard = bench.finish()
@@ -802,9 +794,9 @@ def test_numerics_that_stop_are_told_and_the_run_is_concluded(scene, numbers):
     assert "total/plant" in heard
 
 
-def test_a_limit_leads_to_the_safe_state(scene, numbers):
+def test_a_limit_leads_to_the_safe_state(scene):
     tight = scenes.load(SCENE, {"limits.displacement": "1 mm"})
-    with Bench(tight, numbers, pace=None, duration=5.0) as bench:
+    with Bench(tight, pace=None, duration=5.0) as bench:
         bench.begin()
         heard = bench.finish()
     assert bench.summary["exit_code"] == 4
@@ -813,8 +805,8 @@ def test_a_limit_leads_to_the_safe_state(scene, numbers):
     assert bench.summary["seconds"] < 1.5
 
 
-def test_a_guest_under_a_made_up_role_is_not_missed(scene, numbers):
-    with Bench(scene, numbers, pace=None, expect=(("recorder", "r"),)) as bench:
+def test_a_guest_under_a_made_up_role_is_not_missed(scene):
+    with Bench(scene, pace=None, expect=(("recorder", "r"),)) as bench:
         plant, housekeeper, open_ = bench.plant, bench.plant.housekeeper, bench.twin.open
         first = [open_("recorder", "r"), open_("controller", "early")]
         for session in first:
@@ -836,9 +828,9 @@ def test_a_guest_under_a_made_up_role_is_not_missed(scene, numbers):
         assert any("controller t0 left" in text for text in noted)
 
 
-def test_a_guest_that_calls_itself_recorder_is_not_asked_and_not_believed(scene, numbers, monkeypatch):
+def test_a_guest_that_calls_itself_recorder_is_not_asked_and_not_believed(scene, monkeypatch):
     monkeypatch.setattr("rig.bench.finalise.ANSWERS_S", 60.0)
-    with Bench(scene, numbers, pace=None, duration=0.1) as bench:
+    with Bench(scene, pace=None, duration=0.1) as bench:
         bench.plant.session.door.reserved = frozenset({"recorder"})
         silent, liar, controller = (
             bench.twin.open(role, name)
@@ -880,9 +872,9 @@ def test_only_the_plant_tells_that_the_run_is_over():
     assert lines == ["    0.000 s  mine: limit: so it says", "    0.000 s  limit: too far"]
 
 
-def test_a_backlog_is_no_flood(scene, numbers):
+def test_a_backlog_is_no_flood(scene):
     """A controller that was held up answers every step that waited for it, once."""
-    with Bench(scene, numbers, pace=None) as bench:
+    with Bench(scene, pace=None) as bench:
         hub = bench.plant.hub
         count = hub.acts.counts["act/nf"] = Count()
 
@@ -900,8 +892,8 @@ def test_a_backlog_is_no_flood(scene, numbers):
         assert told(200, 2000) == ["controller nf sent 2000 commands for 200 steps"]
 
 
-def test_who_does_not_come_is_not_waited_for_forever(scene, numbers):
-    with Bench(scene, numbers, pace=None, duration=0.1, wait=0.2, expect=(("controller", "nf"),)) as bench:
+def test_who_does_not_come_is_not_waited_for_forever(scene):
+    with Bench(scene, pace=None, duration=0.1, wait=0.2, expect=(("controller", "nf"),)) as bench:
         bench.begin()
         bench.finish()
     assert "controller nf was not here when the run began" in bench.summary["faults"]
@@ -909,9 +901,9 @@ def test_who_does_not_come_is_not_waited_for_forever(scene, numbers):
 
 
 @pytest.mark.parametrize("policy", ["skip", "slow", "stop"])
-def test_every_policy_ends_with_a_verdict(scene, numbers, policy):
+def test_every_policy_ends_with_a_verdict(scene, policy):
     crowded = scenes.load(SCENE, {"clock.overrun": policy})
-    with Bench(crowded, numbers, duration=0.3, pace=100.0) as bench:
+    with Bench(crowded, duration=0.3, pace=100.0) as bench:
         bench.begin()
         bench.finish()
     assert bench.summary["verdict"] == "INVALID"

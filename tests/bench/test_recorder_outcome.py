@@ -15,7 +15,6 @@ from rig.bench.verify import verify
 from rig.bus.run_setup import Setup
 from rig.child_process import Child, end
 from rig.cli import app
-from rig.design import numbers
 from rig.record.recorder import Recording
 from rig.record.writer import Writer
 
@@ -54,9 +53,7 @@ def test_a_recorder_that_fails_after_the_last_frame_fails_the_run(runs, scene, m
 
     monkeypatch.setattr(supervise, "end", end)
     lines = []
-    outcome = supervise.run(
-        scene, numbers=numbers.numbers(scene), pace=None, duration=0.5, out=runs / "run.mcap", say=lines.append
-    )
+    outcome = supervise.run(scene, pace=None, duration=0.5, out=runs / "run.mcap", say=lines.append)
     assert outcome.exit_code == 1
     assert outcome.summary["verdict"] == "DEGRADED"
     assert "nothing lost" not in outcome.summary["reasons"]
@@ -83,9 +80,7 @@ def test_a_disk_that_fills_up_while_it_runs_fails_the_run(runs, scene):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(supervise, "Team", Team)
-        outcome = supervise.run(
-            scene, numbers=numbers.numbers(scene), duration=3.0, out=runs / "run.mcap", say=say, name="fills"
-        )
+        outcome = supervise.run(scene, duration=3.0, out=runs / "run.mcap", say=say, name="fills")
     assert struck
     assert outcome.exit_code in (1, 3)
     assert outcome.summary["verdict"] != "VALID"
@@ -108,7 +103,7 @@ def test_a_recorder_that_is_stopped_in_mid_run_fails_the_run(runs, scene, monkey
             teams.append(self)
 
     monkeypatch.setattr(supervise, "Team", Team)
-    outcome = supervise.run(scene, numbers=numbers.numbers(scene), duration=1.5, out=runs / "run.mcap", say=say)
+    outcome = supervise.run(scene, duration=1.5, out=runs / "run.mcap", say=say)
     assert struck
     assert outcome.exit_code in (1, 3)
     assert outcome.summary["verdict"] != "VALID"
@@ -119,9 +114,7 @@ def test_a_recorder_that_is_stopped_in_mid_run_fails_the_run(runs, scene, monkey
 def test_the_file_of_another_run_is_not_told_as_the_recording_of_this_one(runs, scene):
     path = runs / "theirs.mcap"
     theirs = Writer(path, Setup("theirs", scene.to_json(), scene.frame_ns, scene.step_ns, {}, {}), "recorded")
-    outcome = supervise.run(
-        scene, numbers=numbers.numbers(scene), pace=None, duration=0.2, out=path, replace=True, say=lambda _: None
-    )
+    outcome = supervise.run(scene, pace=None, duration=0.2, out=path, replace=True, say=lambda _: None)
     theirs.abandon()
     assert outcome.exit_code == 1
     assert "another run is writing it" in outcome.text()
@@ -148,7 +141,7 @@ def test_a_recorder_that_does_not_know_what_a_killed_controller_had_sent_has_fin
 
     monkeypatch.setattr(supervise, "Team", Team)
     path = runs / "run.mcap"
-    outcome = supervise.run(scene, numbers=numbers.numbers(scene), duration=6.0, out=path, say=say)
+    outcome = supervise.run(scene, duration=6.0, out=path, say=say)
     assert end(successors, 5.0) == []
     assert outcome.exit_code in (1, 3)
     assert "the recording is not complete: recorder recorder" in outcome.text()

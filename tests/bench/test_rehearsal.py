@@ -12,15 +12,15 @@ import pytest
 import twin
 from twin import Twin
 
-from rig import controllers, scenes
+from rig import scenes
 from rig.bench.job import Job, keeps_up
-from rig.bench.plant_process import Plant, carry_out
+from rig.bench.plant import Plant
+from rig.bench.plant_process import carry_out
 from rig.bench.prepared_rigs import MOST, Upcoming
 from rig.bench.rehearsal import visited
 from rig.bench.simulate import begun, simulate
-from rig.design import numbers
 from rig.errors import UsageError
-from rig.motion import motion as moving
+from rig.motion import ready
 from rig.motion.motion import Motion
 from rig.scenes.scene import Scene
 
@@ -28,13 +28,12 @@ LEFT = """
 import sys
 from rig import scenes
 from rig.bench.job import Job
-from rig.bench.plant_process import Plant
+from rig.bench.plant import Plant
 from rig.bench.rehearsal import visited
 from rig.bench.timing import Interruptions
 from twin import Twin
-from rig.analysis import design
 scene = scenes.load("belt_normal_force")
-job = Job(scene.to_json(), design.numbers(scene), wait=0.0, duration=0.4, expect=(("controller", "nf"),))
+job = Job(scene.to_json(), wait=0.0, duration=0.4, expect=(("controller", "nf"),))
 seen = Interruptions()
 plant = Plant(Twin("test").open("plant", "plant"), job, lambda: "", visited(scene, job))
 before = []
@@ -52,7 +51,7 @@ print(len([one for one in seen.seen if one[0] == "compile"]), sorted(set(sys.mod
 
 
 def job_of(scene, **more):
-    return Job(scene.to_json(), numbers.numbers(scene), **more)
+    return Job(scene.to_json(), **more)
 
 
 @pytest.fixture(scope="module")
@@ -62,8 +61,7 @@ def scene():
 
 def test_the_mode_sets_of_a_run_are_known_before_it(scene):
     job = job_of(scene)
-    built = {name: controllers.build(section, job.numbers[name]) for name, section in scene.controllers.items()}
-    run = simulate(scene, built)
+    run = simulate(scene)
     found = visited(scene, job)
     assert len(found) == run.summary["plant"]["mode_sets"] > 2
     assert set(np.unique(run.mode)) <= set(found)
@@ -171,8 +169,8 @@ def test_a_pace_that_a_scene_cannot_keep_is_refused_with_what_works():
 
 def test_what_is_called_once_a_controller_has_joined_is_loaded_too(monkeypatch):
     """Nobody drives the load of the belt: a controller that does adds a state, and leaves depend on their number."""
-    scene, shapes, plan = scenes.load("belt"), set(), moving.plan
-    monkeypatch.setattr(moving, "plan", lambda system, *more: shapes.add(system.n) or plan(system, *more))
+    scene, shapes, plan = scenes.load("belt"), set(), ready.plan
+    monkeypatch.setattr(ready, "plan", lambda system, *more: shapes.add(system.n) or plan(system, *more))
     visited(scene, Job(scene.to_json(), duration=0.2))
     states = scene.assemble().system().n
     assert shapes == {states, states + 1}

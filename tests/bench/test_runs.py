@@ -17,7 +17,7 @@ import psutil
 import pytest
 
 import rig
-from rig import bus, controllers, scenes
+from rig import bus, scenes
 from rig.bench import supervise
 from rig.bench.job import Job
 from rig.bench.plant_process import carry_out, warm
@@ -25,7 +25,6 @@ from rig.bench.replay import replay
 from rig.bench.simulate import simulate
 from rig.bench.verify import verify
 from rig.bus import address, messages
-from rig.design import numbers as design
 from rig.errors import BusError, Interrupted, UsageError
 from rig.record.reader import Scan
 from rig.view.process import TOPICS
@@ -54,16 +53,15 @@ def folder(runs):
 class Going:
     """A supervised run in a thread of its own."""
 
-    def __init__(self, scene, numbers=None, **options):
+    def __init__(self, scene, **options):
         self.outcome, self.fault, self.lines = None, None, []
         self.before = {child.pid for child in psutil.Process().children()}
-        self.numbers = design.numbers(scene) if numbers is None else numbers
         self.thread = threading.Thread(target=self._run, args=(scene, options), daemon=True)
         self.thread.start()
 
     def _run(self, scene, options):
         try:
-            self.outcome = supervise.run(scene, numbers=self.numbers, say=self.lines.append, **options)
+            self.outcome = supervise.run(scene, say=self.lines.append, **options)
         except UsageError as fault:
             self.fault = fault
 
@@ -150,9 +148,7 @@ def test_a_loop_at_20_khz_runs_live(folder):
     assert outcome.summary["faults"] == []
     log = rig.open(folder / "run.mcap")
     assert log.commands["nb"].tick.tolist() == [*range(60_000)]
-    numbers = design.numbers(scene)
-    built = {name: controllers.build(section, numbers[name]) for name, section in scene.controllers.items()}
-    same_bits(log, simulate(scene, built, 3 * 10**9))
+    same_bits(log, simulate(scene, duration_ns=3 * 10**9))
     assert verify(folder / "run.mcap").identical
     assert np.abs(log.measurements["vibrometer"].v[-2000:]).max() < 1e-3
     sent = Counter(record.topic for record in Scan(folder / "run.mcap"))
@@ -188,9 +184,7 @@ def in_lockstep(folder, scene, duration):
     outcome = Going(scene, pace=None, duration=duration, out=folder / "run.mcap").wait(350.0)
     assert outcome.exit_code == 0, outcome.text()
     assert outcome.summary["lost"] == {}
-    numbers = design.numbers(scene)
-    built = {name: controllers.build(section, numbers[name]) for name, section in scene.controllers.items()}
-    same_bits(rig.open(folder / "run.mcap"), simulate(scene, built, round(duration * 1e9)))
+    same_bits(rig.open(folder / "run.mcap"), simulate(scene, duration_ns=round(duration * 1e9)))
 
 
 @pytest.fixture
@@ -337,7 +331,7 @@ def test_ctrl_c_before_there_is_a_run_ends_everything_at_once(starting):
 
 def test_ctrl_c_while_others_are_waited_for(folder):
     scene = scenes.load(SCENE)
-    job = Job(scene.to_json(), design.numbers(scene), run="waits", expect=(("controller", "nf"),), wait=60.0)
+    job = Job(scene.to_json(), run="waits", expect=(("controller", "nf"),), wait=60.0)
 
     def say(text):
         if text == "waiting for controller nf":
@@ -368,22 +362,25 @@ def test_nobody_outlives_the_supervisor(folder, supervisor):
 def test_a_plant_that_cannot_begin_says_why(folder):
     scene = scenes.load(SCENE, {"clock.limit": "1e-3"})
     with pytest.raises(UsageError, match="the state has left the limit") as fault:
-        supervise.run(scene, numbers=design.numbers(scene), duration=1.0, say=lambda _: None)
+        supervise.run(scene, duration=1.0, say=lambda _: None)
     assert fault.value.exit_code == 4
 
 
-def test_a_controller_that_cannot_begin_is_not_waited_for(folder):
-    going = Going(scenes.load(SCENE), numbers={}, duration=0.5, out=folder / "run.mcap")
+def test_a_controller_that_cannot_begin_is_not_waited_for(folder, monkeypatch):
+    arguments = supervise.Team._arguments
+    stranger = {"controller": "stranger"}
+    monkeypatch.setattr(supervise.Team, "_arguments", lambda team, *who: arguments(team, who[0], stranger.get(*who)))
+    going = Going(scenes.load(SCENE), duration=0.5, out=folder / "run.mcap")
     outcome = going.wait(60.0)
     assert outcome.summary["ended"] == "done"
     assert outcome.summary["faults"] == ["controller nf was not here when the run began"]
-    assert any("nominal: is not stated" in line for line in going.lines)
+    assert any("stranger" in line for line in going.lines)
 
 
 def test_a_recording_that_cannot_be_written_is_no_reason_to_begin_without_the_controller(folder):
     scene = scenes.load(SCENE)
     (folder / "file").write_text("in the way")
-    going = Going(scene, numbers=design.numbers(scene), duration=0.5, out=folder / "file" / "run.mcap")
+    going = Going(scene, duration=0.5, out=folder / "file" / "run.mcap")
     outcome = going.wait(60.0)
     assert outcome.summary["ended"] == "done"
     assert outcome.summary["faults"] == ["recorder recorder was not here when the run began"]

@@ -9,16 +9,15 @@ import numpy as np
 import pytest
 from twin import Asked, Twin
 
-from rig import controllers, scenes
+from rig import controllers, design, scenes
 from rig.bench.job import Job
-from rig.bench.plant_process import Plant
+from rig.bench.plant import Plant
 from rig.bus import encode, messages
 from rig.bus.arrivals import FASTEST, HEADER, Arrived, Count, Refused
 from rig.bus.inbound import Door
 from rig.bus.json_text import DEPTH, read_json
 from rig.bus.run_setup import Setup, fetch
 from rig.controllers.runtime.process import Worker
-from rig.design import numbers as design
 from rig.errors import BusError
 from rig.record import reader
 from rig.record.recorder import _Recorder
@@ -139,8 +138,8 @@ class Stranger:
 @pytest.mark.parametrize("count", MANY)
 def test_a_plant_survives_and_its_controller_commands_as_if_nobody_else_spoke(count):
     scene = scenes.load("belt_normal_force")
-    numbers, hub = design.numbers(scene), Twin("fuzz")
-    job = Job(scene.to_json(), numbers, pace=None, duration=1e6, wait=5.0, expect=(("controller", "nf"),))
+    hub = Twin("fuzz")
+    job = Job(scene.to_json(), pace=None, duration=1e6, wait=5.0, expect=(("controller", "nf"),))
     session, done, found = hub.open("plant", "plant"), threading.Event(), []
     plant = Plant(session, job, lambda: "done" if done.is_set() else "")
     session.announce()
@@ -176,7 +175,7 @@ def test_a_plant_survives_and_its_controller_commands_as_if_nobody_else_spoke(co
 
 def described():
     scene = scenes.load("belt_normal_force")
-    told = {name: controllers.described(s, design.numbers(scene)[name]) for name, s in scene.controllers.items()}
+    told = design.described(scene)
     outputs, sensors = {"displacement": "m", "velocity": "m/s"}, {"vibrometer": ("m/s", MS)}
     return Setup("fuzz", scene.to_json(), MS, MS, outputs, sensors, told)
 

@@ -14,7 +14,7 @@ from rig.controllers.blocks.base import retune
 from rig.controllers.runtime.body import Untranslatable
 from rig.controllers.runtime.native import Native
 from rig.controllers.runtime.translate import translate
-from rig.design.numbers import numbers
+from rig.design import numbers
 
 SHIPPED = (
     "belt_normal_force", "belt_normal_force_displacement", "belt_normal_force_acceleration", "belt_velocity_feedback",

@@ -5,9 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rig import controllers
+from rig import controllers, design
 from rig.controllers.normal_force import NormalForce
-from rig.design import numbers
 from rig.model.assembly import Assembly, Input, Output
 from rig.model.friction_law import coulomb
 from rig.sensors.accelerometer import Accelerometer
@@ -34,7 +33,7 @@ def feedback(sensor, **given):
         **{"kind": "normal_force", "sensor": sensor, "velocity": "observed", "gain": 200.0, "enable_at": 4.0} | given
     )
     scene = SimpleNamespace(name="PEND", controllers={"feedback": section}, sensors=SENSORS, parameters=None)
-    return controllers.build(section, numbers.numbers(scene, pend())["feedback"])
+    return controllers.build(section, design.numbers(scene, pend())["feedback"])
 
 
 class Instrument:

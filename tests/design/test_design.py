@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from rig import controllers
+from rig import controllers, design
 from rig.controllers.belt_velocity import BeltVelocity
 from rig.controllers.blocks.observer import Observer
 from rig.controllers.dither import Dither
 from rig.controllers.dither_sampled import SampledDither
 from rig.controllers.normal_force import NormalForce
-from rig.design import numbers as design
 from rig.errors import SceneError
 from rig.model.assembly import Assembly, Input, Output
 from rig.model.friction_law import stribeck
@@ -227,5 +226,5 @@ def test_python_control_is_loaded_only_for_an_observer():
     import subprocess
     import sys
 
-    code = "import sys, rig.design.numbers, rig.controllers.runtime.process; sys.exit('control' in sys.modules)"
+    code = "import sys, rig.design, rig.controllers.runtime.process; sys.exit('control' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

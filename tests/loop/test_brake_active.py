@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import rig
-from rig.design import numbers
+from rig import design
 
 
 @pytest.fixture(scope="module")
@@ -36,11 +36,11 @@ def test_no_mode_of_the_whole_brake_grows_with_it(run):
 
 def test_an_effort_that_drives_another_mode_up_is_refused_with_its_growth():
     with pytest.raises(rig.errors.SceneError, match=r"controllers.nb.effort: .* a mode at \d+ Hz grows with .* 1/s"):
-        numbers.numbers(rig.load("brake_active", {"controllers.nb.effort": "1e6 V*s/m", "controllers.nb.noise": 1e-5}))
+        design.numbers(rig.load("brake_active", {"controllers.nb.effort": "1e6 V*s/m", "controllers.nb.noise": 1e-5}))
 
 
 def test_a_band_without_a_mode_names_those_that_there_are():
     with pytest.raises(rig.errors.SceneError, match="no mode is in the band about 4000 Hz; there are 512, 661"):
-        numbers.numbers(
+        design.numbers(
             rig.load("brake_active", {"controllers.nb.frequency": 4000.0, "controllers.nb.bandwidth": 500.0})
         )

@@ -13,7 +13,7 @@ import rig
 from rig import controllers
 from rig.bench import compiled_controllers, controller_in_process, playback, simulate
 from rig.bench.compiled_controllers import Inside
-from rig.design.numbers import numbers
+from rig.design import numbers
 from rig.solve import control_loop
 
 WAYS = ("outside", "called", "compiled")

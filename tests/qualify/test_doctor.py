@@ -11,6 +11,7 @@ import pytest
 
 import rig
 from rig import kernel
+from rig.analysis import kernel_shapes
 from rig.bench.experiment import Operation
 from rig.bench.runner import PlantRunner
 from rig.controllers.narrow_band import NarrowBandFeedback
@@ -162,7 +163,7 @@ def test_frames_are_measured_as_a_plant_would_be_scheduled(monkeypatch, why, clo
     scheduled.why = why
     monkeypatch.setattr(examination, "ahead", lambda _: nullcontext(scheduled))
     monkeypatch.setattr(examination, "costs", lambda scene, clock: used.append(clock) or PUNCTUAL)
-    monkeypatch.setattr(warmup, "ready", lambda: {warmup.shape(rig.load("north"))})
+    monkeypatch.setattr(kernel_shapes, "ready", lambda: {kernel_shapes.shape(rig.load("north"))})
     found = doctor(0.2, names=("north",))
     assert used == [clock]
     assert found.frames == told
@@ -178,7 +179,7 @@ def test_a_scene_that_cannot_run_is_a_row_and_the_others_are_judged(monkeypatch)
         return np.zeros(0, np.int64) if scene.name == "north" else PUNCTUAL
 
     monkeypatch.setattr(examination, "costs", costly)
-    monkeypatch.setattr(warmup, "ready", lambda: {warmup.shape(load(name)) for name in SCENES})
+    monkeypatch.setattr(kernel_shapes, "ready", lambda: {kernel_shapes.shape(load(name)) for name in SCENES})
     found = doctor(0.2, names=SCENES)
     rows = {one.scene: one for one in found.scenes}
     assert (rows["belt"].verdict, rows["belt"].reason) == ("refused", "it runs away; really")
@@ -204,7 +205,7 @@ def test_a_scene_without_kernels_is_not_judged():
 def compiled(tmp_path, monkeypatch):
     called = []
     monkeypatch.setattr(kernel.FOLDER, "path", tmp_path)
-    monkeypatch.setattr(warmup, "_run", lambda scene: called.append(scene.name))
+    monkeypatch.setattr(kernel_shapes, "_run", lambda scene: called.append(scene.name))
     return called
 
 
@@ -221,14 +222,14 @@ def test_a_shape_is_compiled_once(compiled):
 
 def test_every_shipped_scene_is_ready_after_a_warm_up(compiled):
     warmup.warmup()
-    assert {warmup.shape(rig.load(name)) for name in rig.scenes.names()} <= warmup.ready()
+    assert {kernel_shapes.shape(rig.load(name)) for name in rig.scenes.names()} <= kernel_shapes.ready()
 
 
 def test_other_sources_are_compiled_anew(compiled, tmp_path, monkeypatch):
     warmup.warmup(names=["belt"])
     monkeypatch.setattr(kernel.FOLDER, "path", tmp_path / "other")
     (tmp_path / "other").mkdir()
-    assert warmup.ready() == set()
+    assert kernel_shapes.ready() == set()
     warmup.warmup(names=["belt"])
     assert compiled == ["belt", "belt"]
 
@@ -237,12 +238,12 @@ def test_unreadable_notes_are_no_notes(compiled, tmp_path):
     warmup.warmup(names=["belt"])
     for note in tmp_path.iterdir():
         note.write_text("{")
-    assert warmup.ready() == set()
+    assert kernel_shapes.ready() == set()
 
 
 def test_scenes_of_one_shape_share_their_kernels():
     first, second = rig.load("belt"), rig.load("belt_b")
-    assert warmup.shape(first) == warmup.shape(second)
+    assert kernel_shapes.shape(first) == kernel_shapes.shape(second)
     _step(first)
     known = len(advance.signatures)
     _step(second)
@@ -258,10 +259,10 @@ def _step(scene):
 @pytest.mark.slow
 def test_several_processes_compile_together(compiled, monkeypatch):
     told = []
-    scenes_ = {warmup.shape(one): one for one in map(rig.load, ("belt", "belt_c"))}
-    progress = warmup.Progress(scenes_, 2, told.append)
-    warmup.together(list(scenes_.values()), 2, progress)
-    assert progress.spent.keys() == scenes_.keys() == warmup.ready()
+    scenes_ = {kernel_shapes.shape(one): one for one in map(rig.load, ("belt", "belt_c"))}
+    progress = kernel_shapes.Progress(scenes_, 2, told.append)
+    kernel_shapes.together(list(scenes_.values()), 2, progress)
+    assert progress.spent.keys() == scenes_.keys() == kernel_shapes.ready()
     assert min(progress.spent.values()) > 0.0
     assert sum("ready after" in line for line in told) == 2
 
@@ -270,6 +271,6 @@ def test_several_processes_compile_together(compiled, monkeypatch):
 def test_a_compiler_that_is_lost_is_told(compiled):
     scene = rig.load("belt")
     broken = replace(scene, plant="nothing")
-    shapes = {warmup.Shape(states, False, False, False): broken for states in (1, 2)}
+    shapes = {kernel_shapes.Shape(states, False, False, False): broken for states in (1, 2)}
     with pytest.raises(WorkerError, match=r"compiler \d ended with code 1"):
-        warmup.together([broken, broken], 2, warmup.Progress(shapes, 2, print))
+        kernel_shapes.together([broken, broken], 2, kernel_shapes.Progress(shapes, 2, print))

@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import rig
+from rig.analysis.kernel_shapes import VARIANTS, shape_of
 from rig.bench.audit import Visited, share
 from rig.errors import RigError
 from rig.model.method import METHODS, seen
 from rig.model.mode_sets import ModeSets
 from rig.plants import PLANTS
 from rig.qualify.benchmarks import absent_effect as twin
-from rig.qualify.warmup import VARIANTS, shape_of
 from rig.scenes import names
 from rig.scenes.shipped import card
 from rig.scenes.variants import absent, added, dropped, given, without

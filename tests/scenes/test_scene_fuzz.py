@@ -15,11 +15,11 @@ from contextlib import suppress
 import pytest
 
 from rig import scenes
+from rig.analysis.kernel_shapes import ready, shape
 from rig.bench.runner import PlantRunner
-from rig.design.numbers import numbers
+from rig.design import numbers
 from rig.errors import RigError, SceneError
 from rig.model.method import chosen
-from rig.qualify.warmup import ready, shape
 from rig.scenes.explain import explain
 from rig.scenes.scene import Scene
 from rig.scenes.shipped import HERE

@@ -66,7 +66,7 @@ def column(columns, path, component):
 
 def test_pressures_are_where_the_film_has_its_points(scene, run):
     points, film = Points.of(scene), scene.assemble().film
-    at = plant.places(film)
+    at = plant.places(scene.parameters.film_points, film)
     assert list(at) == list(points.names)
     x, y = np.meshgrid(points.x, points.y, indexing="ij")
     order = list(at.values())

@@ -1,6 +1,6 @@
 """Maps: which steady motions a rig has, over one parameter or two.
 
-job        scene, axes, settings; the units of work, batched: pure functions of the job
+job        scene, axes, settings; the units of work      compute    these, in batches
 track      the rig of one row, to be put and moved along the x axis and watched
 row        runs along it: carried up and down, near and far starts
 judge      what a motion has settled to

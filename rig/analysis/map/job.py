@@ -1,10 +1,9 @@
-"""What a map is made of: a scene, axes, settings; cut into units of work, batched, each a pure function of the job."""
+"""What a map is made of: a scene, axes, settings; cut into units of work."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 
 from rig import kernel
 from rig.analysis.axis import Axis
-from rig.errors import NumericsError, SceneError, Singular, UsageError
+from rig.errors import SceneError, UsageError
 from rig.scenes.faults import near
 from rig.scenes.scene import Scene
 
@@ -130,32 +129,6 @@ class Job:
         x, y = (a and Axis(**{**a, "values": tuple(a["values"])}) for a in raw["axes"])
         settings = Settings(**{**raw["settings"], "runs": tuple(raw["settings"]["runs"])})
         return cls(Scene.from_json(json.dumps(raw["scene"])), x, y, settings)
-
-
-def compute(job: Job, units: Sequence[int], said: Callable[[int], object] | None = None) -> dict[int, Arrays]:
-    """The units of one batch, by number: a pure function of the job. `said` is told each unit that is done."""
-    from rig.analysis.map.row import Row
-    from rig.analysis.map.track import Track
-
-    found: dict[int, Arrays] = {}
-    for number in units:
-        unit = job.units[number]
-        if job.settings.eigenvalues:
-            from rig.analysis.regions import along
-
-            found[number] = along(job.at(unit.row), job.x)
-        elif job.dithered:
-            from rig.analysis.map.dither import boundary
-
-            found[number] = boundary(job, unit.first)
-        else:
-            try:
-                found[number] = Row(Track(job.at(unit.row), job.x, job.settings), unit.first, unit.last).run()
-            except (NumericsError, Singular) as error:
-                raise SceneError(job.told(unit), [str(error)]) from None
-        if said is not None:
-            said(number)
-    return found
 
 
 def checked(job: Job) -> Job:

@@ -11,11 +11,13 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from rig.analysis.map.job import Arrays, Job, compute
+from rig.analysis import kernel_shapes
+from rig.analysis.map.compute import compute
+from rig.analysis.map.job import Arrays, Job
 from rig.analysis.map.store import Store
+from rig.analysis.map.track import Track
 from rig.child_process import Child, end
 from rig.errors import WorkerError
-from rig.qualify import warmup
 
 _ROUNDS = 8  # batches for each worker: the last one to end keeps the others waiting for a short while only
 _MOST = 16  # units in a batch: what an interruption may lose
@@ -51,13 +53,11 @@ def make(job: Job, store: Store, workers: int, progress: Progress) -> dict[int, 
 
 def _compile(job: Job) -> None:
     """Have the kernels ready before several workers ask for them."""
-    from rig.analysis.map.track import Track
-
     track = Track(job.at(0), job.x, job.settings)
-    shape = warmup.shape_of(track.system(track.value), job.scene.clock.method)
-    if shape not in warmup.ready():
+    shape = kernel_shapes.shape_of(track.system(track.value), job.scene.clock.method)
+    if shape not in kernel_shapes.ready():
         track.compile()
-        warmup.note(shape)
+        kernel_shapes.note(shape)
 
 
 def _together(store: Store, workers: int, progress: Callable[[int], object]) -> None:

@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rig.errors import UsageError
-from rig.record.film_points import highest_mode, listed, read
+from rig.plants import plate
+from rig.record.film_points import listed, read
 from rig.record.run import Integers, Reals, Run, Samples
+from rig.scenes.scene import Scene
 
 MEASURED, TRUE = "meas/", "truth/"
 """What stands before a name where a sensor and a plant output share it."""
@@ -149,13 +151,19 @@ def _folded(run: Run, name: str, output: bool, rate: float) -> str:
     scene = read(run.scene)
     if scene is None or not (output or getattr(scene.sensors.get(name), "ideal", False)):
         return ""
-    highest = highest_mode(scene)
+    highest = _highest_mode(scene)
     if highest <= 0.505 * rate:  # what is folded by 1 % of the rate is where it belongs, almost
         return ""
     return (
         f"{name} is sampled at {rate:.6g} Hz and not filtered, and the plate's modes reach {highest:.6g} Hz: "
         f"vibration above {0.5 * rate:.6g} Hz is folded down; raise the rate of a sensor of the scene"
     )
+
+
+def _highest_mode(scene: Scene) -> float:
+    """The highest frequency [Hz] of the modes of a scene's plate; 0 where it has no plate."""
+    parameters = scene.parameters
+    return float(parameters.reduced().frequencies[-1]) if isinstance(parameters, plate.Parameters) else 0.0
 
 
 def _listed(run: Run) -> str:

@@ -10,8 +10,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import rig
 from rig.analysis.repeat.measure import Seen, measure
+from rig.bench.simulate import simulate
 from rig.child_process import Child, end
 from rig.errors import WorkerError
 from rig.scenes.scene import Scene
@@ -39,7 +39,8 @@ class Job:
 
     def run(self, seed: int, stop: Callable[[], str] | None = None) -> Seen:
         """Simulate with one seed and measure."""
-        return measure(rig.simulate(replace(self.scene, seed=seed), self.duration, stop), seed)
+        duration_ns = None if self.duration is None else round(self.duration * 1e9)
+        return measure(simulate(replace(self.scene, seed=seed), duration_ns=duration_ns, stop=stop), seed)
 
 
 def work(

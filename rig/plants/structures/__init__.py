@@ -5,4 +5,5 @@ multibody       rigid bodies on springs              brake_disc      the disc of
 hexahedra       finite elements of solids            plate_elements  plate and foam of finite elements
 plate_model     the plate, reduced to its modes      plate_surface   shapes of the plate at its top face
 model_store     reduced models, kept on disk and in recordings
+film_points     points of a film: places, names of their outputs
 """

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from rig.effects.disc_modes import Disc, Mode, free_modes
-from rig.model.assembly import Row
+from rig.model.named_rows import Row
 from rig.plants.structures.multibody import Body
 
 

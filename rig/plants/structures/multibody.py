@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from rig.model.assembly import Row
+from rig.model.named_rows import Row
 from rig.quantities import (
     Kilogram,
     KilogramSquareMetre,

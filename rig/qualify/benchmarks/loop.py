@@ -87,13 +87,12 @@ def _run(seconds: float, **how: Any) -> dict[str, Any]:
 
 def _carried(name: str, changes: dict[str, Any], seconds: float | None, **how: Any) -> dict[str, Any]:
     from rig.bench.supervise import run
-    from rig.design.numbers import numbers
     from rig.scenes import load
 
     scene = load(name, changes)
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder) / "bench.mcap"
-        outcome = run(scene, numbers=numbers(scene), duration=seconds, out=out, say=lambda _: None, **how)
+        outcome = run(scene, duration=seconds, out=out, say=lambda _: None, **how)
     return dict(outcome.to_json())
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+from rig.analysis.kernel_shapes import Shape, prepare, shape
 from rig.errors import NumericsError, RigError, SceneError, UsageError
 from rig.model.method import chosen, seen
 from rig.qualify.torture import case as cases
@@ -16,7 +17,6 @@ from rig.qualify.torture.outcome import Found, OutOfTime
 from rig.qualify.torture.test_result import CellResult, amber, judge, red, stopped
 from rig.qualify.torture.trial import Trial
 from rig.qualify.torture.wrong_methods import WRONG
-from rig.qualify.warmup import Shape, prepare, shape
 from rig.stability.report import stability_report
 
 METHODS = ("exact", "dopri5", "rk4", "kick", "smooth", "sign", *WRONG)

@@ -12,8 +12,7 @@ import numpy as np
 from rig.bench.exchange import Exchange
 from rig.bench.journal import Journal
 from rig.bench.pace import Pacer
-from rig.bench.plant_truth import ROWS
-from rig.bench.runner import PlantRunner
+from rig.bench.runner import ROWS, PlantRunner
 from rig.qualify.torture import film_checks
 from rig.qualify.torture.case import Act, Case
 from rig.qualify.torture.case_scene import Watched
@@ -267,7 +266,7 @@ class Trial:
         for k, opens in enumerate(self._opens):
             if opens:
                 found.pulling = max(found.pulling, -float(N[:, k].min()) / max(float(np.abs(forces).max()), 1e-30))
-        if self.motion.method == "smooth":
+        if self.motion.how.method == "smooth":
             found.slips.append(np.abs(values[:, [slip for _, slip in self._patches]]).max(axis=1, initial=0.0))
         for p, (force, slip) in enumerate(self._patches):
             T, w, load = values[:, force], values[:, slip], N[:, self._of[p]].sum(axis=1)

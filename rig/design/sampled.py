@@ -25,10 +25,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.analysis.plant import Plant
 from rig.controllers.blocks.feedback import VelocityFeedback
 from rig.controllers.blocks.velocity import VelocityPath
 from rig.controllers.narrow_band import NarrowBandFeedback
+from rig.design.linearised import Plant
 from rig.sensors.chain.front_end import FrontEnd
 
 Array = NDArray[np.float64]

@@ -1,0 +1,232 @@
+"""The plant of a run, hosted: in lockstep with its controllers, at the pace of the wall clock, or both.
+
+A frame of a paced run            A frame in lockstep
+  wait until it is due              state and samples as they are
+  take what has arrived             protocol, operators
+  send step, samples, state         send step, samples, state
+  protocol, operators               wait for the answers of those who joined and are due
+  commands in force                 commands in force
+  integrate                         integrate
+
+A controller that dies is missed: its last command is held, then safe values step in; the plant goes on. When the
+numerics stop the run, everybody is told where and why, and the recording is kept.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+import traceback
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from typing import Any
+
+from rig import pinned_memory, placement, scheduling
+from rig.bench import pace
+from rig.bench.experiment import BEGIN
+from rig.bench.finalise import finalise
+from rig.bench.job import Job
+from rig.bench.lockstep import Lockstep
+from rig.bench.plant_parts import PlantParts
+from rig.bench.prepared_rigs import Upcoming
+from rig.bench.rebuild import Refit
+from rig.bus.port import Session
+from rig.errors import NumericsError
+from rig.parts import told as blamed
+
+Say = Callable[[str], object]
+Show = Callable[[dict[str, Any]], object]
+
+
+class Plant(PlantParts):
+    """One run of a job on an open session. `stopping()` says why it is to end at the next frame, or "".
+
+    `sets`: mode sets that a paced run builds before its first frame.
+    """
+
+    def __init__(self, session: Session, job: Job, stopping: Callable[[], str], sets: Iterable[int] = ()) -> None:
+        super().__init__(session, job)
+        self._stopping, self._sets = stopping, sets
+
+    def gather(self, say: Say) -> None:
+        """Wait for those who are expected, and say for whom."""
+        present, deadline, told = self.hub.watch.present, time.monotonic() + self.job.wait, ""
+        self.hub.look()
+        while missing := [f"{role} {name}" for role, name in self.job.expect if (role, name) not in present]:
+            if self._stopping() or self.housekeeper.orphaned():
+                return
+            waited = [who for who in missing if who not in self.operator.excused]
+            if not waited or self.operator.begun or time.monotonic() >= deadline:
+                self.housekeeper.miss(missing)
+                break
+            if (text := f"waiting for {', '.join(waited)}") != told:
+                told = text
+                say(text)
+            self.hub.look(0.02)
+            self.hub.serve_scene()
+            self.operator.poll()
+        self.from_start = set(present)
+
+    def run(self, show: Show) -> dict[str, Any]:
+        """All frames, then the summary; `show` gets the health five times a second."""
+        try:
+            self._go(show)
+        except NumericsError as error:
+            self.fault = str(error)
+            told = {"time": error.time, "mode": error.mode, "state": error.state}
+            self.operation.journal.note("diverged", self.fault, **told)
+        except Exception as error:
+            self.housekeeper.faults.append("the plant process failed")
+            self.operation.journal.note("fault", blamed(error) or traceback.format_exc())
+            finalise(self)
+            raise
+        return finalise(self)
+
+    def _go(self, show: Show) -> None:
+        job, pacer = self.job, None
+        with ExitStack() as stack:
+            if job.pace is not None:
+                self.runner.motion.foresee(self._sets)
+                self.upcoming = Upcoming(self.operation)
+                self.operation.exchange.refit = Refit(self.runner, self.operation.journal, self.operation.builds)
+                self.operation.builds.apart = True
+            stack.enter_context(self.timing.interruptions.watched())
+            stack.enter_context(
+                pace.no_garbage()
+            )  # before real time: after compiling a collection takes 0.2 s and more
+            stack.callback(sys.setswitchinterval, sys.getswitchinterval())
+            sys.setswitchinterval(1e-4)  # who waits for the interpreter, waits for a tenth of a frame, not for five
+            own, of_bus = self.cores
+            stack.enter_context(placement.placed(of_bus if job.in_lockstep else own, of_bus))
+            if job.pace is not None:
+                self.memory = stack.enter_context(pinned_memory.locked())
+                self.ahead = stack.enter_context(scheduling.ahead(scheduling.PLANT, self._fell_back))
+                self.waiting = pace.choose(int(self.timing.wall_ns))
+                clock = pace.WallClock(self.waiting.spin_ns)
+                pacer = pace.Pacer(self.runner.frame_ns, job.pace, self.scene.clock.overrun, clock)
+            self.begun_ns = time.perf_counter_ns()
+            self.housekeeper.begin(self.begun_ns, pacer)
+            others = [name for role, name in sorted(self.from_start) if role != "plant"]
+            self.operation.journal.note(BEGIN, f"begins with {', '.join(others) or 'nobody else'}", here=others)
+            self.operation.open()
+            if pacer is not None:
+                pacer.anchor()
+            if job.in_lockstep:
+                self._in_lockstep(pacer, show)
+            elif pacer is not None:
+                self.paced(pacer, show)
+
+    def paced(self, pacer: pace.Pacer, show: Show) -> None:
+        """All frames, each piece of them when `pacer` says that it is due."""
+        hub, operator, operation = self.hub, self.operator, self.operation
+        housekeeper, rows = self.housekeeper, self.timing
+        clock, processor = time.perf_counter_ns, time.thread_time_ns
+        while True:
+            frames = self.pieces.next(rows)
+            hub.carries(frames)
+            begin, late = pacer.wait(frames)
+            spent = processor()
+            hub.receive()
+            received = clock()
+            hub.put_step()
+            hub.gather()
+            sent = clock()
+            if not operation.begin() or self._ends(pacer):
+                rows.rows.append((begin, late, pacer.waited, 0, 0, 0, 0, spent))
+                return
+            operator.poll()
+            self.in_plant.poll()
+            goes_on = self._carry(frames)
+            done = clock()
+            if frames > 1:
+                hub.put_applied()
+            hub.put_events()
+            told = clock()
+            if housekeeper.look(told):
+                self._tell(show)
+            served = clock()
+            spans = (received - begin, done - sent, sent - received + told - done, served - told)
+            rows.rows.append((begin, late, pacer.waited, *spans, spent))
+            if not goes_on:
+                return
+
+    def _carry(self, frames: int) -> bool:
+        """Carry the plant through a piece at whose first tick all is done but the commands; whether it goes on then."""
+        hub, operation, runner, in_plant = self.hub, self.operation, self.runner, self.in_plant
+        end = runner.tick + frames
+        while True:
+            in_plant.carry_on(min(end, operation.until(), hub.state_due) if frames > 1 else end)
+            if runner.tick >= end:
+                return True
+            hub.gather_state()
+            if not operation.begin():
+                return False
+
+    def _in_lockstep(self, pacer: pace.Pacer | None, show: Show) -> None:
+        hub, operator, operation = self.hub, self.operator, self.operation
+        housekeeper, rows = self.housekeeper, self.timing
+        answers = Lockstep(hub, housekeeper, lambda: bool(self._stopping()))
+        clock, processor = time.perf_counter_ns, time.thread_time_ns
+        while True:
+            frames = self.pieces.next(rows)
+            hub.carries(frames)
+            if pacer is not None:
+                begin, late = pacer.wait(frames)
+                spent = processor()
+            hub.gather()
+            if not operation.begin() or self._ends(pacer):
+                return
+            operator.poll()
+            self.in_plant.poll()
+            answers.ask()
+            answers.wait()
+            answered = clock()
+            goes_on = self._carry(frames)
+            done = clock()
+            if frames > 1:
+                hub.put_applied()
+            hub.put_events()
+            told = clock()
+            if housekeeper.look(told):
+                self._tell(show)
+            if pacer is not None:
+                spans = (answered - begin, done - answered, told - done, clock() - told)
+                rows.rows.append((begin, late, pacer.waited, *spans, spent))
+            if not goes_on:
+                return
+
+    def _fell_back(self) -> None:
+        assert self.ahead is not None
+        text = f"real-time scheduling fell back: {self.ahead.why}"
+        self.operation.journal.note("scheduling", text)
+
+    def _tell(self, show: Show) -> None:
+        while not self.refusals.empty():
+            self.operation.journal.note("refused", self.refusals.get(), by="protocol")
+        if self.upcoming is not None:
+            self.upcoming.look()
+        show({"t": self.runner.t_ns / 1e9, **self.housekeeper.health})
+
+    def _ends(self, pacer: pace.Pacer | None) -> bool:
+        """Whether somebody has asked for the end; a pause is sat out here."""
+        operator, paused = self.operator, self.operator.paused
+        if paused:
+            self.operation.postponed.step_back()
+        while not (why := self._why()) and operator.paused:
+            self.housekeeper.look(time.perf_counter_ns())
+            self.hub.put_events()
+            time.sleep(0.01)
+            operator.poll()
+            self.in_plant.poll()
+        if paused and pacer is not None:
+            pacer.anchor()
+        if pacer is not None and pacer.stopped:
+            why = "stopped: a frame began more than one frame late, and the scene asks to stop then"
+        if why:
+            self.operation.stop(why)
+        return bool(why)
+
+    def _why(self) -> str:
+        if self.housekeeper.gone:
+            return "stopped: the process that started the plant has gone"
+        return self._stopping() or self.operator.stopped

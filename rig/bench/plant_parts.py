@@ -1,0 +1,94 @@
+"""What a plant process consists of, for who runs it and for who ends it."""
+
+from __future__ import annotations
+
+import queue
+import sys
+import threading
+from typing import Any
+
+from rig import design, placement, scheduling
+from rig.bench import pace
+from rig.bench.controllers_in_plant import InPlant
+from rig.bench.experiment import Operation
+from rig.bench.frame_batches import Pieces, length
+from rig.bench.housekeeping import Housekeeper
+from rig.bench.hub import Hub
+from rig.bench.job import Job
+from rig.bench.operator_commands import Operator
+from rig.bench.prepared_rigs import Upcoming
+from rig.bench.runner import PlantRunner
+from rig.bench.timing import Timing
+from rig.bus.port import Session
+from rig.bus.run_setup import Setup
+from rig.errors import RigError
+from rig.plants.structures import model_store
+from rig.record.provenance import provenance
+from rig.scenes.scene import Scene
+
+
+class PlantParts:
+    """What one run of a job on an open session consists of: stand, operation, hub and all that serves them."""
+
+    def __init__(self, session: Session, job: Job) -> None:
+        self.session, self.job = session, job
+        self.scene = scene = Scene.from_json(job.scene)
+        with model_store.gathered() as self.models:
+            self.runner = runner = PlantRunner(scene, piece=length(scene, job.pace))
+        duration_ns = None if job.duration is None else round(job.duration * 1e9)
+        self.operation = Operation(scene, runner, duration_ns, self._retune)
+        self.cores = placement.choose()
+        """Of this plant's thread, where it is paced, and of the bus."""
+        self.setup = self._setup()
+        self.hub = hub = Hub(session, self.operation, self.setup, job.in_lockstep)
+        self.operator = Operator(hub)
+        self.upcoming: Upcoming | None = None
+        """What a paced run builds before it is asked for."""
+        self.pieces = Pieces(self.operation, job.pace)
+        self.timing = Timing(self.pieces.length * runner.frame_ns / (job.pace or 1.0), self.pieces.length)
+        self.housekeeper = Housekeeper(hub, self.operator, job, self.timing)
+        self.in_plant = InPlant(session, self.operation, self.setup.controllers, self.housekeeper.notice)
+        self.fault = ""
+        """Why the numerics stopped the run."""
+        self.from_start: set[tuple[str, str]] = set()
+        """Who was here at the first frame."""
+        self.waiting: pace.Waiting | None = None
+        self.memory = ""
+        """Why the memory of a paced run is not locked; "" if it is."""
+        self.ahead: scheduling.Ahead | None = None
+        """The real-time scheduling of a paced run."""
+        self.begun_ns = 0
+        self.refusals: queue.SimpleQueue[str] = queue.SimpleQueue()
+
+    def _setup(self) -> Setup:
+        scene, runner = self.scene, self.runner
+        return Setup(
+            run=self.session.run,
+            scene=scene.made_with(self.models).to_json() if self.models else self.job.scene,
+            frame_ns=runner.frame_ns,
+            step_ns=runner.step_ns,
+            outputs={name: runner.units[name] for name in runner.outputs},
+            sensors={n: (u, p) for n, u, p in zip(runner.bank.names, runner.bank.units, runner.bank.periods_ns)},
+            controllers=design.described(scene),
+            paced=self.job.pace is not None,
+            core=self.cores[1],
+            provenance=provenance(scene.seed, self.job.command or tuple(sys.argv)),
+            models=tuple(self.models.values()),
+        )
+
+    def _retune(self, controller: str, changes: dict[str, Any]) -> None:
+        """Ask a controller to change its parameters. In a paced run nobody waits for the answer of another process."""
+        if controller in self.scene.in_plant:
+            self.in_plant.retune(controller, changes)
+            return
+        if self.job.in_lockstep:
+            self.session.ask(f"param/{controller}", {"set": changes}, timeout=2.0)
+            return
+
+        def ask() -> None:
+            try:
+                self.session.ask(f"param/{controller}", {"set": changes}, timeout=2.0)
+            except RigError as fault:
+                self.refusals.put(f"{controller}: {fault}")
+
+        threading.Thread(target=ask, name=f"retune-{controller}", daemon=True).start()

@@ -1,0 +1,197 @@
+"""Rows by name: the form in which plants and effects write a rig down.
+
+State  x = [q, v, network, signals]. A row is a dict from state names to coefficients, e.g. {"one": 20, "dither": 1}.
+A coordinate "x" brings the states "x" and "x'"; "x''" is its acceleration, which only outputs may name. The signal
+"one" is constant. Outputs may also name, for a contact c, "T:c" (friction force), "N:n" (normal force n), "w:c" (slip
+speed), and "c:l", what a limiter l gives. Everything that couples is such a row, so an effect adds rows, nothing else.
+
+What is not linear is a product with a name of its own (`Assembly.product`), which rows of forces, normal forces and
+outputs name like a state.
+
+    structure  M a + D v + K q = sum_p t_p T_p + sum_k n_k N_k + F x
+    patch p    w_p = V_p - t_p . v          normal k   N_k = r_k x + g_k . a
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from rig.model.film import Film
+from rig.model.friction_law import Law
+from rig.model.system import Judge
+
+Row = dict[str, float]
+Part = str | tuple[str, Row]
+
+
+@dataclass(frozen=True)
+class Circuit:
+    """One position of a switch by names: rates of the network states it changes, those that are zero in it.
+
+    `gains` of limiters and `stores` as in `Assembly`, where this position has its own.
+    """
+
+    name: str
+    rates: dict[str, Row]
+    still: tuple[str, ...] = ()
+    gains: dict[str, float] = field(default_factory=dict)
+    stores: tuple[tuple[float, Row], ...] = ()
+
+
+class Variation(NamedTuple):
+    """Equal sectors of one turn in which a structure is stiffer or softer: factors of stiffness and damping."""
+
+    name: str
+    row: Row
+    turn: str
+    period: float
+    factors: tuple[tuple[float, float], ...]
+    stiffness: dict[tuple[str, str], float]
+    damping: dict[tuple[str, str], float]
+    rows: dict[str, Row]
+
+
+@dataclass
+class Rows:
+    """Rows of a rig under construction. Plants start them, effects add to them.
+
+    Forces of the network are `coupling`: they exchange energy with its `stores`, c (row x)^2 / 2 each, and its
+    `losses`, g (row x)^2 each, whose rows may name rates of network states ("voltage'"). `keep`: what stays as it is,
+    in place of a network state, where a parameter changes. `judges` look at the rig before a run
+    (rig.stability.report). `struck`: where a knock strikes, over coordinates, if that is not along the sliding
+    direction of the first patch. `film`: see rig.model.film. `about`: a line for each owner of states that is no table
+    of the scene.
+    """
+
+    title: str = ""
+    coordinates: list[str] = field(default_factory=list)
+    mass: dict[tuple[str, str], float] = field(default_factory=dict)
+    damping: dict[tuple[str, str], float] = field(default_factory=dict)
+    stiffness: dict[tuple[str, str], float] = field(default_factory=dict)
+    force: dict[str, Row] = field(default_factory=dict)
+    coupling: dict[str, Row] = field(default_factory=dict)
+    network: dict[str, Row] = field(default_factory=dict)
+    stores: list[tuple[float, Row]] = field(default_factory=list)
+    losses: list[tuple[float, Row]] = field(default_factory=list)
+    switches: list[tuple[str, str, tuple[Circuit, ...]]] = field(default_factory=list)
+    keep: dict[str, Row] = field(default_factory=dict)
+    judges: list[Judge] = field(default_factory=list)
+    signals: dict[str, Row] = field(default_factory=lambda: {"one": {}})
+    start: dict[str, float] = field(default_factory=lambda: {"one": 1.0})
+    patches: list[tuple[str, Row, Row, Law, Row | None]] = field(default_factory=list)
+    normals: list[tuple[str, str, Row, Row, Row, bool]] = field(default_factory=list)
+    limiters: list[tuple[str, Row, float, float, str, float, float]] = field(default_factory=list)
+    sectors: list[tuple[str, str, Row, str, float, tuple[float, ...], tuple[Law, ...]]] = field(default_factory=list)
+    variations: list[Variation] = field(default_factory=list)
+    products: dict[str, tuple[Part, ...]] = field(default_factory=dict)
+    owners: dict[str, str] = field(default_factory=dict)
+    about: dict[str, str] = field(default_factory=dict)
+    struck: Row = field(default_factory=dict)
+    film: Film | None = None
+
+    def coordinate(self, name: str, mass: float, damping: float = 0.0, stiffness: float = 0.0) -> None:
+        """A degree of freedom with its own mass, damper and spring to ground."""
+        self.coordinates.append(name)
+        self.mass[name, name] = mass
+        self.damping[name, name] = damping
+        self.stiffness[name, name] = stiffness
+
+    def signal(self, name: str, rate: Row, start: float, owner: str, about: str = "") -> None:
+        """A state s with s' = rate; `owner`, `about`: see `own`."""
+        self.signals[name] = dict(rate)
+        self.start[name] = start
+        self.own(owner, name, about=about)
+
+    def own(self, owner: str, *states: str, about: str = "") -> None:
+        """Say which effect states belong to, and in a line what it is, unless its table declares it (rig.about)."""
+        self.owners.update(dict.fromkeys(states, owner))
+        if about:
+            self.about[owner] = about
+
+    def push(self, coordinate: str, row: Row) -> None:
+        """Add a force row to a coordinate."""
+        add(self.force.setdefault(coordinate, {}), row)
+
+    def patch(self, name: str, direction: Row, surface: Row, law: Law, travel: Row | None = None) -> None:
+        """A friction patch: `direction` over coordinates, `surface` speed as a row, its friction law.
+
+        `travel`: what the slip speed counts of the body's motion, where that is not the direction of the force.
+        """
+        self.patches.append((name, dict(direction), dict(surface), law, travel))
+
+    def normal(
+        self,
+        name: str,
+        patch: str,
+        row: Row,
+        direction: Row | None = None,
+        inertia: Row | None = None,
+        opens: bool = True,
+    ) -> None:
+        """A normal force of a patch, N = row x + inertia . a, along `direction`; opens at N = 0 or pulls."""
+        self.normals.append((name, patch, dict(row), dict(direction or {}), dict(inertia or {}), opens))
+
+    def product(self, name: str, *factors: Part) -> None:
+        """A product for rows to name. Factors: a state, "N:normal", "T:patch", and of a row "sin", "cos-1", "press"."""
+        self.products[name] = factors
+
+    def sector(
+        self, name: str, patch: str, row: Row, turn: str, period: float, edges: tuple[float, ...], laws: tuple[Law, ...]
+    ) -> None:
+        """Friction by place: `laws[i]` where edges[i] <= row < edges[i + 1], the last up to `period`; edges[0] = 0.
+
+        State `turn`, which `row` counts fully, is moved by a period where the place leaves [0, period).
+        """
+        self.sectors.append((name, patch, dict(row), turn, period, edges, laws))
+
+    def vary(self, name: str, row: Row, turn: str, period: float, factors: tuple[tuple[float, float], ...]) -> None:
+        """Stiffer or softer by place: as many equal sectors of [0, period) as there are factors (stiffness, damping).
+
+        They act on what the structure has now: stiffness, damping, and normal forces as far as coordinates make them.
+        `turn`: see `sector`.
+        """
+        rows = {normal: {c: v for c, v in r.items() if c in self.coordinates} for normal, _, r, *_ in self.normals}
+        now = dict(self.stiffness), dict(self.damping), rows
+        self.variations.append(Variation(name, dict(row), turn, period, factors, *now))
+
+    def switch(self, name: str, signal: str, circuits: tuple[Circuit, ...]) -> None:
+        """A switch of the network: the rounded value of `signal` says which of the circuits is in force."""
+        self.switches.append((name, signal, circuits))
+
+    def limit(
+        self, name: str, row: Row, low: float, high: float, signal: str, gain: float, excess: float = 0.0
+    ) -> None:
+        """A clamp: signal', or network state', gains `gain * min(max(row x, low), high)`.
+
+        Beyond it the network stores `excess` (row x - low or high)^2 / 2 more.
+        """
+        self.limiters.append((name, dict(row), low, high, signal, gain, excess))
+
+    def surface(self, patch: str) -> Row:
+        """The surface speed row of a patch, to add to."""
+        return next(entry[2] for entry in self.patches if entry[0] == patch)
+
+    def load(self, normal: str) -> Row:
+        """The row of a normal force, to add to."""
+        return next(entry[2] for entry in self.normals if entry[0] == normal)
+
+    def inertia(self, normal: str) -> Row:
+        """The accelerations in a normal force, over coordinates, to add to."""
+        return next(entry[4] for entry in self.normals if entry[0] == normal)
+
+    @property
+    def strike(self) -> Row:
+        """What a force of one newton, where a knock strikes, does on each coordinate."""
+        return self.struck or (self.patches[0][1] if self.patches else {self.coordinates[0]: 1.0})
+
+    @property
+    def names(self) -> list[str]:
+        """State names in the order of x."""
+        return [*self.coordinates, *(f"{c}'" for c in self.coordinates), *self.network, *self.signals]
+
+
+def add(target: Row, row: Row) -> None:
+    """Add `row` to `target` in place."""
+    for name, value in row.items():
+        target[name] = target.get(name, 0.0) + value

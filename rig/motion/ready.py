@@ -1,0 +1,95 @@
+"""A system made ready for a motion: mode sets, workspace, plan of its kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
+from functools import cache
+from itertools import islice
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.lent_records import Loan
+from rig.model.method import seen
+from rig.model.mode_sets import ModeSets
+from rig.model.system import System
+from rig.model.workspace import workspace
+from rig.motion.plan import plan
+from rig.solve.records import Plan, Work
+
+Array = NDArray[np.float64]
+
+
+class How(NamedTuple):
+    """How a motion is integrated: see `rig.motion.motion.Motion`. `lent`: what is around the plant, if anything."""
+
+    step_ns: int
+    method: str
+    tolerance: float
+    substeps: int
+    smoothing: float
+    limit: float
+    with_energy: bool
+    read: int
+    lent: Sequence[Loan] = ()
+
+
+class Ready(NamedTuple):
+    """A system as a motion needs it to go on with, mode sets and compiled code included (`Motion.ready`)."""
+
+    system: System
+    outputs: list[dict[str, float]]
+    mode_sets: ModeSets
+    work: Work
+    plan: Plan
+    told: Callable[[int, int], str]
+    now: tuple[Array, NDArray[np.int64], Array]
+    carry: Callable[..., int] | None
+
+
+def made(system: System, outputs: list[dict[str, float]], how: How) -> Ready:
+    """A system as the method sees it, without a mode set yet. Raises ValueError where the method cannot serve it."""
+    system = seen(system, how.method, how.smoothing)
+    mode_sets = ModeSets(system, how.step_ns * 1e-9, outputs, how.read, how.substeps if how.method == "kick" else 0)
+    return Ready(
+        system,
+        outputs,
+        mode_sets,
+        workspace(system, how.read, mode_sets.tables.G.shape[1]),
+        plan(system, how.method, how.substeps, how.tolerance, how.with_energy, how.read > 0, how.limit, how.lent),
+        cache(system.happens),
+        (np.zeros((1, system.n)), np.zeros(1, dtype=np.int64), np.zeros((1, len(outputs)))),
+        None,
+    )
+
+
+def add(mode_sets: ModeSets, key: int) -> int:
+    """The mode set of a mode set, which is built if it is not there yet."""
+    if mode_sets.tables.mode_set_of[key] < 0:
+        mode_sets.add(key)
+    return int(mode_sets.tables.mode_set_of[key])
+
+
+def foreseen(mode_sets: ModeSets, now: int, keys: Iterable[int], most: int) -> None:
+    """Build the mode sets `keys`, and what events of the contacts lead to from `now`, if that is at most so many."""
+    near = list(islice(mode_sets.system.contacts(now), most + 1))
+    for key in (*keys, *(near if len(near) <= most else ())):
+        with suppress(ArithmeticError, np.linalg.LinAlgError):  # no such motion: it will not be met
+            add(mode_sets, key)
+
+
+def parts(system: System) -> tuple[list[str], ...]:
+    """What two systems must share for one to go on as the other."""
+    return [p.name for p in system.patches], [k.name for k in system.normals], [s.name for s in system.sectors]
+
+
+def kept_by(system: System, old: System, x: Array) -> Array:
+    """The state [n] of `system` after state `x` of `old`: equal names keep their values, or what both say is kept."""
+    values = dict(zip(old.names, x.tolist()))
+    kept = np.array([values.get(name, start) for name, start in zip(system.names, system.start.tolist())])
+    for name in (name for name in system.kept.keys() & old.kept.keys() if name in system.names):
+        row, at = system.kept[name], system.names.index(name)
+        kept[at] += (old.kept[name] @ x - row @ kept) / row[at]
+    return kept

@@ -1,0 +1,46 @@
+"""Why a motion has to stop, in words, and what to do about it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig.errors import Chatter, Diverged, Jammed, NumericsError
+from rig.model.film import on
+from rig.model.system import System
+from rig.motion.ready import How
+from rig.solve.contact_state import CHATTER, JAM, LOST, OVERFULL
+from rig.solve.records import EVENTS, Log, State
+from rig.stability.report import blame
+
+Why = tuple[type[NumericsError], str]
+
+
+def why(status: int, system: System, how: How, state: State, log: Log, room: int) -> Why:
+    """The error that a status of the kernels stands for, and its text. `room`: for smooth segments in a frame."""
+    if status == JAM:
+        return Jammed, "no contact mode agrees with the equations: jamming (Painleve)"
+    if status == CHATTER:
+        _, kind, owner, _ = log.event[int(state.ic[EVENTS]) - 1].tolist()
+        what = f"more than {len(log.event)} events in one block; the last: {system.happens(kind, owner)}"
+        return Chatter, f"{what}. Raise clock.events_per_frame if this is meant"
+    if status == OVERFULL:
+        finer = {"rk4": "clock.rk4_step", "kick": "clock.rk4_step", "dopri5": "clock.tolerance"}.get(how.method)
+        what = f"more than {room} smooth segments in one frame, for the sensors to read"
+        return NumericsError, f"{what}. Shorten clock.frame{f' or raise {finer}' if finer else ''}"
+    assert status == LOST
+    film = system.film
+    if film is not None and not 0.0 <= state.x[system.names.index(film.travel)] <= film.longest:
+        return NumericsError, f"the slider has come to the end of its way, {film.longest:g} m"
+    if np.all(np.abs(state.x) <= how.limit):
+        return Diverged, f"no step is short enough for the tolerance {how.tolerance:g}"
+    what = f"the state has left the limit of {how.limit:g} or is not finite"
+    if how.method in ("rk4", "kick"):
+        what += f"; {blame(system, how.method, how.step_ns * 1e-9, how.substeps)}"
+    return Diverged, what
+
+
+def where(system: System, key: int, x: NDArray[np.float64]) -> tuple[str, dict[str, float]]:
+    """The mode set in words and the state by name; of a film its structure alone."""
+    own = system.names[: system.names.index(on(system.coordinates[0]))] if system.film else system.names
+    return system.describe(key), dict(zip(own, x.tolist()))
