@@ -1,8 +1,9 @@
 """The energy balance of a motion: its terms, what it stored, and the residual.
 
-The method kick has a second residual. A contact whose force depends on its compression is a spring. Its energy changes
-by force times motion. Kicks act at the ends of steps only, so their work differs from this by an error of second order in
-the step. The balance of the structure closes with the work of the kicks; the second residual shows this error.
+The method kick has a second residual. A contact whose force depends on its compression is a spring. Its energy
+changes by force times motion. Kicks act at the ends of steps only, so their work differs from this by an error of
+second order in the step. The balance of the structure closes with the work of the kicks; the second residual shows
+this error.
 """
 
 from __future__ import annotations
