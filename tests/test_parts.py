@@ -1,6 +1,7 @@
 """A part is one file: no other module knows a plant, an effect or a kind of controller by its name.
 
-What a module needs of a part the part declares: rig.about (effects), rig.picture (plants), rig.design (controllers).
+What a module needs of a part the part declares: rig.about (effects), rig.picture (plants),
+rig.controllers.blocks.design (controllers).
 """
 
 import ast
@@ -19,6 +20,7 @@ WORDS = {
 """Names of parts that are words of other rooms too: quantities, steps of a protocol, terms of the energy balance."""
 KNOWN = {
     "rig/cli/runs.py": {"pendulum"},  # the scene of `rig demo`
+    "rig/design/designer.py": {"dither"},  # scales of a command are those without dither
     "rig/qualify/cost/peers/oscillator.py": {"belt"},  # the one rig that is written for other simulators
     "rig/qualify/cost/holdout.py": {"belt", "pendulum", "lever", "two_dof", "tread", "pin", "north"},  # scenes
     "rig/analysis/identify.py": {"lever"},  # the experiments that identify this rig
@@ -30,7 +32,7 @@ KNOWN = {
     "rig/view/plate.py": {"plate", "foam"},
 }
 """Modules that may name parts, with the reason."""
-APART = ("rig/plants/", "rig/effects/", "rig/design/", "rig/papers/", "rig/qualify/torture/", "rig/qualify/benchmarks/")
+APART = ("rig/plants/", "rig/effects/", "rig/papers/", "rig/qualify/torture/", "rig/qualify/benchmarks/")
 """Parts themselves, and rooms that are about certain scenes."""
 
 

@@ -26,9 +26,8 @@ from rig.analysis.eigenvalue_curves import Spectrum, absent, of_matrix
 from rig.analysis.plant import plant
 from rig.analysis.sweep import Sweep, along
 from rig.analysis.text_table import columns
-from rig.controllers.blocks.feedback import VelocityFeedback
 from rig.design import numbers
-from rig.design.sampled import Feedback, Sampled, sampled
+from rig.design.sampled import Sampled, sampled
 from rig.errors import SceneError, Singular
 from rig.quantities import unit_of
 from rig.scenes.faults import near
@@ -246,19 +245,19 @@ def loop(scene: Scene, name: str) -> Loop:
     if name not in scene.controllers:
         raise SceneError(scene.name, [f"controller {name}: unknown; {near(name, scene.controllers)}"])
     section = scene.controllers[name]
-    feedback = controllers.build(section, numbers(scene)[name])
-    if not isinstance(feedback, Feedback):
-        known = [n for n, s in scene.controllers.items() if issubclass(controllers.made_by(s), Feedback)]
+    made = numbers(scene)[name]
+    feedback: Any = controllers.build(section, made)
+    if not hasattr(feedback, "linear"):
+        known = [n for n, s in scene.controllers.items() if hasattr(controllers.made_by(s), "linear")]
         other = f"; {', '.join(known)} is" if known else ""
         raise SceneError(
             scene.name, [f"controllers.{name}: {section.kind} is no linear feedback: it has no margins{other}"]
         )
     sensor, own, unit = scene.sensors[section.sensor], 1.0, "1"
     end = sensor.front_end()
-    if isinstance(feedback, VelocityFeedback):
-        own, unit = section.gain, unit_of(type(section), "gain")
-        one = section.model_copy(update={"gain": 1.0})
-        feedback = type(feedback)(one, feedback.numbers)
+    if gain := feedback.linear().gain:
+        own, unit = getattr(section, gain), unit_of(type(section), gain)
+        feedback = controllers.build(section.model_copy(update={gain: 1.0}), made)
     try:
         rig = plant(scene)
         model = sampled(rig, feedback, sensor.reads, end, section.delay)

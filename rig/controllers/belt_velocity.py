@@ -10,10 +10,12 @@ Source: Kroeger, Neubauer, Popp (2008), equations 4.7 to 4.9.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from rig.controllers.blocks.base import OptionalSpeed
+from rig.controllers.blocks.design import Rig
 from rig.controllers.blocks.feedback import FeedbackSection, VelocityFeedback
+from rig.controllers.blocks.velocity import designed
 from rig.quantities import Number, Speed
 
 
@@ -32,3 +34,8 @@ class BeltVelocityFeedback(VelocityFeedback):
     """v_b = v0 + K x'."""
 
     direction = 1.0
+
+    @staticmethod
+    def design(rig: Rig, section: BeltVelocity) -> dict[str, Any]:
+        """Numbers for the velocity, and the command per unit of the speed of the surface."""
+        return designed(rig, section) | rig.commands_surface(section.drive)

@@ -17,7 +17,7 @@ Source: Kroeger, Neubauer, Popp (2008), where dither is named; averaged dry fric
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Literal, NamedTuple, Self
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 from pydantic import model_validator
 
@@ -30,6 +30,7 @@ from rig.controllers.blocks.base import (
     OptionalSpeed,
     Values,
 )
+from rig.controllers.blocks.design import Rig
 from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveSecond, Second, Speed
 
@@ -109,6 +110,23 @@ class DitherSearch:
         self.enable_ns = round(section.enable_at * 1e9)
         self.hold_ns = round(section.hold_off * 1e9)
         self.full_ns = self.hold_ns + round(section.window * 1e9)
+
+    @staticmethod
+    def design(rig: Rig, section: Dither) -> dict[str, Any]:
+        """Frequency and scales of the search. Raises ValueError without a tangential dither."""
+        amplitude, frequency = rig.actuator("dither.amplitude"), rig.actuator("dither.frequency")
+        if amplitude is None or frequency is None:
+            raise ValueError("kind: commands a dither generator, and the scene has no [dither]")
+        found: dict[str, Any] = {"frequency": frequency.value}
+        found["read_scale"] = rig.read_scale(section.sensor)
+        if amplitude.unit == "N":
+            if not rig.pushed_by("dither.sin"):
+                raise ValueError("kind: searches a tangential dither; the generator of this scene shakes the load")
+            found["force_per_hertz"] = 2.0 * math.pi * rig.inertia
+        found["nominal"] = rig.surface_speed
+        if section.speed_sensor is not None:
+            found["speed_scale"] = rig.speed_scale(section.speed_sensor)
+        return found
 
     def start(self) -> Search:
         """Before the first sample: off."""

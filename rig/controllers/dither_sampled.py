@@ -10,11 +10,12 @@ has none of this: see `dither`.
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 from pydantic import model_validator
 
 from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalSpeed, Values
+from rig.controllers.blocks.design import Rig
 from rig.errors import UsageError
 from rig.quantities import Hertz, MetrePerSecond, PositiveMetrePerSecond, Second, Speed
 
@@ -56,6 +57,11 @@ class SampledDitherSignal:
         self.nominal = float(nominal)
         self.scale = float(numbers.get("drive_scale", 1.0))
         self.enable_ns = round(section.enable_at * 1e9)
+
+    @staticmethod
+    def design(rig: Rig, section: SampledDither) -> dict[str, Any]:
+        """The command per unit of the speed of the surface."""
+        return dict(rig.commands_surface(section.drive))
 
     def start(self) -> tuple[()]:
         """Nothing to remember."""

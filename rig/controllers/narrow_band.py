@@ -11,13 +11,22 @@ Source: Kroeger, Neubauer, Popp (2008), figure 21; observer and feedback are our
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 from rig.controllers.blocks.base import ControllerSection, Gain, Numbers, Values
+from rig.controllers.blocks.design import Linear, Rig
 from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveVolt, Second, Speed
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
 Modes = tuple[complex, ...]
+LEAST = 1e-6  # of what the disturbance does to all modes: what each is shaken at least
+_ROUNDING = 1e-12  # growth over a period of a mode that does not grow
 KEYS = ("poles", "driven", "corrected", "fed_back")
 
 
@@ -61,6 +70,51 @@ class NarrowBandFeedback:
         )
         self.enable_ns = round(section.enable_at * 1e9)
 
+    @staticmethod
+    def design(rig: Rig, section: NarrowBand) -> dict[str, Any]:
+        """Observer and feedback of the modes in the band, as pairs (real, imaginary part), one for each mode.
+
+        Raises ValueError where a mode of the rig, in the band or outside, would grow with it.
+        """
+        import control
+        import numpy as np
+
+        half, delay, period = 0.5 * section.bandwidth, section.delay * 1e-9, section.period * 1e-9
+        band = section.frequency - half, section.frequency + half
+        modes, residues = rig.modes(section.sensor, section.drive, delay, *band)
+        if not len(modes):
+            found = ", ".join(f"{f}" for f in sorted({round(f) for f in rig.frequencies()}))
+            raise ValueError(f"frequency: no mode is in the band about {section.frequency:g} Hz; there are {found} Hz")
+        poles = np.exp(modes * period)
+        driven = residues * (poles - 1.0) / modes
+        F, G = _real(np.diag(poles)), _parts(driven)[:, None]
+        C = np.tile([2.0, 0.0], len(modes))[None, :]
+        k, _, _ = control.dlqr(F, G, C.T @ C, np.array([[section.effort**-2]]))
+        shaken = section.disturbance**2 * G @ G.T
+        least = LEAST * np.trace(shaken) * np.eye(len(F))  # a mode that nothing shakes would never be corrected
+        _, P, _ = control.dlqe(F, np.eye(len(F)), C, shaken + least, np.array([[section.noise**2]]))
+        corrected = (P @ C.T / (C @ P @ C.T + section.noise**2)).ravel()
+        of = {"poles": poles, "driven": driven, "corrected": _complex(corrected), "fed_back": _complex(k.ravel())}
+        numbers = {name: [[float(z.real), float(z.imag)] for z in values] for name, values in of.items()}
+        growth, frequency = rig.closed(NarrowBandFeedback(section, numbers), section.sensor, delay)
+        if growth * period > _ROUNDING:
+            raise ValueError(
+                f"effort: with {section.effort:g} V s/m a mode at {frequency:.0f} Hz grows with {growth:.3g} 1/s; "
+                "less effort, more noise, or a wider band"
+            )
+        return numbers
+
+    def linear(self) -> Linear:
+        """See `Linear`: connected and within its limit, real and imaginary parts in turn."""
+        within = self.section.model_copy(update={"limit": math.inf, "enable_at": 0.0})
+        free = NarrowBandFeedback(within, self.numbers)
+
+        def step(xi: Sequence[float], y: float) -> tuple[Sequence[float], float]:
+            state, (u,) = free.update(tuple(map(complex, xi[0::2], xi[1::2])), 0, (y,))
+            return [part for z in state for part in (z.real, z.imag)], u
+
+        return Linear(2 * len(self.poles), step)
+
     def start(self) -> Modes:
         """A brake at rest."""
         return (0j,) * len(self.poles)
@@ -79,3 +133,24 @@ class NarrowBandFeedback:
             limit = self.section.limit
             u = -limit if u < -limit else limit if u > limit else u
         return tuple([p * z + g * u for p, z, g in zip(self.poles, modes, self.driven)]), (u,)
+
+
+def _parts(numbers: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """[re, im, re, im, ...]"""
+    import numpy as np
+
+    return np.column_stack([numbers.real, numbers.imag]).ravel()
+
+
+def _complex(parts: NDArray[np.float64]) -> NDArray[np.complex128]:
+    import numpy as np
+
+    return np.asarray(parts[0::2] + 1j * parts[1::2])
+
+
+def _real(matrix: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """A complex matrix as a real one over real and imaginary parts in turn."""
+    import numpy as np
+
+    turned = np.array([[0.0, -1.0], [1.0, 0.0]])
+    return np.asarray(np.kron(matrix.real, np.eye(2)) + np.kron(matrix.imag, turned))

@@ -9,10 +9,12 @@ Source: Kroeger, Neubauer, Popp (2008), equation 4.6.
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Any, Literal
 
 from rig.controllers.blocks.base import ForcePerSpeed, OptionalForce
+from rig.controllers.blocks.design import Rig
 from rig.controllers.blocks.feedback import FeedbackSection, VelocityFeedback
+from rig.controllers.blocks.velocity import designed
 from rig.quantities import PositiveNewton
 
 
@@ -31,3 +33,8 @@ class NormalForceFeedback(VelocityFeedback):
     """F_N = F0 - K x'."""
 
     direction = -1.0
+
+    @staticmethod
+    def design(rig: Rig, section: NormalForce) -> dict[str, Any]:
+        """Numbers for the velocity, and the command per unit of the normal force."""
+        return designed(rig, section) | rig.commands_load(section.drive)

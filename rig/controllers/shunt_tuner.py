@@ -12,9 +12,10 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from rig.controllers.blocks.base import ControllerSection, Fraction, Numbers, Samples, Values
+from rig.controllers.blocks.design import Rig, heard
 from rig.controllers.blocks.resonator import Resonator
 from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveMetrePerSecond, PositiveNumber, PositiveSecond, Second
@@ -63,6 +64,15 @@ class FrequencyTuner:
         self.keep = math.exp(-section.period * 1e-9 / section.average)
         self.enable_ns = round(section.enable_at * 1e9)
         self.scale = section.ratio * (1.0 + float(numbers["delta"])) / float(numbers["capacitance"])
+
+    @staticmethod
+    def design(rig: Rig, section: ShuntTuner) -> dict[str, Any]:
+        """The sample period of its sensor, the stack's capacitance, delta and inductance of its shunt."""
+        told = {"capacitance": "piezo.capacitance", "delta": "shunt.delta", "inductance": "shunt.inductance"}
+        found = {name: rig.value(key) for name, key in told.items()}
+        if found["capacitance"] is None or found["delta"] is None:
+            raise ValueError('kind: tunes a shunt of kind "series" on a piezo stack, and the scene has none')
+        return heard(rig, section) | found
 
     def start(self) -> Track:
         """The coil of the scene, or one for the stated frequency."""

@@ -8,9 +8,10 @@ Source: Kroeger, Neubauer, Popp (2008), section 4, where the shunt is switched b
 
 from __future__ import annotations
 
-from typing import ClassVar, Literal, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 from rig.controllers.blocks.base import ControllerSection, Numbers, OptionalSecond, Samples, Values
+from rig.controllers.blocks.design import Rig, heard
 from rig.controllers.blocks.resonator import Resonator
 from rig.errors import UsageError
 from rig.quantities import Hertz, PositiveMetrePerSecond, Second
@@ -59,6 +60,11 @@ class SquealWatch:
         self.confirm_ns = round(section.confirm * 1e9)
         self.rest_ns = round(section.rest * 1e9)
         self.hold_ns = None if section.hold is None else round(section.hold * 1e9)
+
+    @staticmethod
+    def design(rig: Rig, section: SquealSwitch) -> dict[str, Any]:
+        """The sample period of its sensor."""
+        return heard(rig, section)
 
     def start(self) -> Watch:
         """Before the first sample: open."""

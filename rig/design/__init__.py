@@ -2,11 +2,11 @@
 
 A controller never sees the plant. This step, taken once at the start of a run, gives each controller what it needs as
 plain numbers: scales between the units of its sensor and drive and those of the contact, the frequency of the
-structure, observers.
+structure, observers. Which they are each controller says itself (rig.controllers.blocks.design).
 
+asked        what a controller's design step may ask
 designer     the matrices as a controller's designer sees them
-feedback     numbers for velocity feedback and dither      kalman   an observer of the contact velocity
-squeal       numbers for the controllers of a squealing brake
+kalman       an observer of the contact velocity        modal   the modes of the sliding rig
 linearised   small motions about steady sliding as matrices, from actuators to outputs
 sampled      a controller with its instrument, delay, sample and hold around these
 """
@@ -16,24 +16,25 @@ from __future__ import annotations
 from typing import Any
 
 from rig import controllers
-from rig.design import feedback, squeal
+from rig.design.asked import Asked
 from rig.design.designer import Designer
 from rig.errors import SceneError
 from rig.model.assembly import Assembly
 
-__all__ = ["DESIGNS", "described", "numbers"]
+__all__ = ["described", "numbers"]
 
 
 def numbers(scene: Any, assembly: Assembly | None = None) -> dict[str, dict[str, Any]]:
     """Numbers for each controller of `scene`, as plain JSON values. Raises SceneError with all that cannot be done."""
     if not scene.controllers:
         return {}
-    designer = Designer(assembly if assembly is not None else scene.assemble(), scene.sensors, scene.parameters)
+    rig = Asked(Designer(assembly if assembly is not None else scene.assemble(), scene.sensors, scene.parameters))
     found: dict[str, dict[str, Any]] = {}
     faults: list[str] = []
     for name, section in scene.controllers.items():
         try:
-            found[name] = DESIGNS.get(section.kind, _nothing)(designer, section)
+            design = getattr(controllers.made_by(section), "design", None)
+            found[name] = {} if design is None else design(rig, section)
         except ValueError as fault:
             faults.append(f"controllers.{name}.{fault}")
         except ArithmeticError as fault:  # sizes whose squares no number holds
@@ -47,18 +48,3 @@ def described(scene: Any) -> dict[str, dict[str, Any]]:
     """Each controller of `scene` with its numbers, as it travels to its process. Raises SceneError as `numbers`."""
     found = numbers(scene)
     return {name: controllers.described(section, found[name]) for name, section in scene.controllers.items()}
-
-
-def _nothing(designer: Designer, section: Any) -> dict[str, Any]:
-    return {}
-
-
-DESIGNS = {
-    "normal_force": feedback.normal_force,
-    "belt_velocity": feedback.belt_velocity,
-    "dither": feedback.dither,
-    "dither_sampled": feedback.dither_sampled,
-    "narrow_band": squeal.narrow_band,
-    "shunt_tuner": squeal.tuner,
-    "squeal_switch": squeal.heard,
-}

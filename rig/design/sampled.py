@@ -20,20 +20,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.controllers.blocks.feedback import VelocityFeedback
-from rig.controllers.blocks.velocity import VelocityPath
-from rig.controllers.narrow_band import NarrowBandFeedback
+from rig.controllers.blocks.design import Feedback, Linear
 from rig.design.linearised import Plant
 from rig.sensors.chain.front_end import FrontEnd
 
 Array = NDArray[np.float64]
-Feedback = VelocityFeedback | NarrowBandFeedback
-"""Controllers whose arithmetic is linear within their limits."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +86,7 @@ class _Walk:
         self.end, self.period, self.own = end, period, len(plant.states)
         drive = plant.inputs.index(feedback.drives[0])
         self.A, self.B, self.reading = _with_front_end(plant, drive, reads, end)
-        self.controller = _arithmetic(feedback)
+        self.controller = _arithmetic(feedback.linear())
         updates = range(0, period, feedback.period_ns)
         late = [divmod(at + delay_ns, period) for at in updates]  # (periods later, instant) of each command in force
         self.wait_sample, self.at_sample = -(-end.delay_ns // period), -end.delay_ns % period
@@ -184,9 +179,14 @@ def _with_front_end(plant: Plant, drive: int, reads: int, end: FrontEnd) -> tupl
     return A, B, end.gain * np.concatenate([direct * c, out, [direct * d]])
 
 
-def _arithmetic(feedback: Feedback) -> tuple[Array, Array, Array, float]:
+def _arithmetic(form: Linear) -> tuple[Array, Array, Array, float]:
     """A, b, c, d of xi+ = A xi + b y, u = c xi + d y: read off the controller's own update, which is linear."""
-    count, step = _of_modes(feedback) if isinstance(feedback, NarrowBandFeedback) else _of_velocity(feedback)
+
+    def step(xi: Array, y: float) -> tuple[Array, float]:
+        after, u = form.step(xi.tolist(), y)
+        return np.array(after), u
+
+    count = form.states
     b, d = step(np.zeros(count), 1.0)
     columns = [step(unit, 0.0) for unit in np.eye(count)]
     A, c = np.array([xi for xi, _ in columns]).T, np.array([u for _, u in columns])
@@ -194,31 +194,3 @@ def _arithmetic(feedback: Feedback) -> tuple[Array, Array, Array, float]:
     for _ in range(count):  # what no command ever shows, such as the copy for a prediction by no time, is no state
         seen |= np.any(A[seen] != 0.0, axis=0)
     return A[np.ix_(seen, seen)], b[seen], c[seen], d
-
-
-Step = Callable[[Array, float], tuple[Array, float]]
-
-
-def _of_velocity(feedback: VelocityFeedback) -> tuple[int, Step]:
-    """Number of states and the update of a velocity feedback."""
-    path: VelocityPath = feedback.path
-    zero = path.observer.start(0.0) if path.observer is not None else ()
-
-    def step(xi: Array, y: float) -> tuple[Array, float]:
-        state: Any = (tuple(xi[:-2].tolist()), 0, float(xi[-2]), float(xi[-1]))
-        (z, _, smooth, lag), v = path.update(state, 0, y)
-        return np.array([*z, smooth, lag]), feedback.slope * v
-
-    return len(zero) + 2, step
-
-
-def _of_modes(feedback: NarrowBandFeedback) -> tuple[int, Step]:
-    """The same of an observer of modes, connected and within its limit: real and imaginary parts in turn."""
-    within = feedback.section.model_copy(update={"limit": math.inf, "enable_at": 0.0})
-    linear = NarrowBandFeedback(within, feedback.numbers)
-
-    def step(xi: Array, y: float) -> tuple[Array, float]:
-        state, (u,) = linear.update(tuple(map(complex, xi[0::2], xi[1::2])), 0, (y,))
-        return np.array([part for z in state for part in (z.real, z.imag)]), u
-
-    return 2 * len(feedback.poles), step

@@ -74,6 +74,18 @@ def test_without_controllers_nothing_is_assembled():
     assert design.numbers(SimpleNamespace(controllers={})) == {}
 
 
+def test_a_controller_states_its_own_numbers_or_gets_none(monkeypatch):
+    class Asks:
+        @staticmethod
+        def design(rig, section):
+            load = rig.actuator("load.force")
+            return {"unit": load.unit, "load": load.value, "none": rig.actuator("drive.torque"), "m": rig.inertia}
+
+    monkeypatch.setattr(controllers, "made_by", lambda section: section.made)
+    found = design.numbers(scene(a=SimpleNamespace(made=Asks), b=SimpleNamespace(made=object)), rig(RADIUS))
+    assert found == {"a": {"unit": "N", "load": 20.0, "none": None, "m": pytest.approx(5.0)}, "b": {}}
+
+
 def test_a_measured_velocity_needs_scales_and_no_observer():
     found = design.numbers(scene(a=normal_force(sensor="vibrometer", velocity="measured")), rig())["a"]
     assert found == {

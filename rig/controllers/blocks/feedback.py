@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar, Self
 
 from pydantic import model_validator
 
 from rig.controllers.blocks.base import Numbers, Values
+from rig.controllers.blocks.design import Linear
 from rig.controllers.blocks.velocity import PathState, VelocityPath, VelocitySection
 from rig.errors import UsageError
 
@@ -49,6 +51,15 @@ class VelocityFeedback:
         self.slope = scale * self.direction * section.gain
         self.low, self.high = scale * section.lowest, scale * section.highest
         self.enable_ns = round(section.enable_at * 1e9)
+
+    def linear(self) -> Linear:
+        """See `Linear`."""
+
+        def step(xi: Sequence[float], y: float) -> tuple[Sequence[float], float]:
+            after, v = self.path.linear(xi, y)
+            return after, self.slope * v
+
+        return Linear(self.path.states, step, gain="gain")
 
     def start(self) -> PathState:
         """Before the first sample."""

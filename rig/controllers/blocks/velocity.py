@@ -13,9 +13,11 @@ from __future__ import annotations
 
 import cmath
 import math
-from typing import ClassVar, Literal
+from collections.abc import Sequence
+from typing import Any, ClassVar, Literal
 
 from rig.controllers.blocks.base import Ahead, ControllerSection, Numbers, OptionalForce, OptionalHertz
+from rig.controllers.blocks.design import Rig
 from rig.controllers.blocks.observer import Observer, Vector
 from rig.errors import UsageError
 from rig.quantities import Second
@@ -36,6 +38,16 @@ class VelocitySection(ControllerSection):
     compensation: Ahead = 0.0
     frequency: OptionalHertz = None
     enable_at: Second = 0.0
+
+
+def designed(rig: Rig, section: VelocitySection) -> dict[str, Any]:
+    """Numbers of a path: `frequency`, and its `observer` or the `read_scale` of its sensor."""
+    found: dict[str, Any] = {"frequency": rig.frequency}
+    if section.velocity == "observed":
+        found["observer"] = rig.observer(section)
+    else:
+        found["read_scale"] = rig.read_scale(section.sensor)
+    return found
 
 
 class VelocityPath:
@@ -79,6 +91,16 @@ class VelocityPath:
         smooth += self.smoothing * (v - smooth)
         lag += self.lagging * (smooth - lag)
         return (z, t_ns + self.period_ns, smooth, lag), self.direct * smooth + self.lagged * lag
+
+    @property
+    def states(self) -> int:
+        """Numbers that `linear` carries along."""
+        return (0 if self.observer is None else len(self.observer.start(0.0))) + 2
+
+    def linear(self, xi: Sequence[float], y: float) -> tuple[Sequence[float], float]:
+        """`update` over numbers: the states after a sample, and the velocity."""
+        (z, _, smooth, lag), v = self.update((tuple(xi[:-2]), 0, xi[-2], xi[-1]), 0, y)
+        return [*z, smooth, lag], v
 
 
 def lead(w: float, period: float, ahead: float) -> tuple[float, float, float]:
