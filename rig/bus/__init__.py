@@ -1,6 +1,6 @@
-"""How processes talk: one table of topics, protobuf messages, a Zenoh session.
+"""The bus between the processes of a run: one table of topics, protobuf messages, Zenoh sessions.
 
-The plant hosts a run, everyone else joins it:
+The plant hosts a run; every other process joins it:
 
     from rig import bus
     from rig.bus import encode, setup
@@ -14,7 +14,7 @@ The plant hosts a run, everyone else joins it:
         step.put(encode.step(tick, t_ns, bank.latest, bank.fresh), t_ns)
         answer = commands.get(timeout=0.01)                         # Message(topic, payload, seq, t_ns, ..., said)
         answer.said.tick, answer.said.values                        # the Act that it carries
-        plant.publisher("total/plant").put(plant.totals(), t_ns)    # the last word
+        plant.publisher("total/plant").put(plant.totals(), t_ns)    # last message: what was sent and received
 
     with bus.join(role="controller", name="normal_force") as me:    # the newest run, or join("run name", ...)
         described = setup.fetch(me)
@@ -23,8 +23,9 @@ The plant hosts a run, everyone else joins it:
         while plant.wait_for("plant", "plant", 0.0):
             if (said := steps.get(timeout=0.1)) is not None: ...
 
-What arrives malformed, or from a process that does not own the topic, is refused and counted: `session.door`.
-A receiver tells `received` and `lost`; `counts[topic].tail(sent)` adds what was lost after the last message.
+`session.door` refuses and counts malformed messages and messages from a process that does not own the topic.
+A receiver has the counts `received` and `lost`; `counts[topic].tail(sent)` is the number of messages lost after the
+last one received.
 """
 
 from __future__ import annotations
@@ -39,20 +40,21 @@ if TYPE_CHECKING:
 def host(
     run: str | None = None, scene: str = "run", endpoint: str | None = None, controllers: Iterable[str] = ()
 ) -> Session:
-    """The hub of a new run, named after the scene and the time unless `run` is given; in role "plant".
+    """Open the session of the plant, which is the hub of a new run.
 
-    Nobody but a process that joins as one of `controllers` can speak under its name.
+    The run is named after the scene and the time, unless `run` is given. `controllers` reserves names: only a process
+    that joins as a controller of that name can publish under it. Raises BusError if the name is taken.
     """
-    from rig.bus import address  # protobuf and Zenoh are loaded by those who talk between processes
+    from rig.bus import address  # only processes that use the bus load protobuf and Zenoh
     from rig.bus.link import open_hub
 
     return open_hub(address.claim(run, scene, endpoint), controllers)
 
 
 def join(run: str | None = None, *, role: str, name: str, wait: float = 0.0) -> Session:
-    """A session in a live run, the newest by default; waits at most `wait` seconds for it to appear.
+    """Join a live run, by default the newest; wait at most `wait` seconds for it to appear. Raises BusError.
 
-    `session.name` is another than `name` where a recorder or viewer of that name is there already.
+    `session.name` differs from `name` if the run already has a recorder or viewer of that name.
     """
     from rig.bus import address
     from rig.bus.link import open_leaf

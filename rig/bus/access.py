@@ -1,15 +1,17 @@
-"""Who may speak on the bus of a run: one user of Zenoh for each process that is expected, and guests for the others.
+"""Access control of the bus: one Zenoh user for each expected process, and guest users for all others.
 
-Every user speaks, serves and is present under keys of its own, `rig/<run>/<user>/...`, plant and controllers also
-under `loop/<run>/<user>/...`, and asks on those that end in
-its name, `rig/<run>/<whom>/<topic>/<user>`; the hub drops everything else before it reaches Python. Rules cannot change
-while the hub is open, so the users are made before: one for each controller of the scene, recorder and viewer, one
-that all operators share, and `GUESTS` for processes that the run does not know beforehand. Their passwords are made
-anew for every run and lie in a folder that only this user of the machine can read, one file each. A process takes its
-seat by locking the file; the kernel gives the lock back.
+Every user except the operator publishes under its own keys `rig/<run>/<user>/...` and `loop/<run>/<user>/...` only,
+and answers queries and announces itself under the first. A user sends queries only on keys that end in its name,
+`rig/<run>/<addressee>/<topic>/<user>`. The hub drops everything else before it reaches Python. The rules cannot
+change while the hub is open, so all users exist before it opens: one for each controller of the scene, one for the
+recorder, one for the viewer, one that all operators share, and `GUESTS` for processes that the run does not know
+beforehand. Every run has new passwords, one file for each user, in a folder that only the present user of the machine
+can read. A process takes its seat (its right to be a user) by locking that file; the kernel releases the lock when the
+process ends.
 
-Operators and guests may ask the plant for all that it does, to stop or to disconnect a controller too: a second
-terminal can end a run, and a guest asks for its admission on the same topic. The others may only ask what runs here.
+Operators and guests may send every query to the plant, also those that end the run or disconnect a controller: a
+second terminal can end a run, and a guest asks for its admission on the same topic. All other users may only query the
+scene.
 """
 
 from __future__ import annotations
@@ -32,30 +34,30 @@ GUESTS = 16
 COMMON = ("recorder", "viewer", "operator")
 SESSIONS, ACCEPT_MS = 64, 500
 FROM_LEAVES, SHORT = 1 << 20, 1 << 16
-"""Longest message [bytes] that the hub puts together, and that it lets a process send."""
+"""Longest message [bytes] that the hub assembles, and longest message that it accepts from a process."""
 _DICTIONARY = ".dictionary"
 
 
 @dataclass
 class Seat:
-    """The right to be on the bus as `user` under the name `name`; held until `release` or the end of the process."""
+    """The right to be on the bus as `user` under the name `name`, until `release` or the end of the process."""
 
     user: str
     name: str
     password: str
     reserved: frozenset[str]
-    """Names for which only users of these names may speak."""
+    """Names that guests cannot use: only the user of the same name may publish under them."""
     lock: int = -1
 
     def release(self) -> None:
-        """Leave it to others."""
+        """Give the seat back, so that another process can take it."""
         if self.lock >= 0:
             os.close(self.lock)
             self.lock = -1
 
 
 def folder(run: str) -> Path:
-    """Where the passwords of a run lie."""
+    """The folder with the passwords of a run."""
     return address.directory() / f"{run}.users"
 
 
@@ -64,13 +66,16 @@ def _reserved(users: Iterable[str]) -> frozenset[str]:
 
 
 def invite(run: str, names: Iterable[str]) -> Seat:
-    """Make the users of a run, and the seat of its plant; `names` are those of its controllers."""
+    """Create the users of a run and return the seat of its plant; `names` are those of its controllers.
+
+    Raises BusError for a name that is malformed or taken.
+    """
     names = list(names)
     wrong = [n for n in names if not topics.is_name(n) or is_guest(n) or n in ("plant", *COMMON)]
     if wrong:
         taken = f"plant, {', '.join(COMMON)} and guest-... are taken"
         raise BusError(
-            f"{', '.join(map(repr, wrong))} cannot name a controller; letters, digits, '_', '.', '-'; {taken}"
+            f"{', '.join(map(repr, wrong))} cannot name a controller; use letters, digits, '_', '.', '-'; {taken}"
         )
     users = [*COMMON, *names, *(f"guest-{i + 1}" for i in range(GUESTS))]
     here = folder(run)
@@ -87,7 +92,10 @@ def _write(path: Path, text: str) -> None:
 
 
 def take_seat(run: str, role: str, name: str) -> Seat:
-    """A seat for `name` in `role`: its own, or that of a guest. Raises BusError if a controller of its name is here."""
+    """Take the seat of `name` in `role`, or that of a guest.
+
+    Raises BusError if a controller of this name is connected, if all seats are taken, or if the run has ended.
+    """
     here = folder(run)
     topics.of(f"alive/{role}/{name}")
     try:
@@ -99,14 +107,18 @@ def take_seat(run: str, role: str, name: str) -> Seat:
             if (found := _sit(here, name, name, reserved)) is not None:
                 return found
             if role == "controller":
-                raise BusError(f"a controller {name} takes part in run {run} already: end its process, if it has one")
+                raise BusError(
+                    f"a controller {name} is already connected to run {run}: end its process first, if it has its own"
+                )
         for guest in filter(is_guest, users):
             given = f"{name}-{guest.partition('-')[2]}" if name in reserved else name
             if (found := _sit(here, guest, given, reserved)) is not None:
                 return found
     except OSError as fault:
         raise BusError(f"run {run} has no user for {role} {name}: {here} cannot be read ({fault.strerror})") from None
-    raise BusError(f"run {run} has no seat left for {role} {name}: all {GUESTS} guests are there")
+    raise BusError(
+        f"run {run} has no seat left for {role} {name}: all {GUESTS} guests are connected; end one of them first"
+    )
 
 
 def _sit(here: Path, user: str, name: str, reserved: frozenset[str]) -> Seat | None:
@@ -119,7 +131,7 @@ def _sit(here: Path, user: str, name: str, reserved: frozenset[str]) -> Seat | N
 
 @contextmanager
 def dictionary(run: str) -> Iterator[Path]:
-    """The file of all users and passwords in the form that Zenoh reads, once, when the hub opens."""
+    """Write all users and passwords to the file that Zenoh reads when the hub opens; delete it afterwards."""
     here = folder(run)
     path = here / _DICTIONARY
     _write(path, "".join(f"{one.name}:{one.read_text()}\n" for one in here.iterdir()))
@@ -130,7 +142,7 @@ def dictionary(run: str) -> Iterator[Path]:
 
 
 def rules(run: str) -> dict[str, Any]:
-    """Zenoh's access control for the users of a run: nothing but what is named here."""
+    """Zenoh's access rules for the users of a run; what they do not allow is denied."""
     prefix, loop = f"rig/{run}/", f"loop/{run}/"
     users = sorted(path.name for path in folder(run).iterdir() if path.name != _DICTIONARY)
     looking = ["declare_subscriber", "declare_liveliness_subscriber", "liveliness_query"]
@@ -150,7 +162,7 @@ def rules(run: str) -> dict[str, Any]:
             made.append(_allow(f"own-{user}", own, "ingress", [f"{prefix}{user}/**"]))
             made.append(_allow(f"loop-{user}", ["put"], "ingress", [f"{loop}{user}/**"]))
             policies[-1]["rules"] += [f"own-{user}", f"loop-{user}"]
-        if is_guest(user):  # a refusal goes by the key of the question, which does not know the user of a guest
+        if is_guest(user):  # a refusal uses the key of the query, which does not contain the user name of the guest
             policies[-1]["rules"].append("refuse")
     subjects = [{"id": user, "usernames": [user]} for user in users]
     return {"enabled": True, "default_permission": "deny", "rules": made, "subjects": subjects, "policies": policies}
@@ -161,7 +173,7 @@ def _allow(name: str, what: list[str], flow: str, keys: list[str]) -> dict[str, 
 
 
 def bounds(run: str, seat: Seat, users: Path) -> dict[str, Any]:
-    """What the hub's configuration holds beside the address: users, rules, bounds."""
+    """The hub's settings for users, access rules and limits of message size and number of sessions."""
     limit = {"id": "size", "flows": ["ingress"], "messages": ["put", "delete", "query", "reply"]}
     return {
         "access_control": rules(run),
@@ -175,5 +187,5 @@ def bounds(run: str, seat: Seat, users: Path) -> dict[str, Any]:
 
 
 def login(seat: Seat) -> dict[str, Any]:
-    """What the configuration of a process holds to be let in."""
+    """The settings with which a process logs in: user and password."""
     return {"transport/auth/usrpwd/user": seat.user, "transport/auth/usrpwd/password": seat.password}

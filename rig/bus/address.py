@@ -1,7 +1,7 @@
-"""Where runs are found: a private directory with one file and one socket for each live run.
+"""Addresses of live runs: a private directory with one file and one socket for each run.
 
-The file of a run is locked for as long as its plant lives: the kernel gives the lock back even when the plant is
-killed, so a file without a lock is what a dead plant left behind, and is removed by whoever notices.
+The plant holds a lock on the file of its run. The kernel releases the lock even when the plant is killed. So a file
+without a lock belongs to a dead plant, and any process that finds it removes it.
 """
 
 from __future__ import annotations
@@ -40,14 +40,17 @@ class RunAddress:
     started: float
     """Seconds since 1970."""
     speaks: str = ""
-    """Fingerprint of its messages: `rig.bus.messages.FINGERPRINT`."""
+    """Fingerprint of its message types: `rig.bus.messages.FINGERPRINT`."""
 
 
 def directory() -> Path:
-    """The directory of live runs, readable by this user only; raises BusError if someone else has a hand in it."""
+    """The directory of live runs, readable by this user only.
+
+    Raises BusError if it cannot be made or belongs to another user, or if the system lacks unix sockets or file locks.
+    """
     if not (file_locks.KNOWN and hasattr(socket, "AF_UNIX")):
         raise BusError(
-            "live runs need locks of files and unix sockets, which this system has not; "
+            "live runs need file locks and unix sockets, which this system does not have; "
             "rig simulate, studies and figures work here"
         )
     base = os.environ.get("XDG_RUNTIME_DIR")
@@ -56,7 +59,7 @@ def directory() -> Path:
         here.mkdir(mode=0o700, parents=True, exist_ok=True)
         found = here.lstat()
     except OSError as fault:
-        raise BusError(f"the directory of runs {here} cannot be made: {fault.strerror}") from None
+        raise BusError(f"the directory of runs {here} cannot be created: {fault.strerror}") from None
     if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid():
         raise BusError(f"{here} does not belong to you; set XDG_RUNTIME_DIR to a directory of your own")
     if found.st_mode & 0o077:
@@ -65,7 +68,7 @@ def directory() -> Path:
 
 
 def socket_endpoint(run: str) -> str:
-    """The private unix socket of a run."""
+    """The endpoint of a run's private unix socket. Raises BusError if its path is too long for the system."""
     path = directory() / f"{run}.sock"
     if len(os.fsencode(path)) > _LONGEST:
         raise BusError(
@@ -77,7 +80,7 @@ def socket_endpoint(run: str) -> str:
 
 @contextmanager
 def _alone() -> Iterator[Path]:
-    """The directory of runs, with nobody else claiming or clearing in it meanwhile."""
+    """The directory of runs, locked: no other process claims or removes a run meanwhile."""
     here = directory()
     descriptor = os.open(here / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
     try:
@@ -88,9 +91,9 @@ def _alone() -> Iterator[Path]:
 
 
 class Claim:
-    """The right to run under a name; held until `release` or the end of the process.
+    """The right to run under a name, until `release` or the end of the process.
 
-    Others find the run once it is open: not before somebody listens at its address.
+    Other processes find the run only after `open`, which the plant calls when it listens at the address.
     """
 
     def __init__(self, path: Path, descriptor: int, address: RunAddress) -> None:
@@ -98,12 +101,12 @@ class Claim:
         self._path, self._descriptor = path, descriptor
 
     def open(self) -> None:
-        """Let others find the run."""
+        """Make the run visible to other processes."""
         with _alone():
             os.pwrite(self._descriptor, json.dumps(asdict(self.address)).encode(), 0)
 
     def release(self) -> None:
-        """Give the name back and clear away what stood for it."""
+        """Give the name back and remove the files of the run."""
         if self._descriptor >= 0:
             with _alone():
                 _clear(self._path)
@@ -112,21 +115,26 @@ class Claim:
 
 
 def claim(run: str | None = None, scene: str = "run", endpoint: str | None = None) -> Claim:
-    """Take a run name, or make one from the scene's name and the time; raises BusError if it is taken."""
+    """Take a run name, or make one from the scene's name and the time.
+
+    Raises BusError if the name is taken or malformed, or if others could reach the endpoint.
+    """
     if endpoint is not None and not endpoint.startswith(_PRIVATE):
-        raise BusError(f"{endpoint!r} would be open to others; give a unix socket or tcp/127.0.0.1:<port>")
+        raise BusError(
+            f"{endpoint!r} would be reachable from other machines; give a unix socket or tcp/127.0.0.1:<port>"
+        )
     if run is not None:
         if not _NAME.fullmatch(run):
             raise BusError(f"{run!r} cannot name a run; use letters, digits, '_' and '-'")
         taken = _try(run, scene, endpoint)
         if taken is None:
-            raise BusError(f"a run called {run} is going on already; choose another name")
+            raise BusError(f"a run called {run} is already live; choose another name")
         return taken
     stem = f"{re.sub(r'[^A-Za-z0-9_-]', '-', scene).strip('-') or 'run'}-{time.strftime('%Y%m%d-%H%M%S')}"
     for number in range(1, 1000):
         if (taken := _try(stem if number == 1 else f"{stem}-{number}", scene, endpoint)) is not None:
             return taken
-    raise BusError(f"no free run name like {stem}")
+    raise BusError(f"all run names {stem}, {stem}-2 to {stem}-999 are taken; choose a name")
 
 
 def _try(run: str, scene: str, endpoint: str | None) -> Claim | None:
@@ -149,33 +157,33 @@ def _clear(path: Path) -> None:
 
 
 def is_live(run: str) -> bool:
-    """Whether the plant of a run lives: it holds the lock of its file, also while it hangs."""
+    """Whether the plant process of a run exists: it holds the lock of its file, even while it hangs."""
     try:
         descriptor = os.open(directory() / f"{run}.run", os.O_RDWR | os.O_CLOEXEC)
     except OSError:
         return False
     try:
-        return not file_locks.take(descriptor, shared=True)  # others may look at the same time
+        return not file_locks.take(descriptor, shared=True)  # other processes may check at the same time
     finally:
         os.close(descriptor)
 
 
 def list_runs() -> list[RunAddress]:
-    """Live runs, newest first; what dead ones left behind is cleared away."""
+    """Live runs, newest first. Removes the files of dead runs."""
     found = []
     with _alone() as here:
         for path in here.glob("*.run"):
             descriptor = os.open(path, os.O_RDWR | os.O_CLOEXEC)
             if file_locks.take(descriptor):
                 _clear(path)
-            elif text := os.pread(descriptor, 1 << 16, 0):  # empty: claimed, but not open yet
+            elif text := os.pread(descriptor, 1 << 16, 0):  # an empty file: claimed, but not open yet
                 found += _read(text)
             os.close(descriptor)
     return sorted(found, key=lambda run: run.started, reverse=True)
 
 
 def _read(text: bytes) -> list[RunAddress]:
-    """The run of a file; none where another installation has written it otherwise."""
+    """The run in a file; none if another installation wrote it in another form."""
     try:
         address = RunAddress(**json.loads(text))
         return [address] if isinstance(address.started, float) and isinstance(address.endpoint, str) else []
@@ -184,7 +192,10 @@ def _read(text: bytes) -> list[RunAddress]:
 
 
 def find(run: str | None = None, wait: float = 0.0) -> RunAddress:
-    """A live run by name, or the newest; waits at most `wait` seconds for it. Raises BusError with those there are."""
+    """A live run by name, or the newest; waits at most `wait` seconds for it.
+
+    Raises BusError, which lists the live runs, if there is none.
+    """
     deadline = time.monotonic() + wait
     while True:
         runs = list_runs()
@@ -194,5 +205,5 @@ def find(run: str | None = None, wait: float = 0.0) -> RunAddress:
         if time.monotonic() >= deadline:
             break
         time.sleep(0.05)
-    live = f"going on now: {', '.join(r.run for r in runs)}" if runs else "no run is going on; start one with `rig run`"
+    live = f"live runs: {', '.join(r.run for r in runs)}" if runs else "no run is live; start one with `rig run`"
     raise BusError(live if run is None else f"no run is called {run}; {live}")

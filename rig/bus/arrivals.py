@@ -1,4 +1,4 @@
-"""What arrives from other processes: unread, as a message or a sign of life, and how it is counted."""
+"""Types of what arrives from other processes (raw data, messages, presence tokens), and counts per topic."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from rig.errors import BusError
 
 HEADER = struct.Struct("<QQ")
 FASTEST, AT_ONCE = 200_000, 1_000
-"""Messages per second of the fastest topic, and messages lost at one instant, that a jump of numbers may stand for."""
+"""Largest plausible jump of message numbers: messages per second of the fastest topic, and messages lost at once."""
 
 
 class Refused(BusError):
-    """Something that is not let in. `kind` is the reason in two or three words."""
+    """Raised for data that is refused. `kind` is the reason in two or three words."""
 
     def __init__(self, kind: str, text: str = "") -> None:
         self.kind = kind
@@ -22,7 +22,7 @@ class Refused(BusError):
 
 
 class Message(NamedTuple):
-    """One message as it arrived. `arrived_ns` is the monotonic clock at arrival, 0 unless the receiver stamps."""
+    """One message. `arrived_ns` is the monotonic clock at arrival, or 0 if the receiver does not stamp."""
 
     topic: str
     payload: bytes
@@ -30,13 +30,13 @@ class Message(NamedTuple):
     t_ns: int
     arrived_ns: int = 0
     said: Any = None
-    """The payload, decoded; None for a `state` of a scene that this session has not asked for."""
+    """The decoded payload; None for a `state` message if this session has not fetched the scene."""
     user: str = ""
-    """The user of the connection that it came over."""
+    """The user that sent it, known from the connection."""
 
 
 class Presence(NamedTuple):
-    """Someone joined (`here`) or left."""
+    """A process joined the run (`here`) or left it."""
 
     role: str
     name: str
@@ -44,7 +44,7 @@ class Presence(NamedTuple):
 
 
 class Arrived(NamedTuple):
-    """What a transport delivers, unread. `user` speaks on `topic`; `put` is false for a deletion."""
+    """Raw data as the transport delivers it. `user` publishes on `topic`; `put` is false for a deletion."""
 
     user: str
     topic: str
@@ -57,20 +57,20 @@ class Arrived(NamedTuple):
 
 @dataclass
 class Count:
-    """What has been seen of one topic."""
+    """Counts of the messages received and lost on one topic."""
 
     received: int = 0
     lost: int = 0
-    """Numbers missing between the first and the last message received; each publisher counts from 0."""
+    """Message numbers missing between the first and the last message received; each publisher counts from 0."""
     first: int = -1
     last: int = -1
     tick: int = -1
     at: float = 0.0
-    """When the last message was sent at the earliest [s on the monotonic clock]: at `FASTEST` since the first one."""
+    """Earliest time [s, monotonic clock] at which the last message can have been sent, at the rate `FASTEST`."""
 
     def see(self, seq: int, now: float) -> None:
-        """Count a message; a number that is not above the last one means that the publisher started anew."""
-        # The time since the last message is not used up by reading one: a backlog is read at one instant.
+        """Count a message; a number that is not above the last one means that the publisher restarted."""
+        # `at` advances by the message number, not to `now`: a backlog of messages is read at one instant.
         self.at = min(self.at + self.steps(seq) / FASTEST, now) if self.received else now
         if seq > self.last >= 0:
             self.lost += seq - self.last - 1
@@ -82,13 +82,13 @@ class Count:
         self.received += 1
 
     def next(self, seq: int) -> None:
-        """Count the message after the last one. Nobody sends as fast as `FASTEST`, so that `at` stays in the past."""
+        """Count the direct successor of the last message. No topic is as fast as `FASTEST`: `at` stays in the past."""
         self.at += 1.0 / FASTEST
         self.last = seq
         self.received += 1
 
     def steps(self, seq: int) -> int:
-        """Messages that the publisher has sent after the last one, up to number `seq`."""
+        """Number of messages sent after the last one, up to and including number `seq`."""
         return seq - self.last if seq > self.last else seq + 1
 
     def plausible(self, steps: int, now: float) -> bool:
@@ -96,5 +96,5 @@ class Count:
         return steps <= AT_ONCE + FASTEST * (now - self.at)
 
     def tail(self, sent: int) -> int:
-        """Messages lost after the last one received, once it is known that `sent` were sent."""
+        """Number of messages lost after the last one received, if `sent` were sent in total."""
         return max(sent - 1 - self.last, 0)

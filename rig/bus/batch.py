@@ -1,9 +1,9 @@
-"""Messages of the plant that wait a few milliseconds to be sent as one, for those who are in no hurry.
+"""Batches: messages of the plant that wait a few milliseconds and are sent together, for readers without deadline.
 
-A put of its own costs the plant 20 to 40 us, since it wakes a thread of the bus, and wakes each reader (measured); to
-add a message to a batch costs 1 us. Numbers and times are those that each message would have by itself, so that what is
-lost of it is seen as before. Steps and commands are in the batch too: they go straight between plant and controllers,
-and everyone else reads these copies.
+A separate put costs the plant 20 to 40 us, because it wakes a thread of the bus, and it wakes each reader (measured).
+Adding a message to a batch costs 1 us. Each message keeps its own number and time, so that readers still detect lost
+messages. Batches also contain copies of steps and commands: the originals travel directly between plant and
+controllers, and all other processes read the copies.
 """
 
 from __future__ import annotations
@@ -14,17 +14,17 @@ from collections.abc import Callable
 from rig.bus import messages
 
 WAITS_NS = 25_000_000
-"""Age [ns] at which the next message sends a batch; a plant sends it sooner by itself, 50 times a second."""
+"""Age [ns] of a batch at which the next message sends it. A plant flushes 50 times a second, which is sooner."""
 LONGEST = 1 << 15
 """Size [bytes] at which a batch is sent at once: half of what Zenoh sends in one piece."""
 
 
 class Batch:
-    """Collects messages and hands them to `send` as one payload. For one thread."""
+    """Collects messages and gives them to `send` as one payload. Not thread-safe."""
 
     def __init__(self, send: Callable[[bytes], None]) -> None:
         self.gather: Callable[[], object] = lambda: None
-        """Called before a batch is sent, to add what is collected elsewhere."""
+        """Called before a batch is sent; it may add more messages."""
         self._send = send
         self._places: dict[tuple[str, str], int] = {}
         """(user, topic) -> place in the batch."""
@@ -32,7 +32,7 @@ class Batch:
         self._size, self._due = 0, 0
 
     def add(self, user: str, topic: str, header: bytes, payload: bytes) -> None:
-        """A message that `user` says on `topic`; `header`: its number and time as they are sent with it."""
+        """Add a message of `user` on `topic`; `header` contains its number and time, packed."""
         now, places = time.monotonic_ns(), self._places
         if not self._rows:
             self._due = now + WAITS_NS
@@ -45,8 +45,8 @@ class Batch:
             self.flush()
 
     def flush(self) -> None:
-        """Send what has been collected."""
-        self._size, self._due = 0, time.monotonic_ns() + WAITS_NS  # what is added now must not begin this anew
+        """Send the collected messages as one batch."""
+        self._size, self._due = 0, time.monotonic_ns() + WAITS_NS  # messages that `gather` adds must not flush again
         self.gather()
         if not self._rows:
             return

@@ -1,7 +1,7 @@
-"""Messages of the loop packed by hand: 1 us instead of 50 us for a block of 200 samples.
+"""Fast encoders for frequent messages: 1 us instead of protobuf's 50 us for a block of 200 samples.
 
-Wire form: sfixed64 is tag, 8 bytes; a packed field is tag, length as a varint, raw little-endian numbers
-(https://protobuf.dev/programming-guides/encoding/). The tests hold these bytes against the stock parser.
+Wire format: an sfixed64 is a tag and 8 bytes; a packed field is a tag, its length as a varint and raw little-endian
+numbers (https://protobuf.dev/programming-guides/encoding/). The tests compare these bytes with protobuf's own parser.
 """
 
 from __future__ import annotations
@@ -59,7 +59,11 @@ def step(
     fresh: np.ndarray,
     heard: Mapping[int, np.ndarray] | None = None,
 ) -> bytes:
-    """A Step; `values` float64 [sensors], `fresh` int64 [sensors]; `heard`: place of a sensor -> its new samples."""
+    """Encode a Step.
+
+    `values` float64 [sensors]: latest sample of each sensor; `fresh` int64 [sensors]: number of its new samples;
+    `heard`: index of a sensor -> its new samples.
+    """
     raw, new = _raw(values), fresh.tobytes()
     parts = [_TWO.pack(9, tick, 17, t_ns, 26), _length(len(raw)), raw, b"\x22", _length(len(new)), new]
     if heard:
@@ -69,13 +73,13 @@ def step(
 
 
 def act(tick: int, t_ns: int, values: np.ndarray | Sequence[float]) -> bytes:
-    """An Act that answers the step of `tick`."""
+    """Encode an Act: the commands that answer the step of `tick`."""
     raw = _raw(values)
     return _TWO.pack(9, tick, 17, t_ns, 26) + _length(len(raw)) + raw
 
 
 def applied(tick: int, t_ns: int, answered: int, status: int, values: np.ndarray | Sequence[float]) -> bytes:
-    """An Applied: commands in force from `tick` on."""
+    """Encode an Applied: the commands in force from `tick` on."""
     raw = _raw(values)
     return _FOUR.pack(9, tick, 17, t_ns, 25, answered, 33, status, 42) + _length(len(raw)) + raw
 
@@ -83,7 +87,7 @@ def applied(tick: int, t_ns: int, answered: int, status: int, values: np.ndarray
 def commands(
     frame_ns: int, ticks: array[int], answers: array[int], statuses: array[int], values: array[float]
 ) -> bytes:
-    """An Applied of as many commands as there are ticks, one at least; `values` of one after those of the other."""
+    """Encode an Applied with one command for each of `ticks` (at least one); `values` are concatenated."""
     head = applied(ticks[0], ticks[0] * frame_ns, answers[0], statuses[0], values)
     if len(ticks) == 1:
         return head
@@ -93,7 +97,7 @@ def commands(
 
 
 def block(tick: int, t0_ns: int, dt_ns: int, v: np.ndarray | Sequence[float], t_ns: np.ndarray | None = None) -> bytes:
-    """A Block of samples, the first published at `t0_ns`, the others `dt_ns` apart; or at `t_ns` (int64), if given."""
+    """Encode a Block of samples published at `t0_ns` and every `dt_ns` after it, or at `t_ns` (int64), if given."""
     raw = _raw(v)
     parts = [_THREE.pack(9, tick, 17, t0_ns, 25, dt_ns, 34), _length(len(raw)), raw]
     if t_ns is not None:
@@ -102,7 +106,7 @@ def block(tick: int, t0_ns: int, dt_ns: int, v: np.ndarray | Sequence[float], t_
 
 
 def samples(tick: int, t_ns: np.ndarray, v: np.ndarray) -> bytes:
-    """A Block of samples published at `t_ns` (int64, one at least), which are written down where they are uneven."""
+    """Encode a Block of samples published at `t_ns` (int64, at least one); uneven times are listed one by one."""
     gaps = np.diff(t_ns)
     even = not gaps.size or not np.ptp(gaps)
     dt_ns = round((int(t_ns[-1]) - int(t_ns[0])) / gaps.size) if gaps.size else 0
@@ -110,9 +114,9 @@ def samples(tick: int, t_ns: np.ndarray, v: np.ndarray) -> bytes:
 
 
 class StateEncoder:
-    """Packs the `State` of a scene with `count` outputs; call it with t_ns, tick, mode and the values in order.
+    """Encodes the `State` of a scene with `count` outputs; call it with t_ns, tick, mode and the values in order.
 
-    The message has a fixed layout, so one buffer is kept and only its numbers are written anew.
+    The message has a fixed layout, so each call only overwrites the numbers in one buffer.
     """
 
     def __init__(self, count: int) -> None:
@@ -128,7 +132,7 @@ class StateEncoder:
         return np.frombuffer(self._buffer, kind, count, offset)["number"] if count else np.empty(0)
 
     def __call__(self, t_ns: int, tick: int, mode: int, values: np.ndarray) -> bytes:
-        """The State at `t_ns`."""
+        """Encode the State at `t_ns`; `values` float64 [outputs]."""
         head, short = self._head, self._short
         head[0], head[1], head[2] = t_ns, tick, mode
         self._low[:] = values[:short]

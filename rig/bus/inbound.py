@@ -1,8 +1,8 @@
-"""The one place where bytes from other processes are read.
+"""Checks of all data from other processes; no other module reads it unchecked.
 
-Everything that arrives passes `Door.let_in`: messages, questions, answers and signs of life. What is malformed, too
-large, out of bounds, or sent by a process that does not own the topic is refused: it is counted by sender and kind,
-and nobody behind the door sees it. No content of a message raises an exception behind it.
+Messages, queries and presence tokens pass `Door.let_in`. It refuses data that is malformed, too large, out of bounds,
+or sent by a process that does not own the topic, and counts refusals by sender and kind. Code that uses a checked
+message need not expect an exception from its content.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from rig.bus.json_text import read_json
 from rig.errors import BusError
 
 PAYLOAD = 1 << 24
-"""Longest message [bytes]. The hub takes no more than `rig.bus.access.FROM_LEAVES` from another process."""
+"""Longest message [bytes]. From another process the hub accepts at most `rig.bus.access.FROM_LEAVES`."""
 TICKS, TIMES_NS, SPAN_NS = 1 << 53, 1 << 62, 1 << 42
 """Bounds of tick, simulated time and sample interval."""
 _SENDERS, _TOPICS, _OF_A_GUEST = 32, 1024, 16
@@ -31,18 +31,18 @@ A = TypeVar("A", bound="Arrived")
 
 
 def speaks(user: str, topic: str, reserved: frozenset[str]) -> bool:
-    """Whether `user` may publish, serve or declare `topic`: its own, or as a guest those of a name not reserved."""
+    """Whether `user` may publish, serve or declare `topic`: one of its own or, for a guest, of a name not reserved."""
     owner = topics.owner(topic)
     return user in ("plant", owner) or (is_guest(user) and owner not in reserved)
 
 
 def is_guest(user: str) -> bool:
-    """Whether a user is one of those that stand ready for processes that the run does not know beforehand."""
+    """Whether a user is a guest: one of those for processes that the run does not know beforehand."""
     return user.startswith("guest-")
 
 
 class _Granted(NamedTuple):
-    """What is known of the messages of one user on one topic, found once."""
+    """How to read and check the messages of one user on one topic; determined once."""
 
     kind: str
     read: Callable[[bytes], Any] | None
@@ -51,7 +51,7 @@ class _Granted(NamedTuple):
 
 
 class Row(NamedTuple):
-    """The messages of one user on one topic, of which a receiver has let in the first."""
+    """How to read, check and count further messages of one user on one topic, after a receiver accepted the first."""
 
     user: str
     topic: str
@@ -59,21 +59,21 @@ class Row(NamedTuple):
     counts: dict[str, Count]
     seen: Count
     granted_by: object
-    """`Door.granted` of then: another one knows another scene."""
+    """`Door.granted` when this row was made; another object means that another scene was learned since."""
 
 
 class Door:
-    """What one session lets in. `reserved`: names that only a user of that name may speak for."""
+    """Checks what one session receives. `reserved`: names under which only the user of that name may publish."""
 
     def __init__(self, reserved: frozenset[str] = frozenset()) -> None:
         self.reserved = reserved
         self.refused: dict[tuple[str, str], int] = {}
-        """(sender, kind) -> how many."""
+        """(sender, kind) -> number of refusals."""
         self.last: Refused = Refused("nothing")
         """The latest refusal."""
         self._told: dict[tuple[str, str], int] = {}
         self.granted: dict[tuple[str, str], _Granted] = {}
-        """What is known of (user, topic) once a message has been let in."""
+        """(user, topic) -> how to read and check its messages; filled when the first message is accepted."""
         self._state: Callable[[bytes], Any] | None = None
         self._checks = {
             "Step": self._check_step,
@@ -85,20 +85,20 @@ class Door:
         self._names: dict[str, frozenset[str]] = {}
 
     def learn(self, outputs: Sequence[str], sensors: Sequence[str]) -> None:
-        """Know the scene: from here on `state` is decoded too, and what its stand does not have is refused."""
+        """Learn the names of the scene: from now on decode `state`, and refuse topics of names it does not have."""
         self._state, self._sensors = messages.state_type(outputs).FromString, len(sensors)
         self.granted = {}
         self._names = {"meas": frozenset(sensors), "truth": frozenset([*outputs, "mode"])}
 
     def let_in(self, read: Callable[[A], T], arrived: A) -> T | None:
-        """What `read` makes of something that arrived; None if it is refused, whatever `read` raises."""
+        """Return `read(arrived)`, or None if it is refused: `read` raised any exception."""
         try:
             return read(arrived)
         except Refused as fault:
             self._refuse(arrived, fault)
         except BusError as fault:
             self._refuse(arrived, Refused("unreadable", str(fault)))
-        except Exception as fault:  # bytes from outside never end a process
+        except Exception as fault:  # data from outside never ends a process
             self._refuse(arrived, Refused("unreadable", f"{type(fault).__name__}: {fault}"))
         return None
 
@@ -112,7 +112,7 @@ class Door:
         self.count(sender, fault)
 
     def count(self, sender: str, fault: Refused) -> None:
-        """Count a refusal; of more senders than can be listed, as of "others"."""
+        """Count a refusal; once the list of senders is full, new ones are counted as "others"."""
         key = (sender, fault.kind)
         if key not in self.refused and len(self.refused) >= _SENDERS:
             key = ("others", fault.kind)
@@ -121,7 +121,7 @@ class Door:
 
     @property
     def total(self) -> int:
-        """All refusals."""
+        """Number of all refusals."""
         return sum(self.refused.values())
 
     def told(self) -> dict[str, int]:
@@ -129,7 +129,7 @@ class Door:
         return {f"{sender}: {kind}": count for (sender, kind), count in list(self.refused.items())}
 
     def news(self) -> list[str]:
-        """Of whom something was refused since the last call, and why; a line for each sender and kind."""
+        """New refusals since the last call: one line for each sender and kind."""
         found = [
             f"{sender}: {kind}" for (sender, kind), n in self.refused.items() if n > self._told.get((sender, kind), 0)
         ]
@@ -137,7 +137,7 @@ class Door:
         return found
 
     def message(self, arrived: Arrived, counts: dict[str, Count]) -> Message:
-        """A message; its number is counted in `counts` once nothing is wrong with it. Raises Refused."""
+        """Check, decode and count (in `counts`) a message. Raises Refused if anything is wrong with it."""
         user, topic, payload, header, put, encoding, arrived_ns = arrived
         granted = self.granted.get((user, topic)) or self._grant(user, topic, encoding)
         if not put:
@@ -170,22 +170,22 @@ class Door:
             granted.check(topic, said, counts, count, now)
         if not count.received:
             counts[topic] = count
-        if (user, topic) not in self.granted:  # not before: what is refused takes no room
+        if (user, topic) not in self.granted:  # only now: refused messages must not fill the table
             self.granted[user, topic] = granted
         count.see(seq, now)
         return Message(topic, payload, seq, t_ns, arrived_ns, said, user)
 
     def row(self, user: str, topic: str, counts: dict[str, Count]) -> Row | None:
-        """What is known of the messages of a user on a topic; None before one has been let in and counted."""
+        """How to read further messages of a user on a topic; None before the first one is accepted and counted."""
         granted, count = self.granted.get((user, topic)), counts.get(topic)
         if granted is None or granted.read is None or count is None:
             return None
         return Row(user, topic, granted, counts, count, self.granted)
 
     def usual(self, row: Row, data: bytes, arrived_ns: int) -> Message | None:
-        """The message in `data`, behind its number and time, if it is the next one of its row and nothing is wrong.
+        """Decode and count the message in `data` (header and payload), if it is the next one of its row and valid.
 
-        It is counted then. None: `message` has to judge.
+        None means that `message` has to decide.
         """
         user, topic, granted, counts, count, _ = row
         try:
@@ -205,7 +205,7 @@ class Door:
         return Message(topic, payload, seq, t_ns, arrived_ns, said, user)
 
     def opened(self, arrived: Arrived) -> list[Arrived]:
-        """The messages of a batch, unread. Raises Refused."""
+        """Unpack the messages of a batch, without decoding them. Raises Refused."""
         if arrived.user != "plant" or not arrived.put:
             raise Refused("not its own topic", "only the plant sends batches")
         if arrived.encoding != messages.encoding("batch"):
@@ -232,9 +232,9 @@ class Door:
     def _grant(self, user: str, topic: str, encoding: str) -> _Granted:
         row = topics.of(topic)
         if not row.recorded:
-            raise Refused("not a message", f"{topic} is no topic for messages")
+            raise Refused("not a message", f"{topic} is not a topic for messages")
         if not speaks(user, topic, self.reserved):
-            raise Refused("not its own topic", f"{user} speaks on {topic}, which belongs to {topics.owner(topic)}")
+            raise Refused("not its own topic", f"{user} published on {topic}, which belongs to {topics.owner(topic)}")
         first, _, name = topic.partition("/")
         if name not in self._names.get(first, (name,)):
             raise Refused("not of this scene", f"the scene has no {topic[:80]}")
@@ -254,34 +254,36 @@ class Door:
             raise Refused("wrong length", f"a Step of {sensors} values for {self._sensors} sensors")
         if step.heard:
             if any(not 0 <= place < min(sensors, len(fresh)) for place in step.heard):
-                raise Refused("wrong length", "a Step brings samples of a sensor that is not there")
+                raise Refused("wrong length", "a Step contains samples of a sensor that does not exist")
             brought = [fresh[place] for place in step.heard]
             if min(brought) < 0 or sum(brought) != len(step.samples):
-                raise Refused("wrong length", f"a Step brings {len(step.samples)} samples, and says another number")
+                raise Refused(
+                    "wrong length", f"a Step contains {len(step.samples)} samples, but announces {sum(brought)}"
+                )
         count.tick = step.tick
 
     def presence(self, arrived: Arrived) -> Presence:
-        """A sign of life. Raises Refused."""
+        """Check and read a presence token. Raises Refused."""
         if topics.of(arrived.topic).message != "token":
-            raise Refused("no sign of life", f"{arrived.topic} is no sign of life")
+            raise Refused("no sign of life", f"{arrived.topic} is not a presence token")
         _, role, name = arrived.topic.split("/")
         if role not in topics.ROLES:
-            raise Refused("no such role", f"{role!r:.80} is no role; there are {', '.join(topics.ROLES)}")
+            raise Refused("no such role", f"{role!r:.80} is not a role; the roles are {', '.join(topics.ROLES)}")
         own = speaks(arrived.user, arrived.topic, self.reserved)
         if not own or (role == "plant" and arrived.user != "plant"):
             raise Refused("not its own name", f"{arrived.user} cannot be {role} {name}")
         return Presence(role, name, arrived.put)
 
     def question(self, arrived: Arrived) -> dict[str, Any]:
-        """The body of a question. Raises Refused."""
+        """Read the body of a query. Raises Refused."""
         return read_json(arrived.payload or b"{}")
 
 
 def _another_version(topic: str, encoding: str) -> Refused:
     return Refused(
         "another version",
-        f"{topic} speaks {encoding[:80]}, this process {messages.encoding(topic)}: "
-        "the processes of a run must come from the same installation",
+        f"messages on {topic} are {encoding[:80]}, this process expects {messages.encoding(topic)}: "
+        "start all processes of a run from the same installation",
     )
 
 
@@ -310,7 +312,7 @@ def _check_totals(topic: str, said: Any, counts: dict[str, Count], count: Count,
     if max(len(sent), len(heard)) > _TOPICS:
         raise Refused("too many topics", f"Totals of more than {_TOPICS} topics")
     if foreign := [one for one in sent if topics.owner(one) not in topic.split("/") and topic != "total/plant"]:
-        raise Refused("not its own topic", f"{topic} tells of {foreign[0][:80]}")
+        raise Refused("not its own topic", f"{topic} claims messages on {foreign[0][:80]}, which it does not own")
     nothing = Count()
     pairs = (*zip(sent, said.sent), *zip(heard, said.received), *zip(heard, said.lost))
     for one, number in pairs:

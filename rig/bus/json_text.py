@@ -1,4 +1,4 @@
-"""JSON from other processes: read only where it is short, shallow, unambiguous and finite."""
+"""A strict reader for JSON from other processes: limited length and depth, no duplicate keys, finite numbers."""
 
 from __future__ import annotations
 
@@ -10,14 +10,18 @@ from typing import Any, NoReturn
 from rig.bus.arrivals import Refused
 
 QUESTION = 1 << 16
-"""Longest question [bytes]."""
+"""Longest query [bytes]."""
 DEPTH = 32
 """Deepest nesting of JSON."""
 _STRINGS = re.compile(r'"(?:[^"\\]|\\.)*"', re.DOTALL)
 
 
 def read_json(data: bytes, limit: int = QUESTION, *, finite: bool = True) -> dict[str, Any]:
-    """The JSON object in `data`; raises Refused for what is too long, too deep, ambiguous or no finite number."""
+    """Read the JSON object in `data`.
+
+    Raises Refused if it is longer than `limit` bytes, nested deeper than `DEPTH`, not a JSON object, or has a duplicate
+    key or (with `finite`) a number that is not finite.
+    """
     if len(data) > limit:
         raise Refused("too long", f"{len(data)} bytes; at most {limit} are read")
     try:
@@ -27,20 +31,20 @@ def read_json(data: bytes, limit: int = QUESTION, *, finite: bool = True) -> dic
             depth += 1 if mark in "[{" else -1
             deepest = max(deepest, depth)
         if deepest > DEPTH:
-            raise Refused("too deep", f"nested {deepest} deep; at most {DEPTH} is read")
+            raise Refused("too deep", f"nested {deepest} levels deep; at most {DEPTH} are read")
         found = json.loads(
             text,
             object_pairs_hook=_unambiguous,
             parse_constant=_not_finite if finite else None,
             parse_float=_finite if finite else None,
         )
-        json.dumps(found, ensure_ascii=False).encode()  # half a surrogate pair is no text
+        json.dumps(found, ensure_ascii=False).encode()  # raises for half a surrogate pair
     except Refused:
         raise
     except (ValueError, RecursionError) as fault:
         raise Refused("not JSON", f"{_shown(data)} is not JSON: {fault}") from None
     if not isinstance(found, dict):
-        raise Refused("not JSON", f"{_shown(data)} is no JSON object")
+        raise Refused("not JSON", f"{_shown(data)} is not a JSON object")
     return found
 
 
@@ -58,7 +62,7 @@ def _finite(text: str) -> float:
 
 
 def _not_finite(text: str) -> NoReturn:
-    raise Refused("not finite", f"{text[:40]} is no finite number")
+    raise Refused("not finite", f"{text[:40]} is not a finite number")
 
 
 def _shown(data: bytes) -> str:

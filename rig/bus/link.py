@@ -1,8 +1,8 @@
-"""How a process gets onto the bus: Zenoh as a star around the plant.
+"""Opens the Zenoh sessions of a run: a star with the plant as hub.
 
-The plant is the hub, a `peer` with one listener on a private unix socket (or on the loopback device); everyone else is
-a `client` of it. Nothing listens anywhere else and nothing is discovered: leaves that are peers would not see each
-other, and the default configuration would listen on all interfaces.
+The plant is a Zenoh `peer` with one listener on a private unix socket (or on the loopback device). Every other process
+is a `client` of it: clients that were peers would not see each other. There is no other listener and no discovery;
+Zenoh's default configuration would listen on all interfaces.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from rig.errors import BusError
 _PRIORITIES = ("control", "real_time", "interactive_high", "interactive_low", "data_high", "data", "data_low")
 _OTHERS = ", ".join(f"{other}: (handover: app)" for other in ("acc", "net", "rx", "tx"))
 _ONE_THREAD = f"(app: (worker_threads: 1), {_OTHERS})"
-"""One thread for all of Zenoh in place of five: to hand a message from one to the next takes longer than to send it."""
+"""One thread for all of Zenoh instead of five: handing a message from thread to thread takes longer than sending it."""
 os.environ.setdefault("ZENOH_RUNTIME", _ONE_THREAD)  # Zenoh reads it when a process opens its first session
 _LEASE_MS = 30_000
-"""Time that a process may hang before the others give its connection up. One that dies is noticed at once."""
+"""Time that a process may hang before the others close its connection. The death of a process is noticed at once."""
 
 
 def _configuration(mode: str, listen: str | None, connect: str | None, **more: Any) -> zenoh.Config:
@@ -41,11 +41,11 @@ def _configuration(mode: str, listen: str | None, connect: str | None, **more: A
         "connect/endpoints": [connect] if connect else [],
         "connect/timeout_ms": 3000,
         "connect/exit_on_failure": True,
-        # a connection that broke, because a process hung for longer than the lease, is made again
+        # reconnect after a process hung for longer than the lease
         "connect/retry": {"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 1.5},
         "transport/shared_memory/enabled": False,
         "transport/link/tx/lease": _LEASE_MS,
-        # a full queue costs the sender no time: what does not fit is dropped at once
+        # a full queue never delays the sender: a message that does not fit is dropped at once
         f"{queues}/congestion_control/drop/wait_before_drop": 0,
         f"{queues}/congestion_control/block/wait_before_close": 100_000,
         **{f"{queues}/size/{priority}": 16 for priority in (*_PRIORITIES, "background")},
@@ -58,7 +58,7 @@ def _configuration(mode: str, listen: str | None, connect: str | None, **more: A
 
 
 def open_hub(claim: Claim, controllers: Iterable[str] = ()) -> Session:
-    """The plant's end of the bus; raises BusError if somebody else listens at its address."""
+    """Open the plant's session. Raises BusError if another process listens at its address."""
     address = claim.address
     try:
         seat = access.invite(address.run, controllers)
@@ -76,10 +76,17 @@ def open_hub(claim: Claim, controllers: Iterable[str] = ()) -> Session:
 
 
 def open_leaf(address: RunAddress, role: str, name: str) -> Session:
-    """Everyone else's end; raises BusError if nobody listens there, or there is no place for `name`."""
+    """Open the session of another process.
+
+    Raises BusError if nobody listens at the address, if the run is of another installation, or if there is no seat for
+    `name`.
+    """
     kind, _, path = address.endpoint.partition("/")
     if address.speaks != messages.FINGERPRINT:
-        raise BusError(f"run {address.run} is of another installation: its processes must all come from the same one")
+        raise BusError(
+            f"run {address.run} belongs to another installation, whose messages differ: "
+            "start all processes of a run from the same installation"
+        )
     if kind == "unixsock-stream":
         _probe(Path(path), address.run)
     seat = access.take_seat(address.run, role, name)
@@ -92,9 +99,9 @@ def open_leaf(address: RunAddress, role: str, name: str) -> Session:
 
 
 def _probe(path: Path, run: str) -> None:
-    """Tell at once what Zenoh would find out only after its timeout."""
+    """Raise BusError at once if nobody listens; Zenoh would notice only after its timeout."""
     if not path.exists():
-        raise BusError(f"run {run} has no socket {path}; it has ended, or has not begun")
+        raise BusError(f"run {run} has no socket {path}: it has ended, or has not started yet")
     with socket.socket(socket.AF_UNIX) as probe:
         try:
             probe.connect(str(path))
@@ -104,4 +111,4 @@ def _probe(path: Path, run: str) -> None:
 
 def _cause(fault: Exception) -> str:
     text = str(fault).partition(" at /")[0]
-    return "somebody already listens there" if "lock" in text or "in use" in text else text
+    return "another process already listens there" if "lock" in text or "in use" in text else text

@@ -1,9 +1,9 @@
-"""What a process sees of the bus: publishers, receivers, signs of life, and the session that has them.
+"""The interface of the bus that a process uses: publishers, receivers, presence, and the session that owns them.
 
-The classes here count. How bytes travel is the business of `rig.bus.session` (Zenoh, between processes); the tests have
-another session, within one process. Every message carries 16 bytes before its payload: its number on this topic,
-counted from 0 by the publisher, and the simulated time. A receiver that finds a number missing has lost a message;
-what was lost after the last one it got shows when the sender tells its totals.
+The classes here number and count messages. `rig.bus.session` transports them between processes with Zenoh; the tests
+have another session, within one process. Every message has a header of 16 bytes before its payload: its number on this
+topic, counted from 0 by the publisher, and the simulated time. A missing number tells the receiver that a message was
+lost. Messages lost after the last one received show when the sender publishes its totals.
 """
 
 from __future__ import annotations
@@ -25,44 +25,44 @@ from rig.bus.queries import Answer, Server
 from rig.errors import BusError
 
 _MOST, _TOPICS = 256, 4096
-"""Most things that one call takes in, so that a flood cannot hold it."""
+"""Most items that one call processes, so that a flood of messages cannot block it."""
 DRAINED = 1 << 14
-"""Most messages that one call takes out of what waits."""
+"""Most messages that one call of `Receiver.drain` returns."""
 PRESENCES = 1 << 14
-"""Most signs of life that wait."""
+"""Most presence tokens that wait to be read."""
 
 
 class Receiver(ABC):
-    """Receives what fits some patterns of topics. What exceeds `depth` waiting messages is dropped, oldest first.
+    """Receives messages whose topic matches one of some patterns.
 
-    A batch waits as one message.
+    At most `depth` messages wait; beyond that the oldest are dropped. A batch counts as one waiting message.
     """
 
     def __init__(self, door: Door, patterns: tuple[str, ...], depth: int, copies: Batch | None = None) -> None:
         self.door, self.patterns, self.depth = door, patterns, depth
         self.heard = topics.heard(patterns)
-        """The pattern that it listens to, which may let through more than was asked for."""
+        """The pattern to which it is subscribed; it may match more topics than `patterns`."""
         self.counts: dict[str, Count] = {}
         self._wants: dict[str, bool] = {"batch": True}
         self._opened: deque[Arrived] = deque()
-        """What is left of the batch that came last."""
+        """Messages of the last batch that are not read yet."""
         self._copies = copies
-        """Where the plant puts what it lets in of the loop."""
+        """The batch to which the plant adds copies of the commands it accepts."""
 
     @abstractmethod
     def _next(self, timeout: float) -> Any:
-        """The oldest thing that waits, as the transport delivered it, or None after `timeout` seconds."""
+        """The oldest waiting item as the transport delivered it, or None after `timeout` seconds."""
 
     @abstractmethod
     def _arrived(self, found: Any) -> Arrived:
-        """What was delivered, unread."""
+        """Convert what the transport delivered to raw data; nothing is checked."""
 
     def _usual(self, found: Any) -> Message | None:
-        """The message, where nothing is unusual about what was delivered: let in with less, counted, copied."""
+        """Short path for the next message of a known topic: check, count and copy it. None: take the long path."""
         return None
 
     def _wanted(self, topic: str) -> bool:
-        """Whether a topic fits."""
+        """Whether a topic matches one of the patterns."""
         wanted = self._wants.get(topic)
         if wanted is None:
             if len(self._wants) >= _TOPICS:
@@ -72,11 +72,11 @@ class Receiver(ABC):
 
     def _message(self, arrived: Arrived) -> Message:
         if not self._wanted(arrived.topic):
-            raise Refused("not asked for", f"{arrived.topic[:80]} does not fit {', '.join(self.patterns)}")
+            raise Refused("not asked for", f"{arrived.topic[:80]} does not match {', '.join(self.patterns)}")
         return self.door.message(arrived, self.counts)
 
     def get(self, timeout: float = 0.0) -> Message | None:
-        """The oldest message that is let in, waited for at most `timeout` seconds; None if there is none."""
+        """The oldest accepted message; wait for it at most `timeout` seconds. None if there is none."""
         deadline = time.monotonic() + timeout if timeout else 0.0
         for _ in range(_MOST):
             if self._opened:
@@ -101,7 +101,7 @@ class Receiver(ABC):
         return None
 
     def drain(self) -> list[Message]:
-        """The messages that wait now, at most `DRAINED`."""
+        """All messages that wait now, at most `DRAINED`."""
         found: list[Message] = []
         while len(found) < DRAINED and (one := self.get()) is not None:
             found.append(one)
@@ -109,30 +109,30 @@ class Receiver(ABC):
 
     @property
     def received(self) -> int:
-        """Messages received, on all topics."""
+        """Number of messages received on all topics."""
         return sum(count.received for count in self.counts.values())
 
     @property
     def lost(self) -> int:
-        """Messages lost between messages received, on all topics."""
+        """Number of messages lost between the first and the last one received, on all topics."""
         return sum(count.lost for count in self.counts.values())
 
 
 class Watch(ABC):
-    """Tells who joins and who leaves."""
+    """Observes which processes join and leave the run."""
 
     def __init__(self, door: Door) -> None:
         self.door = door
         self.present: set[tuple[str, str]] = set()
-        """(role, name) of everyone here, as of the last `poll`."""
+        """(role, name) of every process that is present, as of the last `poll`."""
         self._held: dict[str, tuple[str, str]] = {}
-        """User -> as whom it is here; operators share one user and do not announce themselves."""
+        """User -> its (role, name). Operators share one user and do not announce themselves."""
 
     @abstractmethod
     def _next(self, timeout: float) -> Arrived | None: ...
 
     def poll(self, timeout: float = 0.0) -> list[Presence]:
-        """Changes since the last call; waits at most `timeout` seconds for the first."""
+        """Processes that joined or left since the last call; wait at most `timeout` seconds for the first change."""
         changes: list[Presence] = []
         for _ in range(_MOST):
             arrived = self._next(0.0 if changes else timeout)
@@ -142,7 +142,7 @@ class Watch(ABC):
             if found is None:
                 continue
             who = (found.role, found.name)
-            if self._held.get(arrived.user, who) != who:  # a process is here under one name
+            if self._held.get(arrived.user, who) != who:  # a process has one name only
                 self.door.count(arrived.user, Refused("a second name"))
             elif found.here and len(self.present) >= _MOST:
                 self.door.count("others", Refused("too many"))
@@ -157,13 +157,13 @@ class Watch(ABC):
         return changes
 
     def all_here(self) -> set[tuple[str, str]]:
-        """Everyone here, once all that has arrived is taken in."""
+        """(role, name) of every process that is present, after all waiting changes are processed."""
         for _ in range(PRESENCES // _MOST):
             self.poll()
         return self.present
 
     def wait_for(self, role: str, name: str, timeout: float) -> bool:
-        """Whether `name` in `role` is here, waiting for it at most `timeout` seconds."""
+        """Whether the process `name` in `role` is present; wait for it at most `timeout` seconds."""
         deadline = time.monotonic() + timeout
         self.poll()
         while (role, name) not in self.present and (left := deadline - time.monotonic()) > 0.0:
@@ -172,13 +172,13 @@ class Watch(ABC):
 
 
 class Session(ABC):
-    """One process's connection to the bus of one run. Use it in a `with` block, or close it."""
+    """The connection of one process to the bus of one run. Use it in a `with` block, or call `close`."""
 
     def __init__(self, run: str, role: str, name: str, user: str, reserved: frozenset[str]) -> None:
         self.run, self.role, self.name, self.user = run, role, name, user
         topics.of(f"alive/{role}/{name}")
         self.door = Door(reserved)
-        """Through which everything comes in that others say; it counts what it refuses."""
+        """Checks everything that other processes send, and counts refusals."""
         self._publishers: dict[str, Publisher] = {}
         self._receivers: list[Receiver] = []
         self._stand_ins: list[Session] = []
@@ -190,50 +190,53 @@ class Session(ABC):
 
     @abstractmethod
     def subscribe(self, *patterns: str, depth: int = 4096, polled: bool = False, stamped: bool = False) -> Receiver:
-        """A receiver of all topics that fit one of `patterns` ("meas/*", "**"), except for what this session says.
+        """A receiver of all topics that match one of `patterns` ("meas/*", "**"), without this session's own messages.
 
-        `polled` suits readers of much that are in no hurry: messages wait outside of Python until they are drained.
-        `stamped` notes when each message arrived.
+        With `polled` messages wait outside Python until they are drained: for readers of many messages without a
+        deadline. With `stamped` each message has its time of arrival.
         """
 
     @abstractmethod
     def announce(self) -> None:
-        """Tell everyone that this process is ready: after its receivers stand, not before."""
+        """Announce to all other processes that this one is ready. Create the receivers first."""
 
     @abstractmethod
     def stand_in(self, role: str, name: str) -> Session:
-        """A session for somebody of this run whose part this process plays too; of the plant only.
+        """A second session with another role and name over the same connection; for the plant only.
 
-        It ends when it is closed, at the latest with this one. Raises BusError if somebody of the name is here.
+        It ends when it is closed, or with this session. Raises BusError if a process of this name is present.
         """
 
     @abstractmethod
     def watch(self, who: str = "*/*") -> Watch:
-        """A watch over everyone whose role/name fits `who`; begins with those already here."""
+        """A watch of all processes whose role/name matches `who`; it starts with those already present."""
 
     @abstractmethod
     def present(self, who: str = "*/*", timeout: float = 2.0) -> set[tuple[str, str]]:
-        """(role, name) of everyone here whose role/name fits `who`: asked once, and ends with the last answer."""
+        """(role, name) of all present processes whose role/name matches `who`: one query, at most `timeout` seconds."""
 
     @abstractmethod
     def serve(self, topic: str, answer: Answer) -> Server:
-        """Answer questions on `topic` with `answer(body)`, a dict or ready JSON text, whenever `poll` is called."""
+        """A server that answers queries on `topic` with `answer(body)`, a dict or JSON text, when `poll` is called."""
 
     @abstractmethod
     def _ask(self, topic: str, text: bytes, timeout: float) -> tuple[bool, bytes] | None:
-        """(granted, text) of the answer, or None if nobody answers."""
+        """(granted, text) of the answer, or None if no process answers."""
 
     @property
     @abstractmethod
     def ended(self) -> bool:
-        """Whether the plant of the run has ended; one that hangs or cannot be reached just now has not."""
+        """Whether the plant process of the run has ended. A plant that hangs or is unreachable has not ended."""
 
     @abstractmethod
     def close(self) -> None:
-        """Leave. Takes at most two seconds and may be called twice."""
+        """Leave the run. Takes at most two seconds; a second call does nothing."""
 
     def publisher(self, topic: str) -> Publisher:
-        """The publisher of a concrete topic; one for each topic in a session. BusError for one of somebody else."""
+        """The publisher of a concrete topic; a session has one for each topic.
+
+        Raises BusError if the topic belongs to another process.
+        """
         if topic not in self._publishers:
             self._own(topic)
             way, batch = topics.of(topic).way, self._batch
@@ -247,12 +250,12 @@ class Session(ABC):
         return self._publishers[topic]
 
     def before_batches(self, gather: Callable[[], object]) -> None:
-        """Call `gather` before a batch is sent: it puts what a plant has collected until then."""
+        """Have `gather` called before each batch is sent, so that it can add messages; for the plant only."""
         if self._batch is not None:
             self._batch.gather = gather
 
     def flush(self) -> None:
-        """Send what waits for its batch."""
+        """Send the messages that wait in the batch."""
         if self._batch is not None:
             self._batch.flush()
 
@@ -262,16 +265,20 @@ class Session(ABC):
         self._batches.put(payload, 0)
 
     def _copies(self, patterns: tuple[str, ...]) -> Batch | None:
-        """Where a receiver of these patterns puts copies: the plant those of what it hears of the loop."""
+        """The batch to which a receiver of these patterns adds copies: the plant copies the commands it receives."""
         return self._batch if topics.way(patterns[0]) == topics.LOOP else None
 
     def _own(self, topic: str) -> None:
         """Raise BusError for a topic that belongs to another process."""
         if not speaks(self.user, topic, self.door.reserved):
-            raise BusError(f"{topic} belongs to {topics.owner(topic)}; {self.role} {self.name} cannot speak there")
+            raise BusError(f"{topic} belongs to {topics.owner(topic)}; {self.role} {self.name} cannot publish there")
 
     def ask(self, topic: str, body: dict[str, Any], timeout: float = 1.0, *, patient: bool = False) -> Any:
-        """The answer to `body` on `topic`; `patient` waits the whole time for someone who can answer."""
+        """Send the query `body` on `topic` and return the answer.
+
+        With `patient` repeat it until a process answers, at most `timeout` seconds. Raises BusError for a refusal, an
+        unreadable answer, or none.
+        """
         topics.of(topic)
         text, deadline = json.dumps(body).encode(), time.monotonic() + timeout
         while (left := deadline - time.monotonic()) > 0.0:
@@ -279,18 +286,18 @@ class Session(ABC):
             if found is not None:
                 granted, said = found
                 if not granted:
-                    raise BusError(f"{topic} of {self.run} refuses: {said[:4096].decode(errors='replace')}")
+                    raise BusError(f"{topic} of run {self.run} refused: {said[:4096].decode(errors='replace')}")
                 try:
                     return read_json(said, PAYLOAD, finite=False)
                 except Refused as fault:
-                    raise BusError(f"{topic} of {self.run} answers what cannot be read: {fault}") from None
+                    raise BusError(f"the answer of {topic} in run {self.run} cannot be read: {fault}") from None
             if not patient:
                 break
             time.sleep(0.02)
-        raise BusError(f"nobody answers {topic} in run {self.run} within {timeout:g} s")
+        raise BusError(f"no process answered {topic} in run {self.run} within {timeout:g} s")
 
     def totals(self) -> bytes:
-        """A Totals message: what this session has sent and received so far."""
+        """Encode a Totals message: numbers of messages sent, received and lost by this session so far."""
         counts = {topic: count for receiver in self._receivers for topic, count in receiver.counts.items()}
         said = messages.TYPES["Totals"](
             process=self.name,

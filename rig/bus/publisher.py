@@ -1,4 +1,4 @@
-"""Publishers: each numbers what it sends on one topic. How bytes travel is for `rig.bus.session`."""
+"""Publishers, which number the messages of one topic. `rig.bus.session` transports them."""
 
 from __future__ import annotations
 
@@ -9,24 +9,24 @@ from rig.bus.batch import Batch
 
 
 class Publisher(ABC):
-    """Sends on one topic; never waits for a reader."""
+    """Sends messages on one topic; never waits for a reader."""
 
     def __init__(self, topic: str) -> None:
         self.topic = topic
         self.sent = 0
 
     def put(self, payload: bytes, t_ns: int) -> None:
-        """Send `payload`, said at simulated time `t_ns`."""
+        """Send `payload` with the simulated time `t_ns`."""
         self.send(payload, HEADER.pack(self.sent, t_ns))
         self.sent += 1
 
     @abstractmethod
     def send(self, payload: bytes, header: bytes) -> None:
-        """Send `payload` with its number and time."""
+        """Send `payload` with `header`, its packed number and time."""
 
 
 class Batched(Publisher):
-    """Sends with the batches of the plant."""
+    """Sends messages as part of the plant's batches."""
 
     def __init__(self, topic: str, batch: Batch) -> None:
         super().__init__(topic)
@@ -38,7 +38,7 @@ class Batched(Publisher):
 
 
 class Copied(Batched):
-    """Sends at once, and a copy with the batches of the plant."""
+    """Sends messages at once, and copies of them in the plant's batches."""
 
     def __init__(self, at_once: Publisher, batch: Batch) -> None:
         super().__init__(at_once.topic, batch)
@@ -51,7 +51,7 @@ class Copied(Batched):
 
 
 class InOrder(Copied):
-    """Sends at once, after the batch of what was said before: more urgent priorities may still overtake it."""
+    """Sends messages at once, after flushing the batch of earlier ones. Messages of higher priority may overtake."""
 
     def send(self, payload: bytes, header: bytes) -> None:
         """See `Publisher.send`."""

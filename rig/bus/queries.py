@@ -1,4 +1,4 @@
-"""Questions from other processes and their answers, at once or later, in the thread of the one who is asked."""
+"""Queries from other processes and the server that answers them, at once or later, in the thread that polls it."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from rig.bus.inbound import Door
 from rig.errors import RigError, UsageError
 
 _QUESTIONS = 16
-"""Most questions that one call answers."""
+"""Most queries that one call of `Server.poll` answers."""
 WAITING = 1 << 8
-"""Most questions that wait."""
+"""Most queries that wait for an answer."""
 
 
 class Request(ABC):
-    """A question from another process; must be answered or refused, once."""
+    """A query from another process; it must be answered or refused exactly once."""
 
     asked: Arrived
 
@@ -29,16 +29,16 @@ class Request(ABC):
 
     @abstractmethod
     def refuse(self, why: str) -> None:
-        """Answer that it cannot be done."""
+        """Refuse the query and give the reason."""
 
 
 Later = Callable[[], "dict[str, Any] | None"]
-"""An answer that takes a while: asked again at every poll until it is there."""
+"""An answer that takes time: called at every poll until it returns something."""
 Answer = Callable[[dict[str, Any]], "dict[str, Any] | bytes | Later"]
 
 
 class ParamRequest(NamedTuple):
-    """What a request on `param/<process>` asks for: all that can be set, or the values of `keys` after `changes`."""
+    """A request on `param/<process>`: list all that can be set, or make `changes` and return the values of `keys`."""
 
     everything: bool
     keys: list[str]
@@ -46,7 +46,7 @@ class ParamRequest(NamedTuple):
 
 
 def param_request(body: dict[str, Any]) -> ParamRequest:
-    """Read a request on `param/<process>`. Raises UsageError for a malformed one."""
+    """Read a request on `param/<process>`. Raises UsageError if it is malformed."""
     keys, changes = body.get("get", []), body.get("set", {})
     if unknown := [key for key in body if key not in ("get", "set", "list")]:
         raise UsageError(f'the request has {unknown[0]!r:.80}; it can have "get" and "set", or "list" alone')
@@ -57,26 +57,26 @@ def param_request(body: dict[str, Any]) -> ParamRequest:
     if body.get("list", True) is not True:
         raise UsageError(f'"list" is {body["list"]!r:.80}; expected true')
     if "list" in body and len(body) > 1:
-        raise UsageError('"list" comes alone; send "get" or "set" as a request of its own')
+        raise UsageError('"list" comes alone; send "get" or "set" as a separate request')
     return ParamRequest("list" in body, keys, changes)
 
 
 class Server(ABC):
-    """Answers the questions on one topic, in the thread that calls `poll`."""
+    """Answers the queries on one topic, in the thread that calls `poll`."""
 
     def __init__(self, door: Door, answer: Answer) -> None:
         self.door, self._answer = door, answer
         self.asker = ""
-        """The user whose question is being answered."""
+        """The user whose query is being answered."""
         self._later: list[tuple[Request, dict[str, Any], Later]] = []
 
     @abstractmethod
     def _next(self, timeout: float) -> Request | None: ...
 
     def poll(self, timeout: float = 0.0) -> int:
-        """Answer what has been asked, waiting at most `timeout` seconds for the first; how many were answered.
+        """Answer the waiting queries and return their number; wait at most `timeout` seconds for the first.
 
-        A question that cannot be read or carried out is refused, whatever it breaks; the asker is told why.
+        A query that cannot be read or raises an exception is refused, and the refusal contains the reason.
         """
         if self._later:
             waiting, self._later = self._later, []
@@ -93,13 +93,13 @@ class Server(ABC):
         return answered
 
     def give_up(self, why: str) -> None:
-        """Refuse what was put off: nobody polls any more."""
+        """Refuse all queries that still wait for a later answer, since `poll` is not called any more."""
         for request, _, _ in self._later:
             request.refuse(why)
         self._later = []
 
     def _serve(self, request: Request, body: dict[str, Any], answer: Callable[[], Any]) -> None:
-        """Answer or refuse a request, or put it off."""
+        """Answer or refuse a request, or keep it for the next poll."""
         self.asker = request.asked.user
         try:
             found = answer()
@@ -111,7 +111,7 @@ class Server(ABC):
             request.refuse(str(fault))
         except KeyError as fault:
             request.refuse(f"{body.get('do', 'the request')!s:.80} needs {fault}")
-        except Exception as fault:  # what was asked makes no sense: that must not end the one who is asked
+        except Exception as fault:  # a senseless query must not end the process that answers
             request.refuse(f"{body!r:.200} cannot be done: {type(fault).__name__}: {fault}")
         else:
             request.reply(text)

@@ -1,4 +1,4 @@
-"""What a process must know of a run before it can follow it; the plant answers it to the query `scene`."""
+"""The description of a run that every process needs first; the plant sends it as answer to the query `scene`."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rig.errors import BusError
 
 @dataclass(frozen=True)
 class Setup:
-    """The stand as it was built from a scene. Names are in the order of `State` (outputs) and `Step` (sensors)."""
+    """The rig of a run, as built from its scene. Names have the order of `State` (outputs) and `Step` (sensors)."""
 
     run: str
     scene: str
@@ -26,41 +26,42 @@ class Setup:
     sensors: dict[str, tuple[str, int]]
     """Sensor -> unit, sample period [ns]."""
     controllers: dict[str, Any] = field(default_factory=dict)
-    """Controller -> what its process needs: settings and numbers of the design."""
+    """Controller -> settings and design values that its process needs."""
     provenance: dict[str, str] = field(default_factory=dict)
     paced: bool = False
     """Whether frames keep to the wall clock."""
     core: int = placement.ANY
-    """Core of the bus and the controllers."""
+    """Processor core for the bus and the controllers."""
     models: tuple[bytes, ...] = ()
-    """The reduced models that the scene names."""
+    """The reduced models to which the scene refers."""
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values; `from_json` reads it back."""
+        """The setup as plain values for JSON; `from_json` reads them."""
         return asdict(self) | {"models": [base64.b64encode(one).decode() for one in self.models]}
 
     @classmethod
     def from_json(cls, found: dict[str, Any]) -> Setup:
-        """The setup from plain values."""
+        """The setup from the plain values of `to_json`."""
         sensors = {name: (unit, int(period)) for name, (unit, period) in found["sensors"].items()}
         models = tuple(base64.b64decode(one) for one in found.get("models", ()))
         return cls(**{**found, "sensors": sensors, "models": models})
 
     def to_text(self) -> str:
-        """As JSON text."""
+        """The setup as JSON text."""
         return json.dumps(self.to_json())
 
 
 def fetch(session: Session, timeout: float = 10.0) -> Setup:
-    """The setup of the session's run, asked of its plant; waits until the plant can answer.
+    """Query the plant for the setup of the session's run; wait at most `timeout` seconds until it can answer.
 
-    From here on the session reads the states of this scene.
+    From now on the session can decode the `state` messages of this scene. Raises BusError.
     """
     try:
         found = Setup.from_json(session.ask("scene", {}, timeout, patient=True))
         session.door.learn(list(found.outputs), list(found.sensors))
     except (AttributeError, KeyError, TypeError, ValueError) as fault:
         raise BusError(
-            f"the plant of {session.run} describes its scene in another way than expected: {fault}"
+            f"the plant of run {session.run} describes its scene in an unknown form: {fault}; "
+            "start all processes of a run from the same installation"
         ) from None
     return found

@@ -1,6 +1,6 @@
-"""The bus between processes, over Zenoh.
+"""The session of the bus between processes, over Zenoh.
 
-No call of Zenoh is made inside a callback: a callback only puts what arrived into a queue.
+Callbacks never call Zenoh: they only put what arrived into a queue.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def _who(key: Any, prefix: int) -> tuple[str, str]:
 
 
 class _Receiver(Receiver):
-    """Shared by both ways to wait: what Zenoh delivers, unread."""
+    """Common part of the two receivers: converts what Zenoh delivers."""
 
     def __init__(
         self, door: Door, patterns: tuple[str, ...], depth: int, prefix: int, copies: Batch | None = None
@@ -61,7 +61,7 @@ class _Receiver(Receiver):
         self._who: dict[str, tuple[str, str]] = {}
         """Key -> user and topic."""
         self._rows: dict[str, Row] = {}
-        """Key -> what is known of the messages under it, once one has been let in."""
+        """Key -> how to read its messages, known after the first one was accepted."""
 
     def _arrived(self, found: tuple[zenoh.Sample, int]) -> Arrived:
         sample, arrived_ns = found
@@ -95,10 +95,10 @@ class _Receiver(Receiver):
 
 
 class _Queued(_Receiver):
-    """Woken by each message; what exceeds the depth is dropped when somebody reads.
+    """A receiver that each message wakes; messages beyond the depth are dropped at the next read.
 
-    Zenoh's thread calls the queue itself. A function of Python in between, which bounds the queue, would hold the
-    interpreter when the reader wakes: that costs 60 us of a round trip of 280 us (measured).
+    Zenoh's thread puts messages into the queue directly. A Python function in between, to limit the queue, would hold
+    the interpreter lock when the reader wakes: that costs 60 us of a round trip of 280 us (measured).
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class _Queued(_Receiver):
 
 
 class _Polled(_Receiver):
-    """Messages wait in a ring of Zenoh's own and cost this process nothing until they are drained."""
+    """A receiver whose messages wait in a ring buffer of Zenoh and cost this process nothing until they are drained."""
 
     subscriber: Any = None
 
@@ -181,7 +181,7 @@ class _Server(Server):
         super().__init__(door, answer)
         self._key, self._topic = key, topic
         self._inbox = Inbox[zenoh.Query](WAITING)
-        self.take = self._inbox.put  # one that falls out is dropped, which tells its asker that nobody answers
+        self.take = self._inbox.put  # Zenoh answers a dropped query for us: its asker learns that nobody answers
 
     def _next(self, timeout: float) -> Request | None:
         query = self._inbox.take(timeout)
@@ -189,7 +189,7 @@ class _Server(Server):
 
 
 class ZenohSession(Session):
-    """A connection between processes."""
+    """A session that connects processes through Zenoh."""
 
     def __init__(
         self, run: str, role: str, seat: Seat, opened: zenoh.Session, claim: Claim | None, shared: bool = False
@@ -197,7 +197,7 @@ class ZenohSession(Session):
         super().__init__(run, role, seat.name, seat.user, seat.reserved)
         self._zenoh, self._seat, self._claim = opened, seat, claim
         self._shared = shared
-        """Whether the connection is that of another session, which closes it."""
+        """Whether another session owns the connection and closes it."""
         self._prefix, self._loop = f"rig/{run}/", f"loop/{run}/"
         self._mine = f"{self._prefix}{seat.user}/"
         self._declared: list[Any] = []
@@ -238,9 +238,9 @@ class ZenohSession(Session):
         return found
 
     def _user_of(self, pattern: str) -> str:
-        """The user that speaks on what fits; any, if that cannot be known. A round trip by "any" takes 25 us longer."""
+        """The user that publishes on topics of `pattern`, or "*" if unknown; "*" costs 25 us in a round trip."""
         name = topics.speaker(pattern)
-        return name if name == "plant" or name in self.door.reserved else "*"  # else a guest, whose user is not known
+        return name if name == "plant" or name in self.door.reserved else "*"  # else a guest, whose user is unknown
 
     def announce(self) -> None:
         """See `Session.announce`."""
@@ -271,7 +271,7 @@ class ZenohSession(Session):
                 if reply.ok is not None:
                     found.take(reply.ok)
         except zenoh.ZError as fault:
-            raise BusError(f"who is in run {self.run} could not be asked: {fault}") from None
+            raise BusError(f"the processes of run {self.run} could not be queried: {fault}") from None
         return found.all_here()
 
     def serve(self, topic: str, answer: Answer) -> Server:
@@ -289,7 +289,7 @@ class ZenohSession(Session):
                 f"{self._prefix}{self._user_of(topic)}/{topic}/{self.user}",
                 payload=text,
                 timeout=timeout,
-                congestion_control=zenoh.CongestionControl.DROP,  # the answer is sent as the question was
+                congestion_control=zenoh.CongestionControl.DROP,  # the answer inherits this setting
             )
             for reply in replies:
                 if reply.ok is not None:
@@ -297,7 +297,7 @@ class ZenohSession(Session):
                 said = reply.err.payload.to_bytes() if reply.err is not None else b""
                 return None if said == b"Timeout" else (False, said)
         except zenoh.ZError as fault:
-            raise BusError(f"{topic} could not be asked: {fault}") from None
+            raise BusError(f"the query {topic} could not be sent: {fault}") from None
         return None
 
     @property
@@ -313,11 +313,11 @@ class ZenohSession(Session):
         for other in self._stand_ins:
             other.close()
         atexit.unregister(self.close)
-        ending = threading.Thread(target=self._end, name="bus-close", daemon=True)  # a hung peer may hold it for long
+        ending = threading.Thread(target=self._end, name="bus-close", daemon=True)  # a hung peer may block it for long
         try:
             ending.start()
             ending.join(_CLOSING_S)
-        except RuntimeError:  # the interpreter is ending and starts no threads any more
+        except RuntimeError:  # the interpreter is shutting down and starts no more threads
             self._end()
         self._seat.release()
         if self._claim is not None:

@@ -1,15 +1,15 @@
-"""The one table of everything that is said on the bus.
+"""The table of all topics of the bus.
 
-A topic is written relative to its run: `step`, `meas/vibrometer`, `act/normal_force`. On the wire it is
-`rig/<run>/<user>/<topic>`; in a recording it is the topic itself, so that two runs can be laid side by side.
+A topic is written relative to its run: `step`, `meas/vibrometer`, `act/normal_force`. Its Zenoh key is
+`rig/<run>/<user>/<topic>`. A recording uses the topic itself, so that two runs can be compared.
 
-A topic travels in one of three ways. LOOP: at once and as `loop/<run>/<user>/<topic>`, from plant to controllers and
-back; who listens to everything reads the plant's copy in a batch. BATCH: only in the plant's batches (`rig.bus.batch`),
-about 50 times a second. ALONE: at once.
+A topic is transported in one of three ways. LOOP: at once, under the key `loop/<run>/<user>/<topic>`, between plant and
+controllers; receivers of all topics read the plant's copy in a batch. BATCH: only in the plant's batches
+(`rig.bus.batch`), about 50 times a second. ALONE: at once.
 
-Every message is sent with congestion control DROP: a publisher never waits for a slow or hung reader. None is sent
-"express": an express message takes one of 16 batches for itself, and at 5 kHz beside two busy processes 2 % were lost;
-batched, none was, and the round trip is the same, for batching begins only under back pressure.
+Every message is sent with congestion control DROP: a publisher never waits for a slow or hung reader. No message is
+sent "express": an express message occupies one of Zenoh's 16 batches, and at 5 kHz beside two busy processes 2 % were
+lost. With batching none was lost and the round trip is the same, because batching begins only under back pressure.
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from rig.errors import BusError
 
 
 class Topic(NamedTuple):
-    """One row: what is said, by whom, how urgently, in which way, and whether the recorder keeps it."""
+    """One row of the table: message type, sender, priority, transport, and whether the recorder keeps it."""
 
     name: str
     """First part of the topic; `<...>` marks a second part that names a sensor, an output or a process."""
     message: str
-    """Type of the message (`rig.bus.messages`); "json" marks a query, "token" a sign of life."""
+    """Type of the message (`rig.bus.messages`); "json" marks a query, "token" a presence token."""
     sender: str
     priority: str
     way: str
@@ -45,17 +45,17 @@ TABLE = (
     ),
     Topic("meas/<sensor>", "Block", "plant", "DATA", BATCH, True, "samples of one sensor, in blocks of 20 ms"),
     Topic("truth/<output>", "Block", "plant", "DATA", BATCH, True, "a plant output at the rate of the steps"),
-    Topic("state", "State", "plant", "DATA", BATCH, True, "every plant output at one instant, a named field for each"),
-    Topic("batch", "Batch", "plant", "DATA", ALONE, False, "several messages of the plant and of the loop in one"),
+    Topic("state", "State", "plant", "DATA", BATCH, True, "all plant outputs at one instant, a named field for each"),
+    Topic("batch", "Batch", "plant", "DATA", ALONE, False, "several messages of plant and controllers in one"),
     Topic("event/<process>", "Event", "anyone", "INTERACTIVE_LOW", ALONE, True, "what happened: protocol, faults"),
     Topic("health", "Health", "plant", "INTERACTIVE_LOW", ALONE, True, "progress, lateness, drops, energy error; 5 Hz"),
-    Topic("total/<process>", "Totals", "anyone", "BACKGROUND", ALONE, True, "last words: what was sent and received"),
-    Topic("scene", "json", "plant", "", "", False, "query: `rig.bus.run_setup.Setup`, for whoever joins, whenever"),
+    Topic("total/<process>", "Totals", "anyone", "BACKGROUND", ALONE, True, "last message: numbers sent and received"),
+    Topic("scene", "json", "plant", "", "", False, "query: `rig.bus.run_setup.Setup`, at any time of the run"),
     Topic(
         "param/<process>", "json", "anyone", "", "", False, "query: {get: [keys]} or {set: {key: value}} -> {values}"
     ),
     Topic("cmd/<process>", "json", "anyone", "", "", False, "query: {do: what, ...} -> {...}"),
-    Topic("alive/<role>/<name>", "token", "anyone", "", "", False, "presence; withdrawn when the process ends or dies"),
+    Topic("alive/<role>/<name>", "token", "anyone", "", "", False, "presence; withdrawn when the process ends"),
 )
 
 _ROWS = {row.name.partition("/")[0]: row for row in TABLE}
@@ -68,9 +68,9 @@ def is_name(text: object) -> bool:
     return isinstance(text, str) and _NAME.fullmatch(text) is not None
 
 
-@lru_cache(4096)  # bounded: names arrive from outside
+@lru_cache(4096)  # bounded, because names come from other processes
 def of(topic: str) -> Topic:
-    """The row of a concrete topic such as `meas/vibrometer`; raises BusError for one that is not in the table."""
+    """The row of a concrete topic such as `meas/vibrometer`. Raises BusError if it is not in the table."""
     first, *rest = topic.split("/")
     row = _ROWS.get(first)
     if row is None:
@@ -85,12 +85,12 @@ def of(topic: str) -> Topic:
 
 @lru_cache(4096)
 def owner(topic: str) -> str:
-    """Name of the only process that may publish, serve or declare `topic`; raises BusError as `of` does."""
+    """Name of the only process that may publish, serve or declare `topic`. Raises BusError as `of` does."""
     return "plant" if of(topic).sender == "plant" else topic.rpartition("/")[2]
 
 
 def speaker(pattern: str) -> str:
-    """Name of the only process that speaks on the topics that fit `pattern`; "*" where several may."""
+    """Name of the only process that may publish on topics of `pattern`; "*" if several may."""
     first, _, name = pattern.partition("/")
     if first in _ROWS and _ROWS[first].sender == "plant":
         return "plant"
@@ -98,13 +98,13 @@ def speaker(pattern: str) -> str:
 
 
 def way(pattern: str) -> str:
-    """How that travels which fits a pattern; "" where it is not of one kind."""
+    """Transport (LOOP, BATCH, ALONE) of the topics that match `pattern`; "" for patterns of several kinds of topics."""
     row = _ROWS.get(pattern.partition("/")[0])
     return row.way if row is not None else ""
 
 
 def heard(patterns: tuple[str, ...]) -> str:
-    """The one pattern to listen to for all that fits `patterns`: what travels in batches comes with these."""
+    """The one pattern to subscribe to, in order to receive all topics of `patterns`; "batch" if all are batched."""
     ways = {way(pattern) for pattern in patterns}
     if ways == {BATCH}:
         return "batch"
@@ -116,7 +116,7 @@ def _known() -> str:
 
 
 def matches(pattern: str, topic: str) -> bool:
-    """Whether `topic` fits `pattern`: `*` stands for one part, `**` at the end for all that follow."""
+    """Whether `topic` matches `pattern`: `*` stands for one part, `**` at the end for all following parts."""
     wanted, given = pattern.split("/"), topic.split("/")
     if wanted[-1] == "**":
         wanted, given = wanted[:-1], given[: len(wanted) - 1]

@@ -1,4 +1,4 @@
-"""Waiting for what arrives: queues that are bounded, and a wait that no signal makes endless."""
+"""A bounded queue, and a wait with a timeout that signals cannot make endless."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from contextlib import suppress
 from typing import Any, Generic, TypeVar
 
 _SLICE_S = 0.1
-"""Longest time that a signal waits. # chosen"""
+"""Longest delay of a signal [s]. # chosen"""
 _MASK: Any = getattr(signal, "pthread_sigmask", None)
-_MASK = getattr(_MASK, "__wrapped__", _MASK)  # what it is called through makes enums of numbers, which takes 10 us
+_MASK = getattr(_MASK, "__wrapped__", _MASK)  # Python's wrapper turns numbers into enums, which takes 10 us
 _SIGNALS = tuple(int(getattr(signal, s)) for s in ("SIGINT", "SIGTERM", "SIGHUP", "SIGXCPU") if hasattr(signal, s))
 _BLOCK, _RESTORE = (int(getattr(signal, name, 0)) for name in ("SIG_BLOCK", "SIG_SETMASK"))
 
@@ -20,10 +20,10 @@ T = TypeVar("T")
 
 
 def patiently(waiting: queue.SimpleQueue[T], timeout: float) -> T:
-    """The next of a queue, waited for at most `timeout` seconds. Raises queue.Empty.
+    """The next item of a queue; wait for it at most `timeout` seconds. Raises queue.Empty.
 
-    In the main thread signals wait until a slice of the time is over: a handler that outlasts the timeout would make
-    `SimpleQueue.get` wait for ever (CPython 3.11: the time that is left is negative then).
+    In the main thread signals are blocked for slices of at most 0.1 s: a signal handler that lasts longer than the
+    timeout would make `SimpleQueue.get` wait for ever (CPython 3.11: the remaining time becomes negative).
     """
     if waiting.qsize():
         return waiting.get_nowait()
@@ -43,22 +43,22 @@ def patiently(waiting: queue.SimpleQueue[T], timeout: float) -> T:
 
 
 class Inbox(Generic[T]):
-    """What waits to be read: at most `depth` things, beyond which the oldest go. Filled and emptied by any thread."""
+    """A queue of at most `depth` items that drops the oldest when it is full. Any thread may fill and empty it."""
 
     def __init__(self, depth: int) -> None:
         self._queue: queue.SimpleQueue[T] = queue.SimpleQueue()
         self._depth = depth
 
     def put(self, one: T) -> None:
-        """Add the newest."""
+        """Add an item; drop the oldest one if there are more than `depth`."""
         self._queue.put(one)
         if self._queue.qsize() > self._depth:
             with suppress(queue.Empty):
                 self._queue.get_nowait()
 
     def take(self, timeout: float) -> T | None:
-        """The oldest, waited for at most `timeout` seconds; None if there is none."""
-        if timeout <= 0.0 and not self._queue.qsize():  # nearly always so, and an exception takes longer
+        """The oldest item; wait for it at most `timeout` seconds. None if there is none."""
+        if timeout <= 0.0 and not self._queue.qsize():  # the usual case; an exception would take longer
             return None
         try:
             return patiently(self._queue, timeout) if timeout > 0.0 else self._queue.get_nowait()
@@ -66,5 +66,5 @@ class Inbox(Generic[T]):
             return None
 
     def qsize(self) -> int:
-        """How many wait."""
+        """Number of items in the queue."""
         return self._queue.qsize()

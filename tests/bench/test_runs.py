@@ -171,7 +171,7 @@ def test_a_recording_of_one_in_the_plants_process_is_replayed_into_a_process(fol
 def test_a_controller_cannot_be_started_beside_the_one_in_the_plants_process(folder):
     going = Going(scenes.load(SCENE, {"controllers.nf.where": "plant"}), duration=30.0, record=False)
     going.line("begin: begins with nf")
-    with pytest.raises(BusError, match=r"a controller nf takes part in run .* already"):
+    with pytest.raises(BusError, match=r"a controller nf is already connected to run"):
         bus.join(role="controller", name="nf")
     with bus.join(role="operator", name="test") as session:
         session.ask("cmd/plant", {"do": "stop"}, 5.0)

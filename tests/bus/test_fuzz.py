@@ -384,9 +384,9 @@ def test_a_session_cannot_even_declare_what_belongs_to_another():
     hub = Twin("own")
     mine = hub.open("controller", "mine")
     for topic in ("act/nf", "step", "event/plant"):
-        with pytest.raises(BusError, match="cannot speak there"):
+        with pytest.raises(BusError, match="cannot publish there"):
             mine.publisher(topic)
-    with pytest.raises(BusError, match="cannot speak there"):
+    with pytest.raises(BusError, match="cannot publish there"):
         mine.serve("param/plant", lambda body: {})
 
 

@@ -89,24 +89,24 @@ with bus.host("threads"):
 def test_loopback_works_and_open_addresses_are_refused(runs):
     with bus.host("local", endpoint=loopback()), bus.join("local", role="viewer", name="v") as one:
         one.announce()
-    with pytest.raises(BusError, match="open to others"):
+    with pytest.raises(BusError, match="reachable from other machines"):
         bus.host("wide", endpoint="tcp/0.0.0.0:7447")
 
 
 def test_an_address_in_use_is_named(runs):
     endpoint = loopback()
     with bus.host("first", endpoint=endpoint):
-        with pytest.raises(BusError, match="somebody already listens"):
+        with pytest.raises(BusError, match="another process already listens"):
             bus.host("second", endpoint=endpoint)
-        with pytest.raises(BusError, match="going on already"):
+        with pytest.raises(BusError, match="is already live"):
             bus.host("first")
         assert [run.run for run in address.list_runs()] == ["first"]
 
 
 def test_a_run_that_is_not_there_is_told_with_those_that_are(runs):
-    with pytest.raises(BusError, match="no run is going on"):
+    with pytest.raises(BusError, match="no run is live"):
         bus.join(role="viewer", name="v")
-    with bus.host("here"), pytest.raises(BusError, match="no run is called there; going on now: here"):
+    with bus.host("here"), pytest.raises(BusError, match="no run is called there; live runs: here"):
         bus.join("there", role="viewer", name="v")
 
 
@@ -154,7 +154,7 @@ def test_messages_of_another_version_are_refused(runs, monkeypatch):
         assert one.door.told() == {"plant on step: another version": 1}
         assert "same installation" in str(one.door.last)
     monkeypatch.setattr(messages, "FINGERPRINT", "00000000")
-    with bus.host("new"), pytest.raises(BusError, match="of another installation"):
+    with bus.host("new"), pytest.raises(BusError, match="belongs to another installation"):
         bus.join("new", role="controller", name="c")
 
 

@@ -391,7 +391,7 @@ def test_without_a_run_the_live_commands_say_so(rig, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     code, _, err = rig("tune", "load.force", "15 N")
     assert code == 2
-    assert "no run is going on" in err
+    assert "no run is live" in err
 
 
 def test_map_tells_regions_and_leaves_figure_and_table(rig, tmp_path):

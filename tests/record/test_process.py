@@ -265,7 +265,7 @@ def test_a_recorder_without_a_run_says_so(script, tmp_path):
         "try: record('none', wait=0.2)\n"
         "except BusError as fault: print(fault)"
     )
-    assert "no run is called none; no run is going on" in recorder.communicate(timeout=10)[0]
+    assert "no run is called none; no run is live" in recorder.communicate(timeout=10)[0]
 
 
 def test_a_killed_plant_ends_the_recorder_with_a_whole_file(script, tmp_path):
