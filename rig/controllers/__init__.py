@@ -27,6 +27,9 @@ from rig.controllers.blocks.base import Controller, ControllerSection, Numbers
 from rig.parts import Code, Room, code_of, named, one_class
 from rig.quantities import Nanoseconds, Section
 
+if __name__ != "rig.controllers":  # found through the link at the top of a checkout
+    raise ImportError("friction-rig's controllers are imported as rig.controllers")
+
 
 def _section(module: ModuleType, kind: str) -> Any:
     """The section of a controller's module; one from elsewhere gets what every controller of a scene states."""

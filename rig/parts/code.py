@@ -26,6 +26,13 @@ from rig.user_files import contents
 _TRUSTED = "RIG_TRUSTED"
 _SHOWN = 12  # digits of a hash
 _FILE = re.compile(r"[^/\\\0]{1,100}\.py")
+MOVED = {
+    "controllers": "rig.controllers",
+    "sensors": "rig.sensors",
+    "rig.solve.assembly": "rig.model.assembly",
+    "rig.study": "rig.analysis, rig.qualify or rig.papers",
+}
+"""Modules that parts may import by their names of version 0.1 -> where they are now."""
 _MODULES: dict[str, Code] = {}
 """Foreign parts that this process has loaded: module -> its code."""
 _PATHS: dict[str, str] = {}
@@ -152,4 +159,7 @@ def told(error: BaseException) -> str:
         return f"{_PATHS[error.filename]}: {type(error).__name__}: {error.msg} (line {error.lineno})"
     if not frames:
         return ""
-    return f"{_PATHS[frames[-1].filename]}: {type(error).__name__}: {error} (line {frames[-1].lineno})"
+    text = f"{_PATHS[frames[-1].filename]}: {type(error).__name__}: {error} (line {frames[-1].lineno})"
+    name = error.name or "" if isinstance(error, ModuleNotFoundError) else ""
+    now = next((new for old, new in MOVED.items() if f"{name}.".startswith(f"{old}.")), "")
+    return f"{text}; it is now {now}" if now else text

@@ -28,6 +28,9 @@ from typing import Any
 from rig.parts import Room, code_of, named, one_class
 from rig.sensors.chain.instrument import Instrument
 
+if __name__ != "rig.sensors":  # found through the link at the top of a checkout
+    raise ImportError("friction-rig's sensors are imported as rig.sensors")
+
 
 def _section(module: ModuleType, kind: str) -> Any:
     """The instrument of a module."""
