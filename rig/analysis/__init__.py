@@ -1,13 +1,14 @@
-"""What one learns of a rig.
+"""Analyses of a rig: equilibria, vibration modes, limit cycles, maps and recorded signals.
 
 modes               eigenvalues about steady sliding
 axis, sweep         a parameter at evenly spaced values; eigenvalues and critical values over it (sweep_figure)
-eigenvalue_curves   which eigenvalue is which along a parameter; critical_values, growth_crossings: where growth is zero
+eigenvalue_curves   eigenvalues followed along a parameter; critical_values, growth_crossings: where growth is zero
 regions             stable and unstable regions over two parameters
 control_loop        eigenvalues and margins of a closed loop (rig.design.sampled)
 averaged            friction under dither, averaged over a period
-cycle               the limit cycle: orbit carries the plant, shooting and repetition find it, floquet judges it,
-                    turning_points serve motions without events, cycle_report prints it
+cycle               the limit cycle: orbit steps the plant, shooting and repetition find the cycle, floquet computes its
+                    multipliers, turning_points serve vibration without events, cycle_report prints
+                    the result
 map                 steady-state behaviour over one or two parameters
 three_stages        the speeds at which stick ends and begins: accelerate, hold, decelerate
 amplitude           the amplitude index of a measured vibration; upper_speed: the highest speed of stick-slip

@@ -1,9 +1,9 @@
-"""The amplitude index: how large a steady vibration is, from what an instrument has measured.
+"""The amplitude index: the size of a steady vibration, computed from a measurement.
 
     A = (1 / n) sum_i (peak_i - valley_i) / 2        over n cycles
 
-Source: Liu and Ouyang, Mechanical Systems and Signal Processing (2022), equation 31. Whether the half is in it is not
-certain there: `full` goes without.
+Source: Liu and Ouyang, Mechanical Systems and Signal Processing (2022), equation 31. The paper leaves open whether the
+factor 1/2 belongs to the index; `full` is the index without it.
 """
 
 from __future__ import annotations
@@ -19,13 +19,15 @@ from rig.record.run import Run
 
 Array = NDArray[np.float64]
 _BAND = 0.25
-"""Share of half the range by which a signal must pass its middle, up and down: noise makes no cycles of its own."""
+"""Hysteresis of a passage through the middle, as a share of half the range: noise does not count as cycles."""
 
 
 class Index(NamedTuple):
-    """`half` and `full`: mean of half of peak to valley, and of the whole, in the unit of the signal; of `cycles`.
+    """The amplitude index of one signal, averaged over `cycles` cycles.
 
-    `frequency` [Hz]: of these cycles. Without two passages of the middle there is no cycle: 0, and nan.
+    `half`, `full`: mean of half the peak-to-valley distance, and of the whole distance, in the unit of the signal.
+    `frequency` [Hz]: of these cycles. A signal that passes its middle less than twice has no cycle: `cycles` is 0, the
+    rest nan.
     """
 
     half: float
@@ -35,7 +37,7 @@ class Index(NamedTuple):
 
 
 def index(t: Array, x: Array) -> Index:
-    """The index of signal x at times t [s], over the whole cycles in it. Leave out what has not settled."""
+    """Compute the amplitude index of signal x at times t [s] over its whole cycles. Leave out the transient first."""
     middle, band = 0.5 * (x.max() + x.min()), _BAND * 0.5 * np.ptp(x)
     side = np.where(x > middle + band, 1, np.where(x < middle - band, -1, 0))
     told = np.flatnonzero(side)
@@ -48,7 +50,7 @@ def index(t: Array, x: Array) -> Index:
 
 
 class Row(NamedTuple):
-    """The index of one sensor in one stage of a run; `mean` in the unit of the sensor."""
+    """The amplitude index of one sensor in one stage of a run; `mean` is in the unit of the sensor."""
 
     stage: str
     sensor: str
@@ -58,7 +60,7 @@ class Row(NamedTuple):
 
 
 def measured(run: Run, first: float = 0.0, last: float = float("inf")) -> Iterator[Row]:
-    """The index of every sensor from `first` to `last` [s], in each stage between the marks of the protocol."""
+    """Yield the index of every sensor from `first` to `last` [s], for each stage between two marks of the protocol."""
     marks = [(event["t_ns"] * 1e-9, event["text"]) for event in run.told if event["kind"] == "mark"]
     end = min(last, run.time[-1])
     stages = [(max(t, first), text) for (t, text), (then, _) in zip(marks, [*marks[1:], (end, "")]) if then > first]

@@ -3,10 +3,10 @@
     w(theta) = w + Re(W exp(i theta)),  N(theta) = N + Re(L exp(i theta)),  contact closed where N(theta) > 0
     T(w, N) = 1/2pi int mu(|w(theta)|) sgn(w(theta)) max(N(theta), 0) dtheta
 
-W, L: the answer of the structure without friction to the generator. The integrand jumps where w passes through zero;
-between such places it is smooth and Gauss-Legendre quadrature of `ORDER` nodes is exact to rounding. The slope over w
-has a part from those places, 2 mu(0) N / |dw/dtheta| each: it is what makes dither damp.
-Coulomb friction gives mu (2/pi) asin(w/a). At a = w the slope jumps: take no reading there.
+W, L: response of the structure without friction to the generator. The integrand jumps where w passes through zero. It
+is smooth between these places, and there Gauss-Legendre quadrature with `ORDER` nodes is exact to rounding. Each zero
+of w adds 2 mu(0) N / |dw/dtheta| to the slope of T over w: this term is the damping that dither adds.
+Coulomb friction gives mu (2/pi) asin(w/a). The slope jumps at a = w: do not evaluate it there.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 4; Thomsen, J. Sound Vib. 228 (1999).
 """
 
@@ -29,7 +29,9 @@ _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(ORDER)
 
 
 def mean_friction(law: Law, w: float, N: float, fast: complex, load: complex = 0.0) -> tuple[float, float, float]:
-    """Mean friction force, its slope over w and its slope over N; `fast`, `load`: complex amplitudes of w and N."""
+    """Return the mean friction force, its slope over w and its slope over N; `fast`, `load`: complex amplitudes of w
+    and N.
+    """
     cuts = np.sort(np.concatenate([_zeros(w, fast), _zeros(N, load)]))
     if not len(cuts):
         cuts = np.array([0.0])
@@ -64,10 +66,10 @@ def _zeros(mean: float, amplitude: complex) -> Array:
 def fast_motion(
     system: System, sine: int, cosine: int, amplitude: float, leading: bool = False
 ) -> NDArray[np.complex128]:
-    """Complex amplitude of every state under a generator a' = omega b, b' = -omega a, without friction.
+    """Return the complex amplitude of every state under a generator a' = omega b, b' = -omega a, without friction.
 
-    The states are Re(. exp(i omega t)); those of the generator, `sine` and `cosine`, are a sin and a cos.
-    `leading`: only what inertia leaves.
+    The states are Re(. exp(i omega t)); those of the generator, `sine` and `cosine`, are a sin and a cos. `leading`:
+    keep only the inertia in the response.
     """
     omega = float(system.signals[sine - system.one, cosine])
     nq = len(system.coordinates)
@@ -94,11 +96,12 @@ def fast_motion(
 
 
 def averaged(system: System, sine: int, cosine: int, amplitude: float, leading: bool = False) -> Steady:
-    """Steady sliding under a generator a' = omega b, b' = -omega a (states `sine`, `cosine`) of given amplitude.
+    """Return steady sliding under a generator a' = omega b, b' = -omega a (states `sine`, `cosine`) of given amplitude.
 
-    Fast and slow motion are taken apart: good where the generator is much faster than the structure's modes.
-    `leading`: of the fast motion only what inertia leaves of it, the leading order of theories that part the motion
-    directly: a force A on a mass m shakes it with A / (m omega). Springs and dampers change that by 1 / omega^2.
+    Fast and slow motion are separated: this holds where the generator is much faster than the vibration modes of the
+    structure. `leading`: the fast motion contains inertia alone, the leading order of the theories of direct partition
+    of motion: a force A on a mass m gives it the amplitude A / (m omega) of velocity. Springs and dampers change it by
+    terms of order 1 / omega^2.
     """
     answer = fast_motion(system, sine, cosine, amplitude, leading)
     omega = float(system.signals[sine - system.one, cosine])
@@ -119,7 +122,7 @@ def averaged(system: System, sine: int, cosine: int, amplitude: float, leading: 
 
 
 def _over_speed(law: Law) -> Law:
-    """The same law as one that the formulation keeps out of the matrices."""
+    """The same law in the form that stays outside of the matrices."""
     if law.code != COULOMB:
         return law
     return replace(friction_law.falling(law.numbers[0], 0.0, 0.0), static=law.static)

@@ -1,8 +1,8 @@
-"""An axis of a sweep: one parameter of the rig at evenly spaced values, as a user writes it.
+"""An axis of a sweep: one parameter of the rig at evenly spaced values, parsed from the user's text.
 
     drive.speed=0.05 m/s:0.4 m/s:50      drive.speed=0:8 rpm:81      load.force=10:30:21
 
-An end without a unit takes that of the other end; without any, numbers are SI.
+An end without a unit takes the unit of the other end. If neither has a unit, the numbers are SI.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 MOST, POINTS = 100_000, 10_000_000
-"""Values of one axis, and points of all together."""
+"""Largest number of values of one axis, and of points of all axes together."""
 FORM = 'expected KEY=FROM:TO:COUNT, e.g. drive.speed="0.05 m/s:0.4 m/s:50"'
 
 
 @dataclass(frozen=True)
 class Axis:
-    """Parameter `key` at `values` (SI, in `unit`), in the order given; `shown` is the unit it is told in.
+    """Parameter `key` at `values` (SI, in `unit`), in the given order. `shown` is the unit for output.
 
     `scale`: SI value of one `shown`.
     """
@@ -44,7 +44,7 @@ class Axis:
 
     @classmethod
     def parse(cls, text: str, scene: Scene, controller: str = "") -> Self:
-        """`text` as an axis of `scene`, or of its `controller`. Raises SceneError with every fault."""
+        """Parse `text` as an axis of `scene`, or of its `controller`. Raises SceneError with every fault."""
         key, equals, rest = text.partition("=")
         key, parts = key.strip(), [part.strip() for part in rest.split(":")]
         if not equals or not key or len(parts) != 3 or not all(parts):
@@ -52,7 +52,7 @@ class Axis:
         known = _numbers(scene, controller)
         faults = []
         if key not in known:
-            faults.append(f"{shortened(key)}: is no number of this scene's rig; {near(key, known)}")
+            faults.append(f"{shortened(key)}: is not a numeric parameter of this scene's rig; {near(key, known)}")
         count = int(parts[2]) if re.fullmatch("[0-9]{1,9}", parts[2]) else 0
         if not 2 <= count <= MOST:
             faults.append(f"count = {shortened(parts[2])}: must be a whole number from 2 to {MOST}")
@@ -71,7 +71,7 @@ class Axis:
         if faults:
             raise SceneError(shortened(text), faults)
         one = 1.0 if shown == unit else si(f"1 {shown}", unit) - si(f"0 {shown}", unit)
-        whole = bool(np.isfinite(ends).all())  # else there are no values between, and the scene cannot have the ends
+        whole = bool(np.isfinite(ends).all())  # else the values between are undefined, and the scene refuses the ends
         values = np.linspace(ends[0], ends[1], count).tolist() if whole else ends
         axis = cls(key, unit, tuple(values), shown, one)
         axis._check(text, scene)
@@ -79,12 +79,14 @@ class Axis:
 
     @classmethod
     def of(cls, key: str, values: Iterable[float], scene: Scene, controller: str = "") -> Self:
-        """`key` of `scene` or of its `controller` at values in SI, rising or falling.
+        """Make the axis of `key` of `scene` or of its `controller` from values in SI, rising or falling.
 
         Raises SceneError with every fault.
         """
         known, given = _numbers(scene, controller), tuple(float(value) for value in values)
-        faults = [] if key in known else [f"{shortened(key)}: is no number of this scene's rig; {near(key, known)}"]
+        faults = []
+        if key not in known:
+            faults.append(f"{shortened(key)}: is not a numeric parameter of this scene's rig; {near(key, known)}")
         steps = np.diff(given)
         if not 2 <= len(given) <= MOST:
             faults.append(f"{len(given)} values: must be from 2 to {MOST}")
@@ -97,7 +99,7 @@ class Axis:
         return axis
 
     def _check(self, text: str, scene: Scene) -> None:
-        """Every value must be one that the scene can have."""
+        """Raise SceneError if the scene refuses one of the values."""
         refused = []
         for value in self.values:
             try:
@@ -110,7 +112,7 @@ class Axis:
             raise SceneError(shortened(text), [f"{self.key} = {self.tell(value)}{others}: {why}"])
 
     def at(self, scene: Scene, value: float) -> Scene:
-        """`scene` with this parameter at `value` (SI). Raises SceneError where the scene cannot have it."""
+        """Return `scene` with this parameter at `value` (SI). Raises SceneError if the scene refuses the value."""
         room, _, rest = self.key.partition(".")
         if room != "controllers":
             return replace(scene, parameters=with_values(scene.parameters, {self.key: value}))
@@ -119,24 +121,24 @@ class Axis:
         return replace(scene, controllers={**scene.controllers, name: changed})
 
     def tell(self, value: float, digits: int = 6) -> str:
-        """A value (SI) for a reader."""
+        """Return a value (SI) as text in the unit `shown`."""
         return f"{value / self.scale:.{digits}g}" + (f" {self.shown}" if self.shown != "1" else "")
 
     @property
     def label(self) -> str:
-        """For a figure or a table."""
+        """The key with its unit, for a figure or a table."""
         return self.key if self.shown == "1" else f"{self.key} [{self.shown}]"
 
     @property
     def told(self) -> Array:
-        """The values in the unit that they are told in, for a figure."""
+        """The values in the unit `shown`, for a figure."""
         return np.array(self.values) / self.scale
 
 
 def axes(scene: Scene, given: Mapping[str, str | None], controller: str = "") -> list[Axis]:
-    """The axes of several options (`--x`, `--y`), those that were given. Raises SceneError with all their faults.
+    """Parse the axes of those options (`--x`, `--y`) that were given. Raises SceneError with all their faults.
 
-    `controller`: one whose own numbers may be swept too.
+    `controller`: the controller whose numbers may be swept too.
     """
     found, faults = [], []
     for option, text in given.items():
@@ -157,7 +159,7 @@ def axes(scene: Scene, given: Mapping[str, str | None], controller: str = "") ->
 
 
 def _numbers(scene: Scene, controller: str) -> dict[str, str]:
-    """Key and unit of what can be swept."""
+    """Key and unit of every number that can be swept."""
     found = dict(sweepable(scene.parameters))
     if controller in scene.controllers:
         found |= sweepable(scene.controllers[controller], f"controllers.{controller}")
@@ -165,7 +167,7 @@ def _numbers(scene: Scene, controller: str) -> dict[str, str]:
 
 
 def sweepable(section: BaseModel, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """(dotted key, unit) of every number of a section and of the sections in it, also of those left out."""
+    """Yield (dotted key, unit) of every number of a section and of its subsections, including omitted optional ones."""
     for name, info in type(section).model_fields.items():
         value, key = getattr(section, name), f"{prefix}.{name}" if prefix else name
         if isinstance(value, BaseModel):

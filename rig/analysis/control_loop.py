@@ -1,11 +1,12 @@
-"""A control loop of a scene, linearised: closed-loop eigenvalues, and how much gain, phase and delay it bears.
+"""A control loop of a scene, linearised: closed-loop eigenvalues, gain range, phase margin and delay margin.
 
 The loop is that of the scene: the controller's own numbers, its instrument, its delay, sample and hold, all exactly
 discretised (rig.design.sampled). Margins come from the exact frequency response L(exp(i w T)) of the opened loop. A rig
 that rubs may be unstable without control, so gain has a range, not a margin: below it friction wins, above it the loop.
 
     gain range     gains of both signs between which every eigenvalue decays
-    phase margin   the least turn at |L| = 1 that makes L = -1        delay margin   the same turn as a delay, turn / w
+    phase margin   the smallest phase at |L| = 1 that makes L = -1
+    delay margin   the same phase as a delay, phase / w
 """
 
 from __future__ import annotations
@@ -38,8 +39,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-VANISHED = 1e-8  # |exp(lambda T)| of what a single period wipes out: commands under way
-MOST = 8  # motions told
+VANISHED = 1e-8  # |exp(lambda T)| below which a mode has decayed within one period: commands under way
+MOST = 8  # modes listed in the report
 GRID = 400
 
 
@@ -47,8 +48,9 @@ GRID = 400
 class Loop:
     """A closed loop about steady sliding. `unit`: of the gain; `delay` [s]: of its sensor and of the loop together.
 
-    `gain`: the controller's; of one that has none, a factor on what it hears. `model`: with a gain of one. `energy`: of
-    the states of the rig (rig.analysis.plant). `others`: controllers of the scene that stay open.
+    `gain`: gain of the controller; a controller without a gain parameter gets a factor on its input, nominally 1.
+    `model`: the loop at a gain of one. `energy`: form over the states of the rig (rig.analysis.plant). `others`:
+    controllers of the scene that are left open.
     """
 
     scene: str
@@ -63,7 +65,9 @@ class Loop:
 
     @cached_property
     def spectrum(self) -> Spectrum:
-        """Eigenvalues lambda = ln(z) / T of the closed loop, least stable first; those that vanish at once left out."""
+        """Eigenvalues lambda = ln(z) / T of the closed loop, least stable first, without those that decay within a
+        period.
+        """
         z, right, left = of_matrix(self.model.closed(self.gain))
         seen = np.abs(z) > VANISHED
         rates = (np.log(z[seen].astype(np.complex128)) / self.model.period).astype(np.complex128)
@@ -79,7 +83,7 @@ class Loop:
         return float(self.spectrum.rates[0].real)
 
     def response(self, omega: Array) -> Complex:
-        """The opened loop L at `omega` [rad/s], with the sign in which -1 is the limit of stability."""
+        """Return the open-loop response L at `omega` [rad/s], signed such that -1 is the limit of stability."""
         return self.gain * self._unit_response(omega)
 
     def _unit_response(self, omega: Array) -> Complex:
@@ -89,7 +93,7 @@ class Loop:
         return np.asarray(-(self.model.H @ held)[:, 0])
 
     def state_space(self) -> StateSpace:
-        """The opened loop as python-control's StateSpace, sampled with the period; unity feedback closes it."""
+        """Return the open loop as python-control's StateSpace, sampled with the period; unity feedback closes it."""
         import control
 
         m = self.model
@@ -97,7 +101,7 @@ class Loop:
 
     @cached_property
     def gain_ranges(self) -> list[tuple[float, float]]:
-        """Gains of both signs between which the loop is stable, rising; the ends may be infinite."""
+        """Return the gains of both signs between which the loop is stable, rising; ends may be infinite."""
         limits = sorted({0.0, *self._limits()})
         found: list[tuple[float, float]] = []
         for low, high in pairwise([-math.inf, *limits, math.inf]):
@@ -111,14 +115,14 @@ class Loop:
 
     @cached_property
     def gain_range(self) -> tuple[float, float] | None:
-        """The range that the controller's own gain lies in; None where the loop is unstable."""
+        """Return the stable range that contains the controller's own gain; None if the loop is unstable."""
         return next((ends for ends in self.gain_ranges if ends[0] < self.gain < ends[1]), None)
 
     @cached_property
     def margins(self) -> dict[str, float] | None:
-        """Least phase margin [rad] and delay margin [s], each with its frequency [Hz]; None where unstable.
+        """Return the least phase margin [rad] and delay margin [s], each with its frequency [Hz]; None if unstable.
 
-        Infinite where the loop's gain never passes one.
+        Infinite if the loop gain never reaches one.
         """
         if self.growth >= 0.0:
             return None
@@ -143,7 +147,7 @@ class Loop:
         return [float(-1.0 / value) for value in self._unit_response(np.array(turning)).real if value]
 
     def _roots(self, f: Callable[[Array], Array]) -> list[float]:
-        """Frequencies [rad/s] below Nyquist's at which f passes zero."""
+        """Frequencies [rad/s] below the Nyquist frequency at which f passes zero."""
         from scipy.optimize import brentq
 
         w = self._frequencies
@@ -157,7 +161,7 @@ class Loop:
 
     @cached_property
     def _frequencies(self) -> Array:
-        """A grid up to Nyquist's frequency that is dense where the opened or the closed loop turns fast."""
+        """A grid up to the Nyquist frequency, dense where the phase of the open or closed loop changes fast."""
         top = math.pi / self.model.period
         z = np.concatenate([np.linalg.eigvals(self.model.F), np.linalg.eigvals(self.model.closed(self.gain))])
         poles = np.log(z[np.abs(z) > VANISHED].astype(np.complex128)) / self.model.period
@@ -167,7 +171,7 @@ class Loop:
         return np.unique(w[(w > 0.0) & (w < top)])
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the fields as JSON values."""
         ends = self.gain_range
         return {
             "scene": self.scene,
@@ -185,17 +189,17 @@ class Loop:
         }
 
     def _motions(self) -> list[tuple[float, float]]:
-        """Growth [1/s] and frequency [Hz] of each motion, a pair once."""
+        """Growth [1/s] and frequency [Hz] of each mode; a complex pair counts once."""
         return [(float(r.real), float(r.imag) / (2.0 * math.pi)) for r in self.spectrum.rates if r.imag >= 0.0]
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         late = f"delay {1e3 * self.delay:g} ms, " if self.delay else ""
         hold = f"{late}sample and hold at {1e3 * self.model.period:g} ms"
         lines = [
             f"{self.scene}: loop of {self.controller} ({self.through}), gain {self.gain:g} {self.unit}".rstrip(),
             f"  linearised about steady sliding, within all limits; {hold}, exactly discretised",
-            *([f"  not connected here: {', '.join(self.others)}"] if self.others else []),
+            *([f"  left open: {', '.join(self.others)}"] if self.others else []),
             "",
         ]
         told = self._motions()
@@ -211,7 +215,7 @@ class Loop:
         return "\n".join(lines)
 
     def _ranges(self) -> Iterator[str]:
-        """The ranges of gain in words, and what is wrong with the controller's own."""
+        """Lines of text on the stable gain ranges, and on the controller's own gain."""
         unit = f" {self.unit}" if self.unit else ""
         for low, high in self.gain_ranges:
             ends = [low, high]
@@ -237,10 +241,11 @@ class Loop:
 
 
 def loop(scene: Scene, name: str) -> Loop:
-    """The loop of controller `name` of `scene` about the equilibrium of the scene's own values; the others stay open.
+    """Linearise the loop of controller `name` of `scene` about the equilibrium at the scene's own values; the others
+    stay open.
 
-    Raises SceneError for a controller that is not there, one that is no linear feedback, and a rig that nowhere slides
-    steadily.
+    Raises SceneError for an unknown controller, for one that is not a linear feedback, and for a rig without steady
+    sliding.
     """
     if name not in scene.controllers:
         raise SceneError(scene.name, [f"controller {name}: unknown; {near(name, scene.controllers)}"])

@@ -1,8 +1,9 @@
-"""Critical values of a parameter: where a motion about steady sliding begins or stops to grow, and what lies beside.
+"""Critical values of a parameter: where a mode of steady sliding begins or stops to grow, and the stability on both
+sides.
 
-The real parts of all eigenvalues in falling order are continuous functions of the parameter, whatever branches cross or
-coalesce in between. So a critical value is a root of one of them, found without following anything, to the rounding of
-the key (Brent). Where friction falls with a kink, growth may jump over zero.
+The real parts of all eigenvalues in falling order are continuous functions of the parameter, even where branches cross
+or coalesce. Therefore a critical value is a root of one of these functions. It is found to the rounding of the key
+(Brent) without following a branch. Where friction falls with a kink, growth may jump over zero.
 """
 
 from __future__ import annotations
@@ -21,22 +22,22 @@ from rig.analysis.growth_crossings import RELATIVE, Bracket, Growth, Hole, brack
 from rig.analysis.modes import motion
 
 Complex = NDArray[np.complex128]
-JUMP = 1e-3  # of the growth beside it: what is left at a root of a continuous function is far less
-_SAME = 1e-9  # of the axis: critical values of one kind this close are those of one motion, a pair of eigenvalues
+JUMP = 1e-3  # of the growth beside it: the residual at a root of a continuous function is far smaller
+_SAME = 1e-9  # of the axis: critical values of one kind this close belong to one mode, a pair of eigenvalues
 
 
 @dataclass(frozen=True)
 class Critical:
-    """A value of the key at which a motion stops or begins to grow, and the motion there.
+    """A value of the key at which a mode stops or begins to grow, and the mode there.
 
     kind          flutter (an oscillation), divergence (a monotone growth), jump (growth leaps over zero), jamming
-                  (friction takes up all of the inertia; no motion, branch -1)
-    becomes       what this motion becomes as the key rises: "unstable" or "stable"
-    branch        number of the branch of the sweep that it belongs to; `frequency` [Hz]
-    shape         amplitude of each state, that with most of the energy being 1; `energy`: share of each coordinate and
+                  (friction takes up all of the inertia; no mode, branch -1)
+    becomes       what this mode becomes as the key rises: "unstable" or "stable"
+    branch        number of its branch in the sweep; `frequency` [Hz]
+    shape         amplitude of each state; the one with most of the energy is 1; `energy`: share of each coordinate and
                   network state in the energy (rig.analysis.modes)
-    below, above  number of eigenvalues that grow just below and just above the value, of all motions; None where
-                  nothing slides or the axis ends
+    below, above  number of growing eigenvalues just below and just above the value, of all modes; None where there is
+                  no steady sliding or the axis ends
     """
 
     value: float
@@ -51,7 +52,7 @@ class Critical:
 
     @property
     def sides(self) -> str:
-        """What the rig, not this motion alone, is on both sides, in words."""
+        """Stability of the whole rig on both sides of the value, in words."""
         if self.kind == "jamming":
             return f"jams {'above' if self.becomes == 'unstable' else 'below'}"
         if self.below and self.above:
@@ -66,7 +67,7 @@ def _grow(count: int) -> str:
 
 
 class Gap(NamedTuple):
-    """From `start` to `end` on the axis, both included, there is no steady sliding: `note`, and `why` in words."""
+    """The range from `start` to `end` of the axis, ends included, without steady sliding: `note`, and reason `why`."""
 
     start: float
     end: float
@@ -75,7 +76,9 @@ class Gap(NamedTuple):
 
 
 class Found(NamedTuple):
-    """Critical values, rising, gaps in the order of the axis, and the widest distance of two values looked at."""
+    """Critical values in rising order, gaps in the order of the axis, and the widest distance between two values
+    examined.
+    """
 
     critical: tuple[Critical, ...]
     gaps: tuple[Gap, ...]
@@ -83,12 +86,12 @@ class Found(NamedTuple):
 
 
 def growing(spectrum: Spectrum) -> int | None:
-    """The number of eigenvalues that grow; None where they do not count."""
+    """Return the number of growing eigenvalues; None where the eigenvalues are not valid."""
     return int(np.count_nonzero(spectrum.rates.real > none(spectrum.rates))) if spectrum.counts else None
 
 
 def search(values: Sequence[float], rates: Complex, spectra: Spectra) -> Found:
-    """Everything critical between the ends of `values`. `rates` [value, branch] tell the branches of the sweep."""
+    """Find all critical values between the ends of `values`. `rates` [value, branch]: the branches of the sweep."""
 
     @lru_cache(maxsize=4096)
     def growths(value: float) -> Growth | None:
@@ -114,7 +117,7 @@ def _resolution(grid: Sequence[float]) -> float:
 
 
 def _with_sides(known: list[Critical], grid: Sequence[float], spectra: Spectra) -> Iterator[Critical]:
-    """With what grows below and above: the same up to the next value on the grid or the next critical one."""
+    """Add what grows below and above, up to the next value of the grid or the next critical value."""
     places = sorted({*grid, *(one.value for one in known)})
     for one in known:
         at = places.index(one.value)
@@ -124,7 +127,7 @@ def _with_sides(known: list[Critical], grid: Sequence[float], spectra: Spectra) 
 
 
 def _beside(value: float, near: float, spectra: Spectra) -> int | None:
-    """The number of eigenvalues that grow half-way to the next value. Raises Hole where only there nothing slides."""
+    """Number of growing eigenvalues half-way to the next value. Raises Hole if there is no steady sliding there."""
     middle = 0.5 * (value + near)
     found = growing(spectra(middle))
     if found is None and spectra(value).counts and spectra(near).counts:
@@ -133,7 +136,7 @@ def _beside(value: float, near: float, spectra: Spectra) -> int | None:
 
 
 def _gaps(grid: Sequence[float], spectra: Spectra) -> Iterator[Gap]:
-    """Where nothing slides steadily, and why."""
+    """Ranges without steady sliding, and why."""
     notes, span = [spectra(value).note for value in grid], abs(grid[-1] - grid[0])
     starts = [i for i in range(len(grid)) if i == 0 or notes[i] != notes[i - 1]]
     for first, beyond in pairwise([*starts, len(grid)]):
@@ -150,7 +153,7 @@ def _gaps(grid: Sequence[float], spectra: Spectra) -> Iterator[Gap]:
 
 
 def _jamming(grid: Sequence[float], spectra: Spectra) -> Iterator[Critical]:
-    """Where the mass matrix with friction in it stops or begins to be one."""
+    """Values at which the determinant of the mass matrix with friction changes its sign."""
     from scipy.optimize import brentq
 
     for a, b in pairwise(grid):
@@ -173,7 +176,7 @@ def _at(spectra: Spectra, bracket: Bracket, root: float, values: Sequence[float]
     rate, vector = grown.rates[i], grown.right[: grown.own, i]
     near = int(np.abs(np.array(values) - root).argmin())
     here = np.where(np.isfinite(rates[near]), np.abs(rates[near] - rate), np.inf)
-    rests = not jumps and not rate.imag  # a divergence: what is left of its rate is rounding
+    rests = not jumps and not rate.imag  # a divergence: its rate at the root is rounding error
     shape, energy = motion(grown.names[: grown.own], vector, grown.energy, 0.0 if rests else rate, grown.coordinates)
     return Critical(
         value=root,

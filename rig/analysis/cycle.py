@@ -1,11 +1,12 @@
-"""The limit cycle of a rig at constant actuator values: stick-slip, found by running the plant until it repeats.
+"""The limit cycle of a rig at constant actuator values: the plant is simulated until its stick-slip motion repeats.
 
-The run starts stuck to the surface at the unloaded structure, outside of the cycle, so that a cycle is found wherever
-one exists beside stable sliding. It has settled when the last cycles have the same mode changes at the same times to
-`REPEAT` of a period, or where there are none, the same turning points. A cycle that attracts slowly is looked for by
-Newton's method from there on (rig.analysis.shooting); it counts once the simulation repeats it and its multipliers say
-that it attracts. One more cycle is then read from the dense output: extremes inside steps and at events alike. What it
-does with a small disturbance: rig.analysis.floquet. When a motion is at rest in sliding: rig.analysis.settled.
+The run starts with every contact stuck to its surface and the structure unloaded, outside of the cycle. Therefore a
+cycle is also found where stable sliding exists beside it. The motion has settled when the last cycles have the same
+mode changes at the same times to `REPEAT` of a period, or the same turning points if there are no mode changes. For a
+cycle that attracts slowly, Newton's method continues from there (rig.analysis.shooting). Its result counts once the
+simulation repeats it and its multipliers are stable. Then one more cycle is read from the dense output, with extremes
+inside steps and at events. rig.analysis.floquet computes the multipliers; rig.analysis.settled decides when the motion
+has come to rest in sliding.
 """
 
 from __future__ import annotations
@@ -37,18 +38,18 @@ Array = NDArray[np.float64]
 TIGHT = 1e-10
 LONGEST = 120.0  # s
 CHANGES = 500_000  # mode changes: over a minute of a squeal at 3.4 kHz
-QUIET = 40.0  # periods of the slowest mode without an event, after which it is asked whether the motion dies away
-_AGAIN = 1.01  # times the time at which it was asked last whether the motion repeats
+QUIET = 40.0  # periods of the slowest mode without an event, after which the search tests whether the motion decays
+_AGAIN = 1.01  # ratio of the times of two successive tests whether the motion repeats
 _FIRST = 64  # mode changes after which Newton's method is tried, and again after twice as many
 _NEARLY = 1e-2  # of the period: rounds that differ by less may lie near a cycle
-_CALM = 2  # turns of such a surface without a change of contact, after which the rig slides
-_TURNS = 5.0  # turns of it that are waited for
+_CALM = 2  # turns of an uneven surface without a contact event, after which the rig slides
+_TURNS = 5.0  # turns of it that the search waits for
 _SLOW = 0.9  # a multiplier above which a cycle attracts slowly
-_LEFT = 1e-6  # of the period: what may be left of the way to a cycle that attracts slowly
+_LEFT = 1e-6  # of the period: largest remaining distance to a cycle that attracts slowly
 
 
 def _nobody(now: float, drift: float) -> None:
-    """Nobody watches."""
+    """Report progress to nobody: the default of `watch`."""
 
 
 def limit_cycle(
@@ -57,12 +58,12 @@ def limit_cycle(
     longest: float | None = None,
     watch: Callable[[float, float], object] = _nobody,
 ) -> Cycle:
-    """The limit cycle of `scene` with every actuator held at its value at the start, no controller, no sensor.
+    """Find the limit cycle of `scene` with every actuator held at its initial value, without controllers and sensors.
 
-    `tolerance`: of dopri5. `longest`: simulated seconds until it must have settled; by default `LONGEST`, more where
-    the surface is not alike everywhere and turns slowly, less where there are `CHANGES` mode changes before. `watch`
-    is told the simulated time [s] and to what share of its period the motion repeats. Raises
-    rig.errors.NumericsError where it has to stop, UsageError for a film of points.
+    `tolerance`: of dopri5. `longest`: simulated time [s] within which the motion must settle. The default is `LONGEST`,
+    more for an uneven surface that turns slowly, less if `CHANGES` mode changes happen before. `watch` gets the
+    simulated time [s] and the relative difference between the last rounds. Raises rig.errors.NumericsError where the
+    simulation has to stop, UsageError for a film of points.
     """
     refuse(scene, "a limit cycle")
     assembly = scene.assemble()
@@ -145,7 +146,7 @@ class _Search:
         return self._undecided()
 
     def _after(self, met: list[Event]) -> Cycle | None:
-        """What is known after events."""
+        """The result after new events, if it is known."""
         self.turns.clear()
         self.events = [*self.events, *met][-3 * MOST :]
         self.changes += len(met)
@@ -168,8 +169,8 @@ class _Search:
         return None
 
     def _between(self, since: float) -> Cycle | None:
-        """What is known of a motion that slips without an event since `since` [s]."""
-        if math.isfinite(self.round_s):  # each sector pushes: what counts is that sliding outlasts all of them
+        """The result for a motion that has slipped without an event since `since` [s], if it is known."""
+        if math.isfinite(self.round_s):  # each sector excites the rig: sliding must persist through all of them
             calm = self.rest.stable and self.now - self.touched >= _CALM * self.round_s
             return (
                 self._none(f"{self.rest.text()}; no contact changes in {_CALM} turns of the surface") if calm else None
@@ -184,7 +185,7 @@ class _Search:
         return None
 
     def _read(self, period: float, drift: float, sticks: dict[str, float]) -> Cycle | None:
-        """The cycle; None where it attracts so slowly that what is left of the way to it counts: go on from there."""
+        """The cycle; None if it attracts so slowly that the remaining distance to it matters: the search continues."""
         after = self.now
         found = _read(self.orbit, period, drift, after, sticks, self.shot.steps if self.shot else 0)
         slow = _SLOW < found.multiplier < 1.0
@@ -193,7 +194,7 @@ class _Search:
         return found
 
     def _shoot(self, period: float) -> bool:
-        """Go on from a cycle found by Newton's method, if there is one that attracts."""
+        """Continue from a cycle found by Newton's method, if there is one that attracts."""
         shot = shoot(self.orbit, period)
         self.events.clear()  # the orbit is a period on
         self.turns.clear()
@@ -212,7 +213,7 @@ class _Search:
         return any(self.orbit.stuck(self.orbit.motion.key, p) for p in range(len(self.orbit.system.patches)))
 
     def _touches(self, met: list[Event]) -> bool:
-        """Whether a contact has changed, not only the sector that it is in."""
+        """Whether a contact has changed, and not only its sector."""
         keys = [*(event.before for event in met), self.orbit.motion.key]
         modes = [self.orbit.system.modes(key)[:2] for key in keys]
         return any(a != b for a, b in pairwise(modes))
@@ -221,7 +222,7 @@ class _Search:
         return Cycle(self.scene.name, self.method, False, why, self.now)
 
     def _undecided(self) -> Cycle:
-        """Why nothing is known, and what to do."""
+        """The result "undecided": why, and what to do."""
         held = self._held() and not self.changes
         what = "the start still sticks" if held else "the motion does not repeat"
         why = f"undecided: {what} within {self.now:.4g} s and {self.changes} mode changes"
@@ -245,21 +246,21 @@ def _surfaces(sliding: Steady) -> Array:
 
 
 def _uneven(round_s: float, changes: int) -> str:
-    return (f"no limit cycle: the surface is not alike all round, and in a turn of {round_s:.4g} s there are {changes} "
-            "mode changes: the motion swings with the turn and does not come back to where it was. What is in the way "
-            "can be taken out (-p inhomogeneity=none, -p sector=none); the swing itself is told by rig simulate and "
+    return (f"no limit cycle: the surface is uneven, and one turn of {round_s:.4g} s has {changes} mode changes. The "
+            "motion follows the turn and does not repeat within it. An even surface may have a cycle "
+            "(-p inhomogeneity=none, -p sector=none). Analyse the modulated motion with rig simulate and "
             "rig sound")  # fmt: skip
 
 
 def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[str, float], newton: int) -> Cycle:
-    """Run one more cycle and tell what it is like."""
+    """Simulate one more cycle and return its properties."""
     one = orbit.round(period)
     met = [event for _, event in one.events]
     held = [orbit.stuck(event.before, 0) for event in met]
     changes = list(zip(held, [*held[1:], *held[:1]]))
 
     def at(change: tuple[bool, bool], after: bool) -> dict[str, float]:
-        """Outputs where the first contact begins or ends to stick."""
+        """The outputs where the first contact begins or ends to stick."""
         if change not in changes:
             return {}
         return dict(zip(orbit.outputs, one.dense.at(one.events[changes.index(change)][0], after).tolist()))
@@ -285,7 +286,7 @@ def _read(orbit: Orbit, period: float, drift: float, now: float, sticks: dict[st
 
 
 def stuck(system: System, x: Array) -> Array:
-    """The state with the signals of `x`, the structure unloaded and every contact moving with its surface."""
+    """Return the state with the signals of `x`, the structure unloaded and every contact moving with its surface."""
     nq = len(system.coordinates)
     out = x.copy()
     out[: 2 * nq] = 0.0

@@ -1,4 +1,4 @@
-"""A limit cycle as it is read, or why there is none."""
+"""The report of a limit cycle, or the reason why there is none."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ from rig.analysis.floquet import Floquet
 from rig.analysis.repetition import REPEAT
 from rig.analysis.text_table import columns
 
-_ROUNDING = 1e-13  # of the largest output of the same unit: what is less is told as nothing
+_ROUNDING = 1e-13  # of the largest output of the same unit: smaller values are shown as zero
 
 
 @dataclass(frozen=True)
 class Cycle:
-    """A limit cycle, or why there is none (`found` false, `why`), or why nothing is known (`decided` false as well).
+    """A limit cycle. Without one `found` is false and `why` has the reason; `decided` is false if the search was
+    inconclusive.
 
     period, frequency   [s], [Hz]             amplitude   half of peak to peak, of each output
     stick_time          [s] in one period, and its share, for each contact
     extremes            (lowest, highest) of each plant output in its unit; start and end of stick: outputs there
-    energy              [J] in one cycle by term; `error`: what does not close, relative to the largest term or
-                        to what is stored
-    repeats             largest difference of an event's time from the cycle before, relative to the period; of a
-                        cycle without events that of a turning point, relative to the span of each state
-    floquet             multipliers: what a round leaves of a small disturbance
-    newton              steps of Newton's method that led to it; 0 where simulation alone did
+    energy              [J] in one cycle by term; `error`: residual of the energy balance, relative to the largest term
+                        or to the stored energy
+    repeats             largest difference of an event's time from the cycle before, relative to the period; for a cycle
+                        without events that of a turning point, relative to the range of each state
+    floquet             multipliers: growth of a small disturbance over one period
+    newton              steps of Newton's method that led to it; 0 if simulation alone did
     """
 
     scene: str
@@ -48,12 +49,12 @@ class Cycle:
 
     @property
     def multiplier(self) -> float:
-        """Size of the largest multiplier: below one, the cycle attracts what is beside it. NaN where there is none."""
+        """Size of the largest multiplier: below one, the cycle attracts nearby motions. NaN if there is none."""
         return max((abs(v) for v in self.floquet.multipliers), default=math.nan)
 
     @property
     def frequency(self) -> float:
-        """Cycles in a second [Hz]."""
+        """Frequency of the cycle [Hz]."""
         return 1.0 / self.period
 
     @property
@@ -67,7 +68,7 @@ class Cycle:
         return {name: 0.5 * (high - low) for name, (low, high) in self.extremes.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the fields as JSON values."""
         if not self.found:
             kept = ("scene", "method", "found", "decided", "why", "after")
             return {name: getattr(self, name) for name in kept}
@@ -76,7 +77,7 @@ class Cycle:
         return {**vars(self), **derived}
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         if not self.found:
             return f"{self.scene}: {self.why}"
         unsure = max(10.0 * self.floquet.error, REPEAT)

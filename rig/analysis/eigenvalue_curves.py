@@ -1,8 +1,9 @@
-"""The eigenvalues of a scene as they change with a parameter: which is which, and how sure one can be of it.
+"""The eigenvalues of a scene followed along a parameter, with a measure of how reliable the pairing is.
 
-Two spectra are paired by the modal assurance of their left and right eigenvectors and by the distance of the values:
+Two spectra are paired by the modal assurance criterion (MAC) of their left and right eigenvectors and by the distance
+of the eigenvalues:
 
-    MAC_ij = |(l_i r'_j)(l'_j r_i)| / |(l_i r_i)(l'_j r'_j)|      one for the same motion, whatever the units
+    MAC_ij = |(l_i r'_j)(l'_j r_i)| / |(l_i r_i)(l'_j r'_j)|      one for the same mode, whatever the units
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ from rig.stability.linearisation import Steady
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
-SURE = 0.7  # MAC of a pair that needs no closer look
+SURE = 0.7  # MAC of a pair that needs no smaller step
 NOTHING, OPENS, JAMS = "no steady sliding", "the contact would open", "jams"
-DEPTH = 8  # halvings of a step between two values in which the pairs are not sure
+DEPTH = 8  # most halvings of a step between two values whose pairs are not certain
 
 
 class Spectrum(NamedTuple):
@@ -53,7 +54,7 @@ Spectra = Callable[[float], Spectrum]
 
 
 def of_matrix(A: Array) -> tuple[Complex, Complex, Complex]:
-    """Eigenvalues, least stable first, right and left vectors [state, i] of A."""
+    """Return eigenvalues, least stable first, right and left vectors [state, i] of A."""
     from scipy.linalg import eig
 
     values, left, right = eig(A, left=True, right=True)
@@ -62,7 +63,7 @@ def of_matrix(A: Array) -> tuple[Complex, Complex, Complex]:
 
 
 def sliding(at: Steady) -> Spectrum:
-    """The spectrum of steady sliding."""
+    """Return the spectrum of steady sliding."""
     rates, right, left = of_matrix(at.A[np.ix_(at.moving, at.moving)])
     note = JAMS if at.inertia <= 0.0 else "" if at.exists else OPENS if at.counts else NOTHING
     names, nq = tuple(at.system.names[i] for i in at.moving), len(at.system.coordinates)
@@ -72,7 +73,9 @@ def sliding(at: Steady) -> Spectrum:
 
 
 def pairs(a: Spectrum, b: Spectrum) -> tuple[NDArray[np.int64], bool]:
-    """For each rate of `a` the number of its continuation in `b`, -1 where there is none; whether all are sure."""
+    """Return for each rate of `a` the index of its continuation in `b` (-1: none), and whether all pairs are
+    certain.
+    """
     from scipy.optimize import linear_sum_assignment
 
     if a.names == b.names:
@@ -90,7 +93,7 @@ def pairs(a: Spectrum, b: Spectrum) -> tuple[NDArray[np.int64], bool]:
 
 
 def follow(spectra: Spectra, x: float, a: Spectrum, y: float, b: Spectrum, depth: int = DEPTH) -> NDArray[np.int64]:
-    """`pairs` of the spectra a at x and b at y, through as many values between as it takes to be sure."""
+    """Return the `pairs` of spectrum a at x and spectrum b at y, with as many values between as certainty needs."""
     found, sure = pairs(a, b)
     if sure or depth == 0:
         return found
@@ -104,7 +107,7 @@ def follow(spectra: Spectra, x: float, a: Spectrum, y: float, b: Spectrum, depth
 
 
 def equilibrium(scene: Scene) -> Spectrum:
-    """The spectrum of a scene at its sliding equilibrium, dither off, controllers left out."""
+    """Return the spectrum of a scene at its sliding equilibrium, with dither off and without controllers."""
     try:
         return sliding(at_rest(scene)[1])
     except Singular as error:
@@ -112,6 +115,6 @@ def equilibrium(scene: Scene) -> Spectrum:
 
 
 def absent(note: str, why: str, inertia: float = 1.0) -> Spectrum:
-    """The spectrum where there is none."""
+    """Return the empty spectrum of a place without steady sliding."""
     none = np.zeros((0, 0), dtype=np.complex128)
     return Spectrum(none.diagonal(), none, none, (), 0, 0, False, False, note, inertia, why)

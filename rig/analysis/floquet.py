@@ -1,11 +1,11 @@
-"""Floquet multipliers of a periodic motion: what one round leaves of a small disturbance.
+"""Floquet multipliers of a periodic motion: the growth of a small disturbance over one period.
 
-The motion is started again from a state in slip, displaced to both sides along each moving state, and carried through
-one period; central differences (of fourth order) of where it arrives make the monodromy matrix. The events of every
-run are located, so what a landing or a release does to the disturbance, its saltation, is in it. One multiplier is one,
-the shift along the motion itself: it is left out, and how well it comes out tells how good the others are. A contact
-that sticks forgets: its multiplier is zero. Where a displaced run meets other events, the return is not smooth, and
-smaller displacements are tried.
+The motion is restarted from a state in slip, displaced to both sides along each moving state, and simulated for one
+period. Central differences (fourth order) of the final states give the monodromy matrix. The events of every run are
+located, so that the matrix contains their jumps (saltation). One multiplier equals one: it belongs to the shift along
+the motion itself. It is left out, and its deviation from one is the error estimate for the others. A contact that
+sticks erases the disturbance: its multiplier is zero. Where a displaced run meets other events, the return map is not
+smooth, and smaller displacements are tried.
 """
 
 from __future__ import annotations
@@ -24,15 +24,16 @@ from rig.stability.linearisation import inputs, moving_states, own_law
 
 Array = NDArray[np.float64]
 STEPS = (1e-3, 1e-4, 1e-5)  # of the size of each state
-_MANY, _SHOWN = 10, 6  # multipliers: more than these are cut down to so many
+_MANY, _SHOWN = 10, 6  # more multipliers than the first number are cut down to the second
 RUNS = ((-2.0, 1.0 / 12.0), (-1.0, -8.0 / 12.0), (1.0, 8.0 / 12.0), (2.0, -1.0 / 12.0))
 
 
 @dataclass(frozen=True)
 class Floquet:
-    """Multipliers, the largest first; `error`: how far the one of the motion itself is from one (NaN: it is driven).
+    """Multipliers, the largest first; `error`: deviation of the trivial multiplier from one (NaN: the motion is
+    driven).
 
-    `why`: what keeps them from being told, "" where they are.
+    `why`: why the multipliers are not known, "" if they are.
     """
 
     multipliers: tuple[complex, ...] = ()
@@ -40,11 +41,11 @@ class Floquet:
     why: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the fields as JSON values."""
         return {"multipliers": [[v.real, v.imag] for v in self.multipliers], "error": self.error, "why": self.why}
 
     def text(self) -> str:
-        """For a reader; what is less than the error is zero."""
+        """Return the multipliers as text; values below the error are shown as zero."""
         if self.why:
             return self.why
         small = 10.0 * (self.error if math.isfinite(self.error) else 0.0)
@@ -60,9 +61,9 @@ class Floquet:
 
 @dataclass(frozen=True)
 class Return:
-    """What one period makes of states beside `x`, in small steps along `basis` [moving state, i], each over its `size`.
+    """The return map of one period near `x`, in small steps along `basis` [moving state, i], each over its `size`.
 
-    `matrix` [i, i]: the monodromy matrix. `miss` [i]: how far `x` itself ends from where it began. `flow` [i]: its rate
+    `matrix` [i, i]: the monodromy matrix. `miss` [i]: distance of the end of `x` from its start. `flow` [i]: its rate
     [1/s]. `met`: events on the way.
     """
 
@@ -76,18 +77,18 @@ class Return:
     size: Array
 
     def shifted(self, by: Array) -> Array:
-        """The state that lies beside x by `by` [i]."""
+        """Return the state x displaced by `by` [i]."""
         x = self.x.copy()
         x[self.moving] += self.size[self.moving] * (self.basis @ by)
         return x
 
     def apart(self, end: Array, start: Array) -> Array:
-        """The difference of two states, [i]."""
+        """Return the difference of two states [i]."""
         return np.asarray(self.basis.T @ ((end - start)[self.moving] / self.size[self.moving]))
 
 
 def returned(orbit: Orbit, x: Array, period: float, span: Array) -> Return | None:
-    """The return of `x` after `period` [s]; `span`: how far each state comes in it. None where it is not smooth."""
+    """Compute the return map of `x` over `period` [s]; `span`: range of each state in it. None if it is not smooth."""
     system = orbit.system
     modes = assembled(system, orbit.key_at(x))
     moving = moving_states(system, modes.A)
@@ -114,16 +115,16 @@ def returned(orbit: Orbit, x: Array, period: float, span: Array) -> Return | Non
 
 
 def floquet(orbit: Orbit, around: Round, period: float) -> Floquet:
-    """The multipliers of the cycle `around`, which repeats after `period` [s]."""
+    """Compute the multipliers of the cycle `around`, which repeats after `period` [s]."""
     x, span = around.states[middle(orbit, around)], np.ptp(around.states, axis=0)
     found = returned(orbit, x, period, span)
     if found is None:
-        return Floquet(why="the return is not smooth: runs beside the motion meet other events")
+        return Floquet(why="the return map is not smooth: displaced runs meet other events")
     return multipliers(found.matrix, driven=bool(np.any(np.delete(span, found.moving) > 0.0)))
 
 
 def multipliers(matrix: Array, driven: bool) -> Floquet:
-    """Those of a monodromy matrix; `driven`: no shift along the motion is among them."""
+    """Return the multipliers of a monodromy matrix; `driven`: it contains no shift along the motion."""
     values = np.linalg.eigvals(matrix)
     order = sorted((complex(v) for v in values), key=lambda v: (-abs(v), -v.imag))
     if driven:
@@ -134,7 +135,7 @@ def multipliers(matrix: Array, driven: bool) -> Floquet:
 
 
 def middle(orbit: Orbit, around: Round) -> int:
-    """The tick in the middle of the longest stretch between events, with as few contacts stuck as there are."""
+    """Return the tick in the middle of the longest time between events with the fewest stuck contacts."""
     step, ticks = orbit.scene.step_ns * 1e-9, len(around.states) - 1
     if not around.events:
         return 0
@@ -148,7 +149,7 @@ def middle(orbit: Orbit, around: Round) -> int:
 
 
 def _sizes(span: Array, nq: int) -> Array:
-    """What each state is displaced by, before the step: its span, or a little of the largest of its kind."""
+    """The unit displacement of each state: its range, or a small part of the largest range of its kind."""
     out = span.copy()
     for kind in (slice(nq), slice(nq, 2 * nq), slice(2 * nq, None)):  # metres, metres per second, volts and the like
         if span[kind].size:
@@ -157,7 +158,7 @@ def _sizes(span: Array, nq: int) -> Array:
 
 
 def _free(rows: Array) -> Array:
-    """Orthonormal directions [state, i] that leave the slip speed of stuck contacts alone."""
+    """Orthonormal directions [state, i] that do not change the slip speed of stuck contacts."""
     if not len(rows):
         return np.eye(rows.shape[1])
     _, values, directions = np.linalg.svd(rows)

@@ -1,12 +1,12 @@
-"""Where growth rates pass zero along a parameter, and where they end: brackets on a grid, and the roots in them.
+"""Zeros of growth rates along a parameter, and ends of the ranges in which they exist: brackets on a grid, then roots.
 
-    growths(value)   growth rates in falling order [1/s], and up to which each is none; None where nothing slides
-                     steadily
+    growths(value)   growth rates in falling order [1/s], and the size below which each is zero; None without steady
+                     sliding
 
-The grid is refined where a rate bends so much that it could reach zero between two values, and up to the edges of
-stretches in which something slides. Whoever looks between two values of a stretch and finds that nothing slides there
-raises a `Hole`: the grid is refined up to its edges and looked at again, so that no root lies in a range without steady
-sliding. Two crossings of one rate closer together than the grid can still be missed, and so can a hole.
+The grid is refined where the curvature of a rate allows a zero between two values, and up to the edges of stretches
+with steady sliding. A function that finds no steady sliding between two values of a stretch raises a `Hole`. Then the
+grid is refined up to the edges of the hole and searched again, so that no root lies in a range without steady sliding.
+Two crossings of one rate that are closer together than the grid can still be missed, and so can a hole.
 """
 
 from __future__ import annotations
@@ -20,36 +20,36 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Found = TypeVar("Found")
-RELATIVE = 4.0 * float(np.finfo(float).eps)  # the finest that a root is asked for
-NEUTRAL = 1e-9  # of |lambda|: growth that is none
+RELATIVE = 4.0 * float(np.finfo(float).eps)  # finest relative tolerance of a root
+NEUTRAL = 1e-9  # of |lambda|: growth below this is zero
 ROUNDING = 1e-12  # of the largest |lambda|
-EDGE = 1e-9  # of the gap between two values: how closely the end of a stretch is found
-_DEPTH = 6  # halvings of a gap in which a rate could reach zero
-_SEARCH = 3  # halvings of a gap at both ends of which nothing slides
-_CUSP = 4.0  # times the steps to both sides, growth may rise to a peak between: it bends like a root where modes meet
+EDGE = 1e-9  # of the gap between two values: tolerance of the end of a stretch
+_DEPTH = 6  # most halvings of a gap in which a rate could reach zero
+_SEARCH = 3  # halvings of a gap without steady sliding at both ends
+_CUSP = 4.0  # a minimum below this multiple of the rise beside it may reach zero: growth has a kink where modes meet
 _LEVEL = 1e-9
 _FIRST = 2.0**-10  # of the way from a hole to the next value of the grid: the first step
 _BESIDE = (2.0**-3, 2.0**-6, 2.0**-9)  # of the way from the end of a stretch to the next value of the grid
 
 
 class Growth(NamedTuple):
-    """Growth rates in falling order [1/s], and the size of each up to which rounding makes it: it is none."""
+    """Growth rates in falling order [1/s], and for each the size that rounding can cause: below it the rate is zero."""
 
     rates: Array
     none: Array
 
     def sign(self, k: int) -> int:
-        """Of rate number k; 0 where it is none or not there."""
+        """Return the sign of rate number k; 0 if it is zero or does not exist."""
         return int(np.sign(self.rates[k])) if k < len(self.rates) and abs(self.rates[k]) > self.none[k] else 0
 
     @property
     def clear(self) -> Array:
-        """The rates, zero where growth is none."""
+        """The rates, with those below rounding set to zero."""
         return np.where(np.abs(self.rates) <= self.none, 0.0, self.rates)
 
 
 def none(rates: NDArray[np.complex128]) -> Array:
-    """Growth rate of each motion [1/s] up to which it is none: what rounding makes of a motion without damping."""
+    """Return the growth rate [1/s] of each mode below which it is zero: rounding error of an undamped mode."""
     size = np.abs(rates)
     return np.asarray(np.maximum(NEUTRAL * size, ROUNDING * size.max(initial=0.0)))
 
@@ -58,7 +58,7 @@ Growths = Callable[[float], Growth | None]
 
 
 class Hole(Exception):
-    """Nothing slides steadily at `value`, which lies between two values of a stretch."""
+    """There is no steady sliding at `value`, which lies between two values of a stretch."""
 
     def __init__(self, value: float) -> None:
         super().__init__(value)
@@ -69,7 +69,7 @@ class Bracket(NamedTuple):
     """Rate number `k` changes its sign between `a` and `b`.
 
     how   passes   it passes zero between them
-          begins   it is none at one of them: a motion without damping begins to grow, which leaves zero between them
+          begins   it is zero at one of them: an undamped mode begins to grow, which leaves zero between them
           ends     it is zero at b, where the stretch ends, and below zero at a
     """
 
@@ -80,7 +80,9 @@ class Bracket(NamedTuple):
 
 
 def looked(values: Sequence[float], growths: Growths, look: Callable[[list[float]], Found]) -> Found:
-    """What `look` finds on the refined grid of `values`; where it raises a `Hole`, the grid is cut there first."""
+    """Return the result of `look` on the refined grid of `values`; where it raises a `Hole`, the grid is cut there
+    first.
+    """
     grid = refined(values, growths)
     while True:
         try:
@@ -90,7 +92,7 @@ def looked(values: Sequence[float], growths: Growths, look: Callable[[list[float
 
 
 def _cut(grid: Sequence[float], hole: float, growths: Growths) -> list[float]:
-    """A grid with the edges of the range around `hole` in which nothing slides."""
+    """The grid with the edges of the range without steady sliding around `hole`."""
     falls = grid[0] > grid[-1]
     i = next(i for i, value in enumerate(grid) if (value < hole if falls else value > hole))
     a, b = grid[i - 1 : i + 1]
@@ -99,9 +101,9 @@ def _cut(grid: Sequence[float], hole: float, growths: Growths) -> list[float]:
 
 
 def _beside(hole: float, end: float, growths: Growths) -> float:
-    """The first value from a hole towards `end` at which something slides, in steps that double.
+    """The first value with steady sliding on the way from a hole to `end`, in steps that double.
 
-    The edge is then looked for close to the hole: between it and the end there may be other holes.
+    The search for the edge begins close to the hole, because other holes may lie between it and the end.
     """
     share = _FIRST
     while share < 1.0 and growths(value := hole + share * (end - hole)) is None:
@@ -110,7 +112,7 @@ def _beside(hole: float, end: float, growths: Growths) -> float:
 
 
 def there(value: float, growths: Growths) -> Growth:
-    """The growth at a value inside of a stretch. Raises Hole where nothing slides steadily."""
+    """Return the growth at a value inside of a stretch. Raises Hole if there is no steady sliding."""
     found = growths(value)
     if found is None:
         raise Hole(value)
@@ -118,7 +120,7 @@ def there(value: float, growths: Growths) -> Growth:
 
 
 def root(bracket: Bracket, growths: Growths) -> float:
-    """The value in a bracket at which its rate passes zero, to rounding (Brent). Raises Hole."""
+    """Return the value in a bracket at which its rate passes zero, to rounding (Brent). Raises Hole."""
     from scipy.optimize import brentq
 
     k, a, b, how = bracket
@@ -133,7 +135,7 @@ def root(bracket: Bracket, growths: Growths) -> float:
 
 
 def refined(values: Sequence[float], growths: Growths) -> list[float]:
-    """`values` with those between them that have to be looked at, in their order."""
+    """Return `values` and the values between them that have to be examined, in their order."""
     grid = [values[0]]
     for a, b in pairwise(values):
         grid += [*_between(a, b, growths, _DEPTH), b]
@@ -141,7 +143,7 @@ def refined(values: Sequence[float], growths: Growths) -> list[float]:
 
 
 def stretches(grid: Sequence[float], growths: Growths) -> list[list[float]]:
-    """The values of a grid at which something slides, cut where nothing does."""
+    """Return the values of a grid with steady sliding, split where there is none."""
     found: list[list[float]] = [[]]
     for value in grid:
         if growths(value) is not None:
@@ -152,7 +154,7 @@ def stretches(grid: Sequence[float], growths: Growths) -> list[list[float]]:
 
 
 def _between(a: float, b: float, growths: Growths, depth: int) -> list[float]:
-    """Values to look at between a and b, in their order."""
+    """Values to examine between a and b, in their order."""
     at_a, at_b, middle = growths(a), growths(b), 0.5 * (a + b)
     if at_a is None and at_b is not None:
         inside, outside = edge(b, a, lambda value: growths(value) is not None)
@@ -176,20 +178,22 @@ def _between(a: float, b: float, growths: Growths, depth: int) -> list[float]:
 
 
 def _approach(far: float, end: float, growths: Growths, depth: int) -> list[float]:
-    """Values to look at between `far` and the end of a stretch: growth changes fastest beside it."""
+    """Values to examine between `far` and the end of a stretch, beside which growth changes fastest."""
     beside = [end + share * (far - end) for share in _BESIDE]
     return [*_between(far, beside[0], growths, depth), *beside]
 
 
 def _could(a: Array, b: Array, bend: Array) -> bool:
-    """Whether a rate of one sign at both ends could have the other between: a parabola bends a quarter as much here."""
+    """Whether a rate of one sign at both ends could change sign between them: a parabola bends a quarter as
+    much here.
+    """
     return bool(np.any((a * b > 0.0) & (np.minimum(np.abs(a), np.abs(b)) <= bend)))
 
 
 def edge(inside: float, outside: float, holds: Callable[[float], bool], span: float = 0.0) -> tuple[float, float]:
-    """The last value on the way from `inside` to `outside` where `holds` is true, and the first where it is not.
+    """Return the last value from `inside` to `outside` at which `holds` is true, and the first at which it is not.
 
-    To `EDGE` of the way, or of `span` where that is longer.
+    Tolerance: `EDGE` of the way, or of `span` if that is longer.
     """
     least = EDGE * max(abs(outside - inside), span)
     while abs(outside - inside) > least and (middle := 0.5 * (inside + outside)) not in (inside, outside):
@@ -198,7 +202,7 @@ def edge(inside: float, outside: float, holds: Callable[[float], bool], span: fl
 
 
 def brackets(stretch: Sequence[float], growths: Growths) -> Iterator[Bracket]:
-    """Every sign change of every rate along a stretch. Raises Hole."""
+    """Yield every sign change of every rate along a stretch. Raises Hole."""
     if len(stretch) < 2:
         return
     count = min(len(there(value, growths).rates) for value in stretch)
@@ -231,7 +235,7 @@ def _islands(x: Sequence[float], k: int, growths: Growths) -> Iterator[float]:
 
 
 def _passing(k: int, x: Sequence[float], signs: Sequence[int]) -> Iterator[Bracket]:
-    """Neighbours between which the sign of rate k changes. A lone zero is a value that is a critical one by chance."""
+    """Neighbours between which the sign of rate k changes. A single zero is a value that happens to be critical."""
     clear = [i for i, sign in enumerate(signs) if sign]
     for i, j in pairwise(clear):
         if signs[i] != signs[j] and j - i <= 2:

@@ -1,11 +1,11 @@
-"""The experiments that tell the parameters of the lever rig, read as on a bench: from what the instruments measured.
+"""Parameters of the lever rig, identified from experiments with the virtual instruments as on a real bench.
 
 free vibration     x = A exp(-b t) cos(w t + ..);  J = k1 r1^2 / (w^2 + b^2), c1 = 2 b J
                    of the lever with (k2 + k3) r3^2 in place of k1 r1^2: I, c2
-static friction    mu_s = k1 r1^2 phi_max / (r2 N): the largest deflection that a creeping disc carries the pin to
+static friction    mu_s = k1 r1^2 phi_max / (r2 N): the largest deflection to which a creeping disc carries the pin
 kinetic friction   mu = F r1 / (r2 N) of the load cell's force F; mu_k, alpha (and mu_s) of the exponential law, fitted
 
-Stiffnesses and lengths count as known (weighed, measured); everything else comes from the sensors of the scene.
+Stiffnesses and lengths count as known (weighed, measured). Everything else comes from the sensors of the scene.
 Source: Liu and Ouyang, Mechanical Systems and Signal Processing (2022), section 3.1, equations 22 to 30.
 """
 
@@ -27,12 +27,12 @@ from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 _SETTLED = 0.5  # share of a hold after which a reading is taken
-_SKIP = 3  # samples of a free vibration before the laser sees nothing but it
+_SKIP = 3  # samples left out: until then the laser's reading is not yet the free vibration alone
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """A parameter as identified, beside what the scene states, in SI."""
+    """An identified parameter beside the value that the scene states, in SI."""
 
     key: str
     unit: str
@@ -41,13 +41,13 @@ class Parameter:
 
     @property
     def error(self) -> float:
-        """Relative to what is stated."""
+        """Difference from the stated value, relative to it."""
         return self.found / self.stated - 1.0
 
 
 @dataclass(frozen=True)
 class Identified:
-    """What an experiment tells. `readings`: names of columns, and the numbers that were fitted, where there are any."""
+    """The result of an experiment. `readings`: column names and the fitted numbers, if there are any."""
 
     scene: str
     experiment: str
@@ -56,7 +56,7 @@ class Identified:
     readings: tuple[tuple[float, ...], ...] = ()
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         rows = [("", "found", "stated", "error", "")]
         for one in self.parameters:
             unit = "" if one.unit == "1" else one.unit
@@ -68,7 +68,7 @@ class Identified:
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the fields as JSON values."""
         return {
             "scene": self.scene,
             "experiment": self.experiment,
@@ -78,7 +78,7 @@ class Identified:
 
 
 def identify(scene: Scene) -> Identified:
-    """Run an experiment and read it. Raises UsageError for a scene that is none."""
+    """Run the experiment that the scene defines and identify its parameters. Raises UsageError for another scene."""
     from rig.bench.simulate import simulate
 
     _reader(scene)
@@ -86,7 +86,9 @@ def identify(scene: Scene) -> Identified:
 
 
 def read(run: Run) -> Identified:
-    """What a run of an experiment tells, simulated or recorded. Raises UsageError for a scene that is none."""
+    """Identify the parameters from a simulated or recorded run. Raises UsageError for a scene that is no such
+    experiment.
+    """
     scene = Scene.from_json(run.scene_text())
     return _reader(scene)(scene, run)
 
@@ -94,13 +96,13 @@ def read(run: Run) -> Identified:
 def _reader(scene: Scene) -> Callable[[Scene, Run], Identified]:
     p = scene.parameters
     if not isinstance(p, Parameters):
-        raise UsageError(f"{scene.name}: no experiment is known that identifies a {scene.plant}; known: of a lever")
+        raise UsageError(f"{scene.name}: no experiment identifies a {scene.plant}; experiments exist for a lever")
     if p.disc is None and (p.lever is None or p.cylinder.bolted):
         return _free_vibration
     if p.disc is not None and p.lever is None:
         return _static_friction if p.load_cell is None else _kinetic_friction
     raise UsageError(
-        f"{scene.name}: is no experiment that identifies a part; those take the rig apart: lever_free_cylinder, "
+        f"{scene.name}: is not an identification experiment; these scenes are: lever_free_cylinder, "
         "lever_free_lever, lever_static_friction, lever_kinetic_friction"
     )
 
@@ -124,7 +126,7 @@ def _free_vibration(scene: Scene, run: Run) -> Identified:
 
 
 def vibration(t: Array, x: Array) -> tuple[float, float]:
-    """Frequency w [rad/s] and decay b [1/s] of x = exp(-b t) (A cos w t + B sin w t) + C, by least squares.
+    """Fit frequency w [rad/s] and decay b [1/s] of x = exp(-b t) (A cos w t + B sin w t) + C by least squares.
 
     t: evenly spaced [s].
     """
@@ -166,7 +168,7 @@ def _kinetic_friction(scene: Scene, run: Run) -> Identified:
 
     p: Any = scene.parameters
     if p.friction.law != "exponential":
-        raise UsageError(f"{scene.name}: friction.law = {p.friction.law!r}: the law that is fitted is the exponential")
+        raise UsageError(f"{scene.name}: friction.law = {p.friction.law!r}: only the exponential law can be fitted")
     quantities = ("disc_speed", "cell_force", "normal_force")
     signals = [_measured(scene, run, quantity) for quantity in quantities]
     readings = []
@@ -199,7 +201,7 @@ def _measured(scene: Scene, run: Run, quantity: str) -> tuple[Array, Array]:
 
 
 def _holds(protocol: Iterable[Any]) -> list[tuple[float, float]]:
-    """When each hold of a protocol without waits begins and ends [s]."""
+    """Begin and end [s] of each hold of a protocol without waits."""
     found, now = [], 0
     for step in _unrolled(protocol):
         length = getattr(step, "time", 0) or getattr(step, "over", 0)

@@ -1,9 +1,11 @@
-"""The eigenvalues of a rig at its sliding equilibrium: does sliding grow into vibration, how fast, at what frequency.
+"""Eigenvalues of a rig at its sliding equilibrium: growth rate, frequency and shape of every vibration mode.
 
-    exp(lambda t),  growth rate Re lambda [1/s], frequency Im lambda / 2 pi [Hz], damping ratio -Re lambda / |lambda|
+    exp(lambda t),  growth rate Re lambda [1/s], frequency Im lambda / 2 pi [Hz], damping ratio -Re lambda /
+    |lambda|
 
-The equilibrium is that of the scene's own values, commands held, lags settled, controllers left out. Dither is taken
-as switched off there; what it does at its stated amplitude is told beside it, averaged (rig.analysis.averaged).
+The equilibrium belongs to the scene's own values, with commands held, lags settled and controllers left out. Dither
+counts as switched off there; its effect at the stated amplitude is reported separately, averaged
+(rig.analysis.averaged).
 """
 
 from __future__ import annotations
@@ -31,8 +33,8 @@ from rig.scenes.rooms import assembled
 from rig.scenes.scene import Scene
 from rig.stability.linearisation import Steady, sliding_key, steady
 
-_REST = 1e-11  # of the sum of its terms, of the largest rate: what rounding leaves of a zero
-_LEAST = 0.01  # of the energy: what is told of a shape that is long, and how many at most
+_REST = 1e-11  # rounding error of a zero, relative to the sum of its terms or to the largest rate
+_LEAST = 0.01  # of the energy: smallest share shown of a long shape, and how many at most
 _LONG, _MOST = 4, 6
 Array = NDArray[np.float64]
 GENERATOR = ("dither.sin", "dither.cos")
@@ -40,10 +42,10 @@ GENERATOR = ("dither.sin", "dither.cos")
 
 @dataclass(frozen=True)
 class Mode:
-    """One motion about the equilibrium.
+    """One vibration mode about the equilibrium.
 
-    `energy`: share of each coordinate in the kinetic energy, and of each network state in its own, by which metres,
-    radians and volts can be compared. `shape`: amplitude of each state, that of the largest share being 1.
+    `energy`: share of each coordinate in the kinetic energy, and of each network state in the network's energy, which
+    makes metres, radians and volts comparable. `shape`: amplitude of each state; the one with the largest share is 1.
     """
 
     growth: float
@@ -54,7 +56,7 @@ class Mode:
 
     @property
     def kind(self) -> str:
-        """What such a motion is called."""
+        """The kind of mode, in words."""
         if self.growth == 0.0 == self.frequency:
             return "stays"
         if abs(self.growth) <= 1e-9 * 2.0 * math.pi * self.frequency:
@@ -66,12 +68,13 @@ class Mode:
 
 @dataclass(frozen=True)
 class Sliding:
-    """An equilibrium in sliding and the motions about it, the least stable first.
+    """A sliding equilibrium and the modes about it, least stable first.
 
-    `exists` is false where nothing slides steadily, `why` then says what keeps it; the numbers mean nothing, except
-    that at constant coefficients the motions are the same wherever the equilibrium lies: they `count` also where the
-    contact would have to pull. `equilibrium`: plant outputs; `coefficient`: friction over normal force of each contact.
-    `pulls`: how many points of a film would have to pull; the motions are those with all of them closed.
+    `exists` is false without steady sliding, and `why` has the reason. The numbers are then invalid, with one
+    exception: at constant coefficients the modes do not depend on the place of the equilibrium, so that they `count`
+    also where the contact would have to pull. `equilibrium`: plant outputs; `coefficient`: friction over normal force
+    of each contact. `pulls`: number of points of a film that would have to pull; the modes are those with all points
+    closed.
     """
 
     exists: bool
@@ -89,16 +92,17 @@ class Sliding:
 
     @property
     def stable(self) -> bool:
-        """Whether every motion decays."""
+        """Whether every mode decays."""
         return self.exists and self.growth < 0.0
 
 
 @dataclass(frozen=True)
 class Modes:
-    """What `modes` finds. `dithered` is None for a scene without dither; `amplitude` [unit] and `hertz` go with it.
+    """The result of `modes`. `dithered` is None for a scene without dither; `amplitude` [unit] and `hertz` belong to
+    it.
 
-    `free`: natural frequencies [Hz] of a part of the rig by itself. `limits`: coefficients of friction at which
-    something of the rig is used up, in closed form (infinite: never).
+    `free`: natural frequencies [Hz] of a part of the rig by itself. `limits`: critical coefficients of friction in
+    closed form (infinite: never reached).
     """
 
     scene: str
@@ -116,13 +120,13 @@ class Modes:
     COLUMNS: ClassVar = ("motion", "growth 1/s", "frequency Hz", "damping ratio", "shape (share of the energy)")
 
     def table(self) -> list[tuple[str, float, float, float, str]]:
-        """A row for each motion, in the order of COLUMNS."""
+        """Return a row for each mode, in the order of COLUMNS."""
         found = [(mode.kind, mode) for mode in self.sliding.modes]
         found += [(f"{mode.kind}, dithered", mode) for mode in (self.dithered.modes if self.dithered else ())]
         return [(kind, one.growth, one.frequency, one.damping, told(one.shape, one.energy)) for kind, one in found]
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the fields as JSON values."""
         return {
             "scene": self.scene,
             "mode": self.mode,
@@ -137,15 +141,15 @@ class Modes:
         }
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         what = "steady sliding" if self.sliding.coefficient else "at rest"
         lines = [f"{self.scene}: {'' if self.sliding.exists else 'no '}{what} ({self.mode})"]
         if not self.sliding.exists:
-            lines += [f"  nothing slides steadily with these values: {self.sliding.why}"]
+            lines += [f"  no steady sliding at these values: {self.sliding.why}"]
         else:
             lines += self._outputs()
         if self.sliding.pulls:
-            lines += [f"  {self.sliding.pulls} points would have to pull: below, all points are closed all the same"]
+            lines += [f"  {self.sliding.pulls} points would have to pull; the modes below count all points as closed"]
             lines += [f"  friction coefficient at {name} = {v:.6g}" for name, v in self.sliding.coefficient.items()]
         if self.sliding.exists or self.sliding.counts:
             rows = [(k, f"{g:.6g}", f"{f:.6g}", f"{d:.4g}", s) for k, g, f, d, s in self.table()]
@@ -168,7 +172,7 @@ class Modes:
         return "\n".join(lines)
 
     def _outputs(self) -> Iterator[str]:
-        """The equilibrium; of a row of places (`pressure_3_2`) the range."""
+        """The outputs at equilibrium; a row of places (`pressure_3_2`) as a range."""
         for common, names in grouped(self.sliding.equilibrium).items():
             unit, values = self.units[names[0]], [self.sliding.equilibrium[name] for name in names]
             if len(names) == 1:
@@ -178,7 +182,7 @@ class Modes:
 
 
 def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assembly, Steady]:
-    """The rig of `scene` and its sliding equilibrium, dither off, controllers left out.
+    """Return the rig of `scene` and its sliding equilibrium, with dither off and without controllers.
 
     `moved`: actuators that are states, as for a plant; by default those that the scene moves.
     """
@@ -193,7 +197,9 @@ def at_rest(scene: Scene, moved: Mapping[str, str] | None = None) -> tuple[Assem
 
 
 def modes(scene: Scene) -> Modes:
-    """The eigenvalues of `scene` at its sliding equilibrium. Raises SceneError where its equations are singular."""
+    """Compute the eigenvalues of `scene` at its sliding equilibrium. Raises SceneError where its equations are
+    singular.
+    """
     try:
         assembly, at = at_rest(scene)
     except Singular as error:
@@ -225,7 +231,7 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
     system = at.system
     forces = at.modes.normal @ at.x + at.modes.normal_t @ at.T
     film = assembly.film and assembly.film.sliding(forces)
-    if film:  # it drags the structure the way it slides
+    if film:  # it drags the structure in the direction of sliding
         film[over("friction")] = math.copysign(film[over("friction")], float(at.speed[0]))
     pressed = {n: o.row for n, o in assembly.outputs.items() if film and film.keys() >= o.row.keys() and o.row}
     outputs = {name: output for name, output in assembly.outputs.items() if name not in pressed}
@@ -258,7 +264,7 @@ def _sliding(assembly: Assembly, at: Steady) -> Sliding:
 
 
 def missing(at: Steady) -> str:
-    """What keeps a rig from sliding steadily."""
+    """Return the reason why a rig has no steady sliding."""
     contacts = list(zip(at.system.patches, at.speed.tolist(), at.load.tolist()))
     for patch, speed, load in contacts:
         if speed == 0.0:
@@ -270,7 +276,7 @@ def missing(at: Steady) -> str:
     for patch, _, load in contacts:
         if load == 0.0:
             return f"nothing presses {patch.name}"
-    return "no such equilibrium is found"
+    return "the solver finds no such equilibrium"
 
 
 def _mode(system: System, rate: complex, vector: Any, form: Array) -> Mode:
@@ -287,12 +293,12 @@ def _mode(system: System, rate: complex, vector: Any, form: Array) -> Mode:
 def motion(
     names: Sequence[str], vector: Any, form: Array, rate: complex, coordinates: int
 ) -> tuple[dict[str, complex], dict[str, float]]:
-    """Amplitudes of an eigenvector by name, and the share of each coordinate and network state in its energy.
+    """Return amplitudes of an eigenvector by name, and the share of each coordinate and network state in its energy.
 
-    `form`: of the first of the states (`energy_form`), the first of these being the `coordinates`. Joule weighs metres,
-    radians and volts alike. At a rate of zero nothing moves: there the masses weigh the displacements, as they do in
-    the limit of a rate that goes to zero. The amplitude with most of the energy is 1; where there is no energy, the
-    largest, and no share is told.
+    `form`: over the first of the states (`energy_form`), which begin with the `coordinates`. Energy makes metres,
+    radians and volts comparable. At a rate of zero nothing moves: there the masses weigh the displacements, which is
+    the limit of a rate that goes to zero. The amplitude with most of the energy is 1; without energy it is the largest
+    amplitude, and no share is returned.
     """
     amplitudes = np.array(vector, dtype=np.complex128)
     weighed, velocities = amplitudes.copy(), slice(coordinates, 2 * coordinates)
@@ -311,9 +317,9 @@ def _shares(names: Sequence[str], amplitudes: Any, form: Array) -> dict[str, flo
 
 
 def told(shape: Mapping[str, complex], energy: Mapping[str, float]) -> str:
-    """A shape for a reader: share of the energy and angle of each coordinate and network state, of many the large ones.
+    """Return a shape as text: energy share and angle of each coordinate and network state; only the large ones of many.
 
-    Where there is no energy in it: size and angle of each state.
+    Without energy: size and angle of each state.
     """
     if not energy:
         return ", ".join(f"{name} {abs(v):.3g} at {_degrees(v)} deg" for name, v in shape.items())
@@ -325,7 +331,7 @@ def told(shape: Mapping[str, complex], energy: Mapping[str, float]) -> str:
 
 
 def _degrees(v: complex) -> int:
-    """The angle of an amplitude; half a turn is told as such, whatever the side that rounding leaves it on."""
+    """The angle of an amplitude; half a turn always has the same sign, whatever the rounding."""
     angle = round(math.degrees(math.atan2(v.imag, v.real)))
     return 180 if angle == -180 else angle
 

@@ -1,4 +1,4 @@
-"""The plant of a scene on its own, carried along with outputs and states written down: what a cycle is read from."""
+"""The plant of a scene on its own, stepped with its outputs and states recorded: the source of a limit cycle's data."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class Round:
 class Orbit:
     """The plant of `scene` from state `start` on, without sensors and controllers, every actuator held.
 
-    `read`: the outputs that are wanted between samples; by default all, and all states. `longest`: ticks in one call.
-    `framed`: integrator steps end where the frames of the scene end, as in a run, so that states and events have the
+    `read`: the outputs that are wanted between samples; by default all outputs and states. `longest`: ticks in one
+    call. `framed`: integrator steps end at the frames of the scene, as in a run, so that states and events have the
     bits of a run.
     """
 
@@ -66,7 +66,9 @@ class Orbit:
         self._aside: dict[int, Motion] = {}  # by step [ns]
 
     def moving(self, start: Array, step_ns: int, longest: int, read: bool = True) -> Motion:
-        """The plant from another state on, with another step; `read`: outputs between samples are wanted."""
+        """Return a plant that starts from another state with another step; `read`: outputs between samples are
+        wanted.
+        """
         clock = self.scene.clock
         return Motion(
             replace(self.system, start=start),
@@ -84,7 +86,7 @@ class Orbit:
         )
 
     def carried(self, x: Array, period: float) -> tuple[Array, list[str]]:
-        """State `x` after `period` [s], to the nanosecond, and the events met. The orbit itself stays where it is."""
+        """Return state `x` after `period` [s], to the nanosecond, and the events. The orbit itself does not change."""
         own = self.scene.step_ns
         whole, rest = divmod(round(period * 1e9), own)
         met: list[str] = []
@@ -98,11 +100,11 @@ class Orbit:
         return x, met
 
     def key_at(self, x: Array) -> int:
-        """The mode set that state `x` is in."""
+        """Return the mode set of state `x`."""
         return self._from(x, self.scene.step_ns).key
 
     def _from(self, x: Array, step_ns: int) -> Motion:
-        """A motion aside from `x` on. Kept: one with the step of the scene, one with the last other step."""
+        """A separate plant from `x` on. Two are kept: one with the step of the scene, one with the last other step."""
         own = self.scene.step_ns
         if step_ns not in self._aside:
             self._aside = {step: motion for step, motion in self._aside.items() if step == own}
@@ -111,25 +113,25 @@ class Orbit:
         return self._aside[step_ns]
 
     def turn_to(self, x: Array) -> None:
-        """Go on from state `x`, at the time of now."""
+        """Continue from state `x`, at the present time."""
         tick = self.motion.tick
         self.motion.restart(x)
         self.motion.tick = tick
 
     def block(self, ticks: int = BLOCK) -> list[Event]:
-        """Carry the plant on by `ticks` at most; the events met. In frames it ends after one with events."""
+        """Step the plant by up to `ticks`; return the events. With frames, stop after a frame that has events."""
         self.motion.advance(min(ticks, self.longest))
         return self.motion.events()
 
     def beyond(self) -> str:
-        """What has left the limit that the scene sets for it, in words; "" if nothing has."""
+        """Return which quantity has left the limit that the scene sets, in words; "" if none has."""
         if self.motion.beyond < 0:
             return ""
         name = self.outputs[self.motion.beyond]
         return f"{name} leaves its limit of {self.scene.limits[name]:g} {self.units[name]}"
 
     def round(self, period: float) -> Round:
-        """Carry the plant on by `period` [s] and write everything down."""
+        """Step the plant by `period` [s] and record everything."""
         step_ns = self.scene.step_ns
         dense, add_energy = Dense(), _Ledger(self.motion)
         whole, rest = divmod(round(period * 1e9), step_ns)
@@ -138,7 +140,7 @@ class Orbit:
         done = 0
         while done < whole:
             begun = self.motion.tick - done
-            met = self.block(min(whole - done, self._frame or whole))  # what is written down is that of one frame
+            met = self.block(min(whole - done, self._frame or whole))  # the record holds one frame
             dense.add(done * step_ns * 1e-9, self.motion)
             events += [((e.tick - begun + e.place) * step_ns * 1e-9, e) for e in met]
             states.append(self.motion.states.copy())
@@ -161,7 +163,7 @@ class Orbit:
 
 
 def in_frames(scene: Scene, steps: int) -> Frames:
-    """Frames of `steps` ticks in which nothing is sampled."""
+    """Return frames of `steps` ticks without samples."""
     bank = Bank({}, (), scene.frame_ns, scene.seed)
     bank.start(np.zeros(0))
     return Frames(steps, Loan(Around(bank.rack.content, controls(), none())))
@@ -177,17 +179,17 @@ class _Ledger:
         self.start(motion)
 
     def start(self, motion: Motion) -> None:
-        """Count from here."""
+        """Begin to count here."""
         self._before = motion.terms()
         self._held = energy_forms.stored(motion.system, motion.x, motion.key)
 
     def add(self, motion: Motion) -> None:
-        """Count what has come and gone since `start`."""
+        """Add the energy that was exchanged since `start`."""
         self._sum += motion.terms() - self._before
         self._stored += energy_forms.stored(motion.system, motion.x, motion.key) - self._held
 
     def terms(self) -> dict[str, float]:
-        """By name, and `error`: what does not close, relative to the largest term or to what is stored."""
+        """Return the terms by name; `error` is the residual, relative to the largest term or to the stored energy."""
         largest = max(float(np.abs(self._sum).max()), abs(self._held), 1e-30)
         error = (float(self._sum @ energy_balance.SIGNS) - self._stored) / largest
         return {**energy_forms.by_name(self._system, self._sum), "stored": self._stored, "error": error}

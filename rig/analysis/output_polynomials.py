@@ -1,4 +1,4 @@
-"""The quantities of a rig between its samples: the polynomials that the plant writes down for its sensors, kept."""
+"""The outputs of a rig between samples: the polynomials that the plant writes for its sensors, collected."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 
 class Dense:
-    """Outputs over a stretch of time, smooth inside each segment, with jumps only between segments."""
+    """Outputs over a range of time, smooth inside each segment, with jumps only between segments."""
 
     def __init__(self) -> None:
         self._start: list[float] = []
@@ -19,7 +19,7 @@ class Dense:
         self._coef: list[Array] = []
 
     def add(self, offset: float, motion: Motion) -> None:
-        """Keep the segments of the last call of `advance`, which began at `offset` s."""
+        """Append the segments of the last call of `advance`, which began at `offset` s."""
         segments = motion.segments
         n = int(segments.count[0])
         self._start += (offset + segments.start[:n]).tolist()
@@ -27,7 +27,7 @@ class Dense:
         self._coef += [one.copy() for one in segments.coef[:n]]
 
     def at(self, t: float, after: bool) -> Array:
-        """Every output at t [s], just after it or just before."""
+        """Return every output at t [s], just after or just before it."""
         ends = np.array(self._start) + np.array(self._length)
         slack = 1e-9 * min(self._length[0], float(ends[-1]))
         i = int(np.searchsorted(ends, t + slack if after else t - slack))
@@ -36,11 +36,15 @@ class Dense:
         return np.asarray(np.polynomial.polynomial.polyval(u, self._coef[i].T), dtype=np.float64)
 
     def segments(self, output: int) -> tuple[Array, Array, Array]:
-        """Starts [s] and lengths [s] of all segments, and the polynomials [segment, power] of an output in them."""
+        """Return starts [s] and lengths [s] of all segments, and the polynomials [segment, power] of an output
+        in them.
+        """
         return np.array(self._start), np.array(self._length), np.array([one[output] for one in self._coef])
 
     def extremes(self, output: int) -> tuple[float, float]:
-        """Lowest and highest value of an output: at ends of segments, or where its polynomial is level."""
+        """Return the lowest and highest value of an output: at ends of segments, or where its polynomial has slope
+        zero.
+        """
         coef = np.array([one[output] for one in self._coef])
         values = np.polynomial.polynomial.polyval(np.linspace(0.0, 1.0, 9), coef.T)
         low, high = float(values.min()), float(values.max())

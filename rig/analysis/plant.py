@@ -1,4 +1,4 @@
-"""The rig as a control engineer sees it: small motions about steady sliding, from actuators to outputs.
+"""The rig as a linear plant for control design: small motions about steady sliding, from actuators to outputs.
 
 The matrices of rig.design.linearised at the sliding equilibrium of the scene's own values. Limits of the actuators are
 left out, and dither is off.
@@ -25,25 +25,25 @@ ORDER = 8
 
 
 def plant(scene: Scene) -> Plant:
-    """The rig of `scene`, linearised; its inputs are the actuators whose command is a value (not a generator's).
+    """Linearise the rig of `scene`; inputs are the actuators whose command is a value (not a generator's).
 
-    Raises SceneError where nothing slides steadily.
+    Raises SceneError without steady sliding.
     """
     actuators = assembled(scene.parameters, scene.frame_ns, random=False).inputs
     assembly, at = at_rest(scene, dict.fromkeys(actuators, "held"))
     if not at.exists:
-        why = f"nothing slides steadily at these values ({missing(at)}): there is nothing to linearise about"
+        why = f"no steady sliding at these values ({missing(at)}), so the rig cannot be linearised"
         raise SceneError(scene.name, [why])
     return linear(assembly, at)
 
 
 def state_space(scene: Scene, delay: float = 0.0, order: int = ORDER) -> StateSpace:
-    """The linearised rig as python-control's StateSpace, continuous in time; its inputs are the actuators, in their
-    units (drive.speed is named drive_speed there: python-control takes no dots).
+    """Return the linearised rig as python-control's StateSpace, continuous in time.
 
+    Its inputs are the actuators, in their units (drive.speed is named drive_speed there: python-control takes no dots).
     `delay`: of a loop [s], the same for every command, as a Pade approximation of `order`: exact to 1e-8 up to a
     frequency at which the delay turns the phase by half the order in radians. A sampled loop with sample and hold has
-    half a period more; rig.analysis.control_loop has it exactly. Raises SceneError where nothing slides steadily.
+    half a period more; rig.analysis.control_loop treats it exactly. Raises SceneError without steady sliding.
     """
     import control
 

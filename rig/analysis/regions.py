@@ -1,8 +1,8 @@
-"""Regions of instability: the least stable motion about steady sliding over two parameters, by eigenvalues alone.
+"""Regions of instability: the least stable mode of steady sliding over two parameters, from eigenvalues alone.
 
-Under dither that is switched on, friction is averaged (rig.analysis.averaged, to leading order: what inertia leaves of
-the fast motion). Along x the edges are found by root finding (rig.analysis.growth_crossings); a band narrower than the
-distance of two values may be missed.
+With dither switched on, friction is averaged (rig.analysis.averaged, to leading order: only inertia resists the fast
+motion). Along x the edges are found by root finding (rig.analysis.growth_crossings); a band narrower than the distance
+of two values may be missed.
 Source: Liu and Ouyang, Meccanica 55 (2020), figures 8 and 12.
 """
 
@@ -37,12 +37,12 @@ _GREY = "#b9b9b9"
 
 @dataclass(frozen=True)
 class Regions:
-    """What `regions` finds. `growth` [1/s] and `frequency` [Hz] of the least stable motion, [y, x]; growth that is
-    rounding is 0.
+    """The result of `regions`: `growth` [1/s] and `frequency` [Hz] of the least stable mode, [y, x].
 
-    `exists`: whether the contact presses there; where it would have to pull, the numbers are those of a contact that
-    can, and nan where friction depends on speed. `edges`: for each y, the values of x at which unstable sliding begins
-    (True) or ends (False): it becomes stable there, or there is none any more.
+    Growth within rounding is 0. `exists`: whether steady sliding presses the contact; where the contact would have to
+    pull, the numbers are those of a contact that can pull, and nan where friction depends on speed. `edges`: for each
+    y, the values of x at which unstable sliding begins (True) or ends (False): there it becomes stable, or steady
+    sliding ceases to exist.
     """
 
     scene: Scene
@@ -54,7 +54,7 @@ class Regions:
     edges: tuple[tuple[tuple[float, bool], ...], ...]
 
     def text(self) -> str:
-        """For a reader: a line for each y."""
+        """Return the report as text: a line for each y."""
         lines = [f"{self.scene.name}: where sliding grows into vibration, over {self.x.label}", ""]
         rows = [(self.y.label, "largest growth 1/s", "unstable")]
         for i, value in enumerate(self.y.values):
@@ -79,7 +79,7 @@ class Regions:
             count = int(np.isnan(self.growth).sum())
             lines += ["", f"  no steady sliding at {count} of {self.growth.size} points; first at {at}: {why}"]
         apart = self.x.tell(float(np.abs(np.diff(self.x.values)).max()), 3)
-        lines += ["", f"  looked at every {apart} of {self.x.key}; bands closer together may be missed"]
+        lines += ["", f"  sampled every {apart} of {self.x.key}; bands closer together may be missed"]
         return "\n".join(lines)
 
     def _bands(self, row: int) -> Iterator[tuple[str, str]]:
@@ -97,7 +97,7 @@ class Regions:
             yield start, self.x.tell(high)
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values, SI."""
+        """Return the fields as JSON values in SI units."""
         return {
             "scene": self.scene.name,
             **{
@@ -111,7 +111,7 @@ class Regions:
         }
 
     def write_csv(self, path: Path) -> None:
-        """A line for each point, SI."""
+        """Write a line for each point, SI."""
         with path.open("w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow([self.x.key, self.y.key, "growth", "frequency", "exists"])
@@ -121,7 +121,7 @@ class Regions:
 
 
 def regions(scene: Scene, x: Axis, y: Axis, progress: Callable[[int, int], object] | None = None) -> Regions:
-    """The least stable motion of `scene` over two axes; `progress(rows done, rows)`."""
+    """Compute the least stable mode of `scene` over two axes; `progress(rows done, rows)`."""
     rows = {}
     for j, value in enumerate(y.values):
         rows[j] = along(y.at(scene, value), x)
@@ -131,7 +131,7 @@ def regions(scene: Scene, x: Axis, y: Axis, progress: Callable[[int, int], objec
 
 
 def put_together(scene: Scene, x: Axis, y: Axis, rows: Mapping[int, Mapping[str, NDArray[Any]]]) -> Regions:
-    """The rows of `along`, by number."""
+    """Assemble regions from the rows of `along`, by number."""
     growth, frequency, exists = (
         np.array([rows[j][name] for j in sorted(rows)]) for name in ("growth", "frequency", "exists")
     )
@@ -140,7 +140,7 @@ def put_together(scene: Scene, x: Axis, y: Axis, rows: Mapping[int, Mapping[str,
 
 
 def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
-    """One row: growth, frequency, exists [x], and edges [edge, (value, unstable sliding begins)]."""
+    """Compute one row: growth, frequency, exists [x], and edges [edge, (value, unstable sliding begins)]."""
 
     @cache
     def at(value: float) -> tuple[Growth | None, float, bool]:
@@ -183,7 +183,7 @@ def along(scene: Scene, x: Axis) -> dict[str, NDArray[Any]]:
 
 
 def _wide(edges: list[tuple[float, bool]], least: float) -> Iterator[tuple[float, bool]]:
-    """The edges without those of bands narrower than what an edge is known to."""
+    """The edges without those of bands that are narrower than the tolerance of an edge."""
     left = iter(edges)
     for edge in left:
         following = next(left, None) if edge[1] else None
@@ -195,12 +195,12 @@ def _wide(edges: list[tuple[float, bool]], least: float) -> Iterator[tuple[float
 
 
 def _counts(at: Steady) -> bool:
-    """Whether the eigenvalues say something: under dither also where the contact would open."""
+    """Whether the eigenvalues are valid: with dither also where the contact would open."""
     return at.counts or (GENERATOR[0] in at.system.names and at.slides and at.inertia > 0.0)
 
 
 def sliding(scene: Scene, values: dict[str, float]) -> Steady:
-    """Steady sliding of `scene` with these values (SI), under averaged friction where dither is on."""
+    """Return steady sliding of `scene` with these values (SI), with averaged friction if dither is on."""
     parameters = scene.parameters
     for key, value in values.items():
         parameters = with_values(parameters, {key: value})
@@ -214,7 +214,7 @@ def sliding(scene: Scene, values: dict[str, float]) -> Steady:
 
 
 def draw(found: Regions, path: Path) -> None:
-    """Draw regions into the file `path` (PNG; other endings as matplotlib knows them)."""
+    """Draw regions into the file `path` (PNG, or another format of matplotlib, by its suffix)."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.colors import ListedColormap, SymLogNorm

@@ -1,4 +1,4 @@
-"""Whether the mode changes of a motion repeat from round to round, and how long its contacts stick in one."""
+"""Detection of a period in the mode changes of a motion, and the stick time of its contacts within one."""
 
 from __future__ import annotations
 
@@ -13,17 +13,18 @@ from rig.stability.linearisation import Steady
 
 REPEAT = 1e-9
 MOST = 24
-"""Mode changes in one cycle."""
+"""Most mode changes in one cycle."""
 _BETTER = 1e-2
-_TURN = 0.999  # of a turn of the surface: the shortest period where it is not alike everywhere
+_TURN = 0.999  # of a turn of the surface: the shortest period on an uneven surface
 
 
 def repeating(events: list[Event], step: float, repeat: float = REPEAT) -> tuple[int, float]:
-    """Number of mode changes after which the last ones repeat, and by how much of the period their times differ.
+    """Return the number of mode changes after which the last ones repeat, and the difference of their times over the
+    period.
 
-    The least number that repeats to `repeat`, else the one that does best; a larger number only where it does far
-    better: of a cycle that closes only after several rounds each round looks alike, and so do two rounds of one that
-    is still settling. (0, inf) where none does. Three cycles are compared: two could agree by chance.
+    It is the smallest number that repeats to `repeat`, else the best one. A larger number counts only if it is far
+    better: each round of a cycle that closes only after several rounds looks alike, and so do two rounds of one that is
+    still settling. (0, inf) if none repeats. Three cycles are compared, because two could agree by chance.
     """
     best = (0, math.inf)
     for count in range(2, min(MOST, len(events) // 3) + 1):
@@ -43,23 +44,25 @@ def repeating(events: list[Event], step: float, repeat: float = REPEAT) -> tuple
 
 
 def turn_of(sliding: Steady) -> float:
-    """Time [s] in which the surface comes round, where it is not alike everywhere; else infinite."""
+    """Return the time [s] of one turn of an uneven surface; infinite for an even one."""
     rates = [sector.row @ sliding.modes.A @ sliding.x / sector.period for sector in sliding.system.sectors]
     return 1.0 / max((abs(float(rate)) for rate in rates), default=0.0) if any(rates) else math.inf
 
 
 def all_round(period: float, turn: float) -> bool:
-    """Whether a period is one of the whole surface: else the motion repeats only up to the next sector."""
+    """Return whether a period covers whole turns of the surface; otherwise the motion repeats only up to the next
+    sector.
+    """
     return math.isinf(turn) or period >= _TURN * turn
 
 
 def time_of(event: Event, origin: int, step: float) -> float:
-    """Time [s] of an event from tick `origin` on, of `step` [s]."""
+    """Return the time [s] of an event from tick `origin` on, with ticks of `step` [s]."""
     return ((event.tick - origin) + event.place) * step
 
 
 def stick_times(orbit: Orbit, events: Sequence[Event], times: list[float]) -> dict[str, float]:
-    """Time [s] that each contact sticks between `times`; `events` end the stretches between them."""
+    """Return the time [s] that each contact sticks between `times`; `events` end the intervals between them."""
     spans = [(b - a, event.before) for a, b, event in zip(times, times[1:], events)]
     return {
         patch.name: sum(span for span, before in spans if orbit.stuck(before, p))

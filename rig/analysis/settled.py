@@ -1,9 +1,9 @@
-"""When a motion has come to rest in steady sliding: measured by the physical amplitudes of the rig, not by numbers.
+"""Test whether a motion has come to rest in steady sliding, with the kinetic energy as a norm.
 
-    |d|^2 = v^T M v + w^2 q^T M q      of the distance d = (q, v) from sliding, w = |lambda| of its least stable motion
+    |d|^2 = v^T M v + w^2 q^T M q      of the distance d = (q, v) from sliding, w = |lambda| of its least stable mode
 
-Metres and radians weigh as they do in the kinetic energy. The scale is the standing start of a cycle: every contact
-moves with its surface, the structure is unloaded. So it holds the static deflection and the speed of the drive.
+The mass matrix makes metres and radians comparable. The scale is the standing start of a cycle: every contact moves
+with its surface, the structure is unloaded. So the scale contains the static deflection and the speed of the drive.
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from rig.stability.linearisation import Steady
 
 Array = NDArray[np.float64]
 NEAR = 1e-7
-"""Of the scale. So near to stable sliding all is linear: a disturbance of this size dies away."""
+"""Share of the scale. This close to stable sliding the rig is linear: a disturbance of this size decays."""
 
 
 class Rest:
-    """Steady sliding as the place where a motion may end. `start`: the standing start [state]."""
+    """Steady sliding as the state in which a motion may end. `start`: the standing start [state]."""
 
     def __init__(self, sliding: Steady, start: Array) -> None:
         self._sliding, self._nq = sliding, len(sliding.system.coordinates)
         self._free = not sliding.load.any()
-        """Nothing presses: the structure swings by itself, and comes to rest where it would slide."""
+        """True if no contact is loaded: the structure vibrates freely and comes to rest where it would slide."""
         there = sliding.exists or self._free
         rates = sliding.eigenvalues() if there else np.zeros(0, dtype=np.complex128)
         self.least = complex(rates[0]) if len(rates) else complex(math.nan, math.nan)
@@ -35,23 +35,23 @@ class Rest:
 
     @property
     def stable(self) -> bool:
-        """Whether every motion about sliding decays."""
+        """Whether every mode of sliding decays."""
         return self.least.real < 0.0
 
     def share(self, x: Array) -> float:
-        """The distance of state `x` from sliding, over the scale."""
+        """Return the distance of state `x` from sliding, over the scale."""
         return self._distance(x) / self._scale if self._scale > 0.0 else math.inf
 
     def reached(self, x: Array) -> bool:
-        """Whether a motion at `x`, in which nothing sticks, can only die away."""
+        """Return whether a motion at `x` without stick can only decay."""
         return self.stable and self.share(x) <= NEAR
 
     def text(self) -> str:
-        """Why there is no limit cycle."""
+        """Return why there is no limit cycle."""
         hertz = abs(self.least.imag) / (2.0 * math.pi)
         at = f" at {hertz:.6g} Hz" if hertz else ""
-        what = "nothing presses a contact, and the" if self._free else "sliding is stable, its"
-        return f"no limit cycle: {what} least stable motion decays with {-self.least.real:.6g} 1/s{at}"
+        what = "no contact is loaded, and the" if self._free else "sliding is stable, its"
+        return f"no limit cycle: {what} least stable mode decays with {-self.least.real:.6g} 1/s{at}"
 
     def _distance(self, x: Array) -> float:
         d, nq, mass = x - self._sliding.x, self._nq, self._sliding.system.mass

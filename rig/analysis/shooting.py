@@ -1,10 +1,10 @@
-"""A cycle by Newton's method on the return map, for motions that come near to one but take long to settle.
+"""Newton's method on the return map: finds a cycle for motions that approach it slowly.
 
     phi_T(x + d) = x + d,  f(x) . d = 0      (P - 1) d + f dT = -(phi_T(x) - x)
 
-P: monodromy matrix, f: rate of the state where the return is taken, in the middle of the longest slip. Events bend the
-return map; a step is taken only as far as the same events are met and the return comes closer (halving). What is found
-is a state to go on from: that it repeats is then seen by simulation alone, and that it attracts, by its multipliers.
+P: monodromy matrix, f: rate of the state at the section, in the middle of the longest slip. Events make the return map
+nonlinear: a step is halved until the same events occur and the return comes closer. The result is a state to continue
+from. Simulation alone then shows that it repeats, and its multipliers show that it attracts.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from rig.analysis.orbit import Orbit
 from rig.errors import NumericsError
 
 Array = NDArray[np.float64]
-CLOSE = 1e-10  # of the size of each state: a step of Newton's method that is none any more
-_ROUGH = 1e-6  # the same where rounding, or the tolerance of dopri5, keeps the return from coming closer
-_STILL = 1e-2  # of the size of each state: motion in a period, of a rest that is no cycle
+CLOSE = 1e-10  # of the size of each state: a step of Newton's method that counts as zero
+_ROUGH = 1e-6  # the same if rounding, or the tolerance of dopri5, limits how close the return comes
+_STILL = 1e-2  # of the size of each state: smallest motion in a period of a cycle; below it is a state of rest
 _STEPS = 12
 _HALVINGS = 6
-_GROWS = 1e-5  # a multiplier so far beyond one is that of an unstable cycle
+_GROWS = 1e-5  # a multiplier larger than one by this belongs to an unstable cycle
 
 
 @dataclass(frozen=True)
 class Shot:
-    """What Newton's method has found: a state on the cycle, its period [s], the size of its largest multiplier."""
+    """The result of Newton's method: a state on the cycle, its period [s], the size of its largest multiplier."""
 
     x: Array
     period: float
@@ -38,14 +38,14 @@ class Shot:
 
     @property
     def stable(self) -> bool:
-        """Whether the cycle does not repel what is beside it."""
+        """Whether the cycle does not repel nearby motions."""
         return self.multiplier <= 1.0 + _GROWS
 
 
 def shoot(orbit: Orbit, period: float) -> Shot | None:
-    """The cycle near the motion of now, which returns after about `period` [s]; None where none is found.
+    """Find the cycle near the present motion, which returns after about `period` [s]; None if there is none.
 
-    The orbit is carried on by one period, and is not changed else.
+    The orbit advances by one period and is otherwise unchanged.
     """
     try:
         around = orbit.round(period)
@@ -69,7 +69,7 @@ def shoot(orbit: Orbit, period: float) -> Shot | None:
 
 
 def _newton(at: Return) -> tuple[Array, float]:
-    """The step of the state [i] and of the period [s] that closes the return, if it were linear."""
+    """The step of the state [i] and of the period [s] that closes the linearised return map."""
     n = len(at.miss)
     A = np.zeros((n + 1, n + 1))
     A[:n, :n], A[:n, n], A[n, :n] = at.matrix - np.eye(n), at.flow, at.flow
@@ -78,7 +78,7 @@ def _newton(at: Return) -> tuple[Array, float]:
 
 
 def _along(orbit: Orbit, at: Return, by: Array, later: float, period: float) -> tuple[Array, float] | None:
-    """State and period as far along a step as the return comes closer and meets the same events."""
+    """State and period after the longest step with which the return comes closer and meets the same events."""
     before = _open(at, at.miss)
     for halving in range(_HALVINGS):
         share = 0.5**halving
@@ -93,6 +93,6 @@ def _along(orbit: Orbit, at: Return, by: Array, later: float, period: float) -> 
 
 
 def _open(at: Return, miss: Array) -> float:
-    """How far a return is from closing, whatever the period: without its part along the motion."""
+    """Distance of a return from closing at any period: without its part along the motion."""
     along = at.flow / max(float(np.linalg.norm(at.flow)), 1e-300)
     return float(np.linalg.norm(miss - along * (along @ miss)))

@@ -24,11 +24,12 @@ Complex = NDArray[np.complex128]
 
 @dataclass(frozen=True)
 class Sweep:
-    """Eigenvalues `rates` [value, branch] at the values of `axis`; NaN where a branch is not there.
+    """Eigenvalues `rates` [value, branch] at the values of `axis`; NaN where a branch does not exist.
 
     `shapes` [value, branch, state]: amplitudes in the order of `states`. `exists` [value]: whether the rig slides
-    steadily, and `notes` [value] what speaks against it. `gaps`: where it does not, and why. `resolution`: critical
-    values closer together than this may be missed. `loop`: the controller whose loop is closed, "" for none.
+    steadily, and `notes` [value] what makes the eigenvalues invalid. `gaps`: ranges without steady sliding, and why.
+    `resolution`: critical values closer together than this may be missed. `loop`: the controller whose loop is closed,
+    "" for none.
     """
 
     scene: str
@@ -45,7 +46,7 @@ class Sweep:
 
     @property
     def growth(self) -> Array:
-        """Growth rates [value, branch] in 1/s; of a pair of oscillations the upper one alone."""
+        """Growth rates [value, branch] in 1/s; of a complex pair only the upper one."""
         return np.where(self._upper, self.rates.real, np.nan)
 
     @property
@@ -63,7 +64,7 @@ class Sweep:
         return np.array([max(row[np.isfinite(row)], default=math.nan) for row in self.rates.real])
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values; a number that is not there is null."""
+        """Return the fields as JSON values; a number that is not there is null."""
         growth, frequency = self.growth, self.frequency
         return {
             "scene": self.scene,
@@ -88,7 +89,7 @@ class Sweep:
         }
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         axis = self.axis
         what = f"the loop of {self.loop}" if self.loop else "steady sliding"
         lines = [f"{self.scene}: {what} over {axis.label}"]
@@ -100,8 +101,8 @@ class Sweep:
         if not self.critical:
             lines += [f"  no critical value {'where the rig slides steadily' if self.gaps else 'between these ends'}"]
         lines += [f"  {gap.note} {self._span(gap)}{f': {gap.why}' * bool(gap.why)}" for gap in self.gaps]
-        lines += [f"  looked at every {axis.tell(self.resolution, 3)}; what lies closer together may be missed"]
-        rows = [(axis.label, "largest growth 1/s", "frequency Hz", "motions that grow", "")]
+        lines += [f"  sampled every {axis.tell(self.resolution, 3)}; critical values closer together may be missed"]
+        rows = [(axis.label, "largest growth 1/s", "frequency Hz", "growing modes", "")]
         for value, row, note in zip(axis.values, self.rates, self.notes):
             if not np.isfinite(row).any():
                 rows += [(axis.tell(value), "", "", "", note)]
@@ -119,12 +120,14 @@ class Sweep:
 
 
 def sweep(scene: Scene, axis: Axis) -> Sweep:
-    """The eigenvalues of `scene` at its sliding equilibrium over `axis`, and the critical values between its ends."""
+    """Compute the eigenvalues of `scene` at its sliding equilibrium over `axis`, and the critical values between its
+    ends.
+    """
     return along(scene.name, axis, lambda value: equilibrium(axis.at(scene, value)))
 
 
 def along(name: str, axis: Axis, spectrum_at: Spectra, loop: str = "") -> Sweep:
-    """The sweep of whatever has a spectrum at each value of an axis."""
+    """Compute the sweep of anything that has a spectrum at each value of an axis."""
     spectra = lru_cache(maxsize=4096)(spectrum_at)
     found = [spectra(value) for value in axis.values]
     rates, order = _branches(axis.values, found, spectra)

@@ -21,7 +21,7 @@ _ALARM = "#b5322f"
 
 
 def draw(sweep: Sweep, path: Path | str) -> None:
-    """Draw `sweep` into the file `path` (PNG; other endings as matplotlib knows them). Directories are made."""
+    """Draw `sweep` into the file `path` (PNG, or another format of matplotlib, by its suffix). Directories are made."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -61,7 +61,7 @@ def _compose(figure: Figure, sweep: Sweep) -> None:
     frequency.set_xlabel(sweep.axis.label)
     if np.any(seen):
         low, high = float(np.nanmin(hertz)), float(np.nanmax(hertz))
-        margin = max(0.08 * (high - low), 0.02 * high, 1e-9)  # what hardly changes shall look so
+        margin = max(0.08 * (high - low), 0.02 * high, 1e-9)  # a nearly constant curve must look constant
         frequency.set_ylim(low - margin, high + margin)
     locus.set_xlabel("growth [1/s]")
     locus.set_ylabel("frequency [Hz]")
@@ -85,7 +85,7 @@ def _critical(sweep: Sweep, growth: Axes, frequency: Axes, locus: Axes) -> None:
 
 
 def _zero(axes: Axes, upright: bool) -> None:
-    """The line of no growth, and what lies beyond it shaded."""
+    """Draw the line of zero growth, with the unstable side shaded."""
     low, high = axes.get_xlim() if upright else axes.get_ylim()
     low, high = min(low, -0.05 * (high - low)), max(high, 0.05 * (high - low))
     if upright:

@@ -1,4 +1,4 @@
-"""Tables as text: columns as wide as what is in them."""
+"""Tables as text, with columns as wide as their content."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ _INDENT, _BETWEEN = "  ", "  "
 
 
 def columns(rows: Iterable[Sequence[str]], align: str) -> Iterator[str]:
-    """`rows` of cells as lines, the head among them; `align`: "<" or ">" for each column.
+    """Format `rows` of cells, including the head, as lines; `align`: "<" or ">" for each column.
 
-    Two spaces at least stand between columns.
+    At least two spaces separate the columns.
     """
     table = [tuple(row) for row in rows]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]

@@ -1,8 +1,8 @@
-"""The three-stage protocol, accelerate, hold, decelerate: up to which speed a rig sticks, and from which again.
+"""The three-stage protocol (accelerate, hold, decelerate): the speeds of the last and the first stick.
 
-Without noise a rig that slides sits on its equilibrium and leaves it late: `down` is below the speed at which sliding
-loses its stability, the more so the faster the ramp. That speed is an eigenvalue's: `rig modes`. Sticks shorter than a
-sample step count: they are among the events of the run.
+Without noise a sliding rig stays on its equilibrium and leaves it late: `down` is below the speed at which sliding
+becomes unstable, more so for a faster ramp. `rig modes` computes the latter speed from eigenvalues. Sticks shorter than
+a sample step count too, because the events of the run show them.
 Source: Liu and Ouyang, Mechanical Systems and Signal Processing (2022), the tests with three stages.
 """
 
@@ -25,22 +25,24 @@ _HALF = 0.5
 
 
 class Stages(NamedTuple):
-    """Speed of the drive [unit] at the last stick on the way up and at the first one on the way down; nan without."""
+    """Speed of the drive [unit] at the last stick while it rises and at the first one while it falls; nan without
+    stick.
+    """
 
     up: float
     down: float
     unit: str
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         up, down = (f"{v:.5g} {self.unit}" if v == v else "none" for v in (self.up, self.down))
-        return f"last stick while it accelerates: {up}; first one while it decelerates: {down}"
+        return f"last stick while the drive accelerates: {up}; first stick while it decelerates: {down}"
 
 
 def stages(run: Run) -> Stages | None:
-    """The stages of a run over the speed of its drive; None if it does not accelerate and decelerate again.
+    """Return the stages of a run over the speed of its drive; None if it does not accelerate and decelerate again.
 
-    It must have been recorded with its contact modes.
+    The run must have been recorded with its contact states.
     """
     speed = next((name for name in SPEEDS if name in run.signals), "")
     sticks = stuck(run) if speed else None
@@ -67,7 +69,7 @@ def stages(run: Run) -> Stages | None:
 
 
 def short(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """When sticks began, and when they ended [s], of those that lie between two events of the contacts."""
+    """Return the begins and ends [s] of those sticks that lie between two contact events."""
     system = Scene.from_json(run.scene_text()).assemble().system()
     met = [event for event in run.events if event.get("kind") == "contact" and "before" in event.get("data", {})]
     known: dict[str, bool] = {}
@@ -83,9 +85,9 @@ def short(run: Run) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 
 def stuck(run: Run) -> NDArray[np.bool_] | None:
-    """Whether a loaded contact sticks, at each of `run.time`; None for a run recorded without contact modes.
+    """Return whether a loaded contact sticks, at each of `run.time`; None for a run recorded without contact states.
 
-    False where a damaged recording has lost the mode.
+    False where a damaged recording has lost the state.
     """
     if len(run.mode) != len(run.time):
         return None
@@ -102,7 +104,9 @@ def _sticks(system: System, key: int) -> bool:
 
 
 def _sticks_as_told(system: System, words: str) -> bool:
-    """The same of a mode set in words, as events tell it (System.describe); False where these leave contacts out."""
+    """The same of a mode set in words, as events name it (System.describe); False where the words leave
+    contacts out.
+    """
     told = words.split(", ")
     loaded = {k.patch for k in system.normals if f"{k.name} open" not in told}
     whole = not any(word.endswith(" contacts open") for word in told)

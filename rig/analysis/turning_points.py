@@ -1,6 +1,6 @@
-"""Turning points of a motion: where the velocity of one coordinate falls through zero, with the state there.
+"""Turning points of a motion: zeros of one coordinate's falling velocity, with the state there.
 
-A motion without events, in which nothing sticks, closes where the states at its turning points come back.
+A motion without events, in which nothing sticks, is periodic if the states at its turning points repeat.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from rig.stability.linearisation import Steady
 Array = NDArray[np.float64]
 ROUGH = 1e-6
 SETTLED = 32
-_MOST = 4  # turning points in one cycle
-_ROUNDS = 3  # cycles that are compared: two could agree by chance
+_MOST = 4  # most turning points in one cycle
+_ROUNDS = 3  # compared cycles: two could agree by chance
 
 
 @dataclass(frozen=True)
 class Turn:
-    """A turning point: time [s], state, and how far each state has come since the one before."""
+    """A turning point: time [s], state, and range of each state since the one before."""
 
     time: float
     x: Array
@@ -31,7 +31,7 @@ class Turn:
 
 
 class Turns:
-    """The turning points of an orbit, without an event between them, of the coordinate that moves most by itself."""
+    """The turning points of an orbit since the last event, of the coordinate with the largest motion of its own."""
 
     def __init__(self, orbit: Orbit, sliding: Steady) -> None:
         self._orbit, self._sliding = orbit, sliding
@@ -47,13 +47,13 @@ class Turns:
         self._low = self._high = orbit.motion.x.copy()
 
     def clear(self) -> None:
-        """Begin anew: there was an event."""
+        """Start again after an event."""
         self.found.clear()
         self._history.clear()
         self._asked = 0
 
     def add(self) -> None:
-        """Look through the last block of the orbit."""
+        """Search the last block of the orbit for turning points."""
         motion = self._orbit.motion
         step, segments = motion.how.step_ns * 1e-9, motion.segments
         offset = (motion.tick - len(motion.states)) * step
@@ -70,10 +70,10 @@ class Turns:
             self._low = self._high = np.asarray(x)
 
     def closes(self, repeat: float) -> tuple[float, float] | None:
-        """Period [s] of a motion that comes back, and to what share of its span it does; None where it does not.
+        """Return the period [s] of a motion that repeats, and its deviation over its range; None if it does not repeat.
 
-        It has come back to `repeat`, or as well as it will: to `ROUGH` at least, and no better for `SETTLED` turns, as
-        where a friction law with a kink keeps the integration from more.
+        It repeats to `repeat`, or as well as it can: to `ROUGH` at least and no better for `SETTLED` turns, as with a
+        friction law whose kink limits the integration.
         """
         if len(self.found) == self._asked:
             return None
@@ -85,7 +85,7 @@ class Turns:
         return (period, max(late) if settled else off) if off <= repeat or settled else None
 
     def _off(self, count: int) -> tuple[float, float]:
-        """Period [s] of `count` turns, and the largest difference between the last rounds, relative to the span."""
+        """Period [s] of `count` turns, and the largest difference between the last rounds, relative to the range."""
         last = self.found[-(_ROUNDS - 1) * count - 1 :]
         if len(last) <= (_ROUNDS - 1) * count:
             return math.nan, math.inf
@@ -97,12 +97,12 @@ class Turns:
         return period, max(off)
 
     def dying(self, since: float) -> bool:
-        """Whether what is left since `since` [s] goes on to decay as a small motion about sliding does."""
+        """Return whether the rest of the motion since `since` [s] decays as a small motion about sliding does."""
         turns = [turn for turn in self.found if turn.time >= since]
         if self._growth >= 0.0:
             return False
         if len(turns) < 2:
-            return True  # it does not even turn
+            return True  # it has no turning points at all
         size = np.max([turn.span for turn in turns], axis=0)[self._moving]
         far = [float((np.abs(t.x - self._sliding.x)[self._moving] / np.maximum(size, 1e-300)).max()) for t in turns]
         rate = math.log(max(far[0], 1e-300) / max(far[-1], 1e-300)) / (turns[-1].time - turns[0].time)
@@ -110,7 +110,7 @@ class Turns:
 
 
 def _zero(polynomial: Array) -> float:
-    """Where a polynomial that falls from above zero to zero or below does so first, in 0..1."""
+    """First zero in 0..1 of a polynomial that falls from above zero."""
     from scipy.optimize import brentq
 
     def value(u: float) -> float:

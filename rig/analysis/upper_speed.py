@@ -1,12 +1,12 @@
-"""The upper critical speed of a tip whose friction drops at once: the fastest disc on which it sticks again.
+"""The upper critical speed of a tip whose friction drops at once: the highest speed at which it sticks again.
 
-Slip begins at the static limit with the speed V of the disc. It is a damped oscillation about the sliding equilibrium,
-and its next velocity maximum decides: from V on the tip sticks again, below it never will. Both are closed forms, and
-the critical speed is the largest V at which the maximum is V. With little damping it comes near
+Slip begins at the static limit with the speed V of the disc. It is a damped oscillation about the sliding equilibrium.
+If its next velocity maximum reaches V, the tip sticks again; otherwise it never does. Both have closed forms, and the
+critical speed is the largest V at which the maximum is V. For light damping it approaches
 
-    w_s D / sqrt(exp(4 pi zeta) - 1)       D: way from where slip begins to the sliding equilibrium
+    w_s D / sqrt(exp(4 pi zeta) - 1)       D: distance from the begin of slip to the sliding equilibrium
 
-The speed of the disc stands still here. On a ramp the last stick is up to one period of the ramp away.
+The disc has a constant speed here. On a ramp the last stick is up to one period of vibration away.
 Source: derived; of the form of Thomsen and Fidlin, Int. J. Non-Linear Mech. 38 (2003) 389, for little damping.
 """
 
@@ -20,13 +20,13 @@ from rig.errors import UsageError
 from rig.plants.tip import Parameters
 
 _SCAN = 1.05
-"""Ratio of neighbouring speeds looked at."""
+"""Ratio of neighbouring trial speeds."""
 _LEAST = 1e-4
-"""Share of the largest speed, down to which one is looked for."""
+"""Smallest trial speed over the largest."""
 
 
 def upper_speed(p: Parameters) -> float:
-    """The upper critical speed [m/s] of a tip on an even surface; 0 where it never sticks again.
+    """Return the upper critical speed [m/s] of a tip on an even surface; 0 if it never sticks again.
 
     Raises UsageError for a friction law that depends on the speed.
     """
@@ -38,13 +38,13 @@ def upper_speed(p: Parameters) -> float:
     stiffness = (1.0 + kinetic * tip.relief) * tip.stiffness
     damping = tip.damping + (1.0 + kinetic * tip.relief) * material
     rate, decay = math.sqrt(stiffness / tip.mass), 0.5 * damping / tip.mass
-    if decay >= rate or static <= kinetic:  # nothing swings; nothing drops
+    if decay >= rate or static <= kinetic:  # overdamped, or no drop of friction
         return 0.0
     swing = math.sqrt(rate**2 - decay**2)
     rest = kinetic * force / stiffness
 
     def missing(speed: float) -> float:
-        """The next velocity maximum of a slip that begins on a disc of this speed, less that speed."""
+        """The next velocity maximum of a slip that begins on a disc of this speed, minus that speed."""
         held = static * force - (tip.damping + (1.0 + static * tip.relief) * material) * speed
         y = held / ((1.0 + static * tip.relief) * tip.stiffness) - rest
         # y' = exp(-decay t) (speed cos(swing t) - b sin(swing t))

@@ -1,16 +1,16 @@
-"""One controller, its instrument, its delay and its sample and hold around the linearised rig, exactly discretised.
+"""A sampled control loop around the linearised rig, exactly discretised: controller, sensor, delay, sample and hold.
 
-Over a period L, the longer of the controller's and its sensor's, all is linear between instants known beforehand:
+Over a period L, the longer of the controller's and its sensor's, the loop is linear between instants known beforehand:
 
     sample    y = gain (direct c x + filter), taken `delay` of the sensor before it is published
     update    xi, u = controller(xi, y), the controller's own arithmetic without its limits
-    command   in force `delay` of the loop later, held until the next
+    command   takes effect `delay` of the loop later, held until the next
 
-so one period maps z = [rig, filter, command in force, commands and samples under way, xi] by a matrix:
+so one period maps z = [rig, filter, command in effect, commands and samples under way, xi] by a matrix:
 
     z(k+1) = F z(k) + G y'(k),   y(k) = H z(k)         open where the controller reads: closed with y' = y
 
-Eigenvalues of F + G H are exp(lambda L): the simulation's own, for motions within all limits, noise left out.
+Eigenvalues of F + G H are exp(lambda L), equal to those of the simulation for motions within all limits, without noise.
 """
 
 from __future__ import annotations
@@ -33,7 +33,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Sampled:
-    """The loop opened at its measurement; `period` L [s], `states`: names of z, the first `own` the rig's."""
+    """The loop cut at its measurement; `period` L [s], `states`: names of z, of which the first `own` belong to the
+    rig.
+    """
 
     F: Array
     G: Array
@@ -43,19 +45,19 @@ class Sampled:
     own: int
 
     def closed(self, gain: float = 1.0) -> Array:
-        """The matrix of one period with `gain` times the controller's own."""
+        """Return the matrix of one period with `gain` times the controller's own gain."""
         return self.F + gain * np.outer(self.G, self.H)
 
 
 def sampled(plant: Plant, feedback: Feedback, reads: str, end: FrontEnd, delay_ns: int) -> Sampled:
-    """The loop of `feedback` through its drive and through the front end of its sensor on output `reads`.
+    """Discretise the loop of `feedback` through its drive and the front end of its sensor on output `reads`.
 
-    Raises ValueError where sensor and controller take turns, neither period being a multiple of the other, and for a
-    sensor that hears echoes.
+    Raises ValueError if neither the period of the sensor nor that of the controller is a multiple of the other, and for
+    a sensor with echoes.
     """
     if end.echoes:
         raise ValueError(
-            "sensor: hears echoes, which the model of a loop does not have; paths = [] in its table leaves them out"
+            "sensor: has echoes, which the model of a loop does not contain; paths = [] in its table removes them"
         )
     own, between = feedback.period_ns, end.period_ns
     if own < between:
@@ -66,14 +68,14 @@ def sampled(plant: Plant, feedback: Feedback, reads: str, end: FrontEnd, delay_n
     if not fits:
         near = " or ".join(f"{1e9 / p:g} Hz" for p in _near(own, between))
         raise ValueError(
-            f"period: {own / 1e6:g} ms and the {between / 1e6:g} ms between samples are no multiples of each other; "
-            f"such a loop has no single period. It has one where the sensor samples at {near}"
+            f"period: {own / 1e6:g} ms and the {between / 1e6:g} ms between samples are not multiples of each other, "
+            f"so that the loop has no common period. It has one if the sensor samples at {near}"
         )
     return _Walk(plant, feedback, plant.outputs.index(reads), end, delay_ns, period).sampled()
 
 
 def _near(own: int, between: float) -> list[float]:
-    """The sample periods [ns] next to `between` that a controller of period `own` [ns] has a single period with."""
+    """The sample periods [ns] next to `between` that have a common period with a controller of period `own` [ns]."""
     many = between > own
     ratio = between / own if many else own / between
     return [own * n if many else own / n for n in (math.ceil(ratio), math.floor(ratio))]
@@ -88,7 +90,7 @@ class _Walk:
         self.A, self.B, self.reading = _with_front_end(plant, drive, reads, end)
         self.controller = _arithmetic(feedback.linear())
         updates = range(0, period, feedback.period_ns)
-        late = [divmod(at + delay_ns, period) for at in updates]  # (periods later, instant) of each command in force
+        late = [divmod(at + delay_ns, period) for at in updates]  # (periods later, instant) at which a command acts
         self.wait_sample, self.at_sample = -(-end.delay_ns // period), -end.delay_ns % period
         n, queued = len(self.A), sum(wait for wait, _ in late)
         states = [*plant.states, *(f"sensor {i}" for i in range(n - len(plant.states))), "command"]
@@ -113,7 +115,7 @@ class _Walk:
         self.happens = sorted(happens, key=lambda one: one[:2])
 
     def sampled(self) -> Sampled:
-        """Walk through the period."""
+        """Return the loop after one period."""
         now = 0
         for at, _, act in self.happens:
             self._flow(at - now)
@@ -121,7 +123,7 @@ class _Walk:
             now = at
         self._flow(self.period - now)
         for line, newest in [*zip(self.queues, self.answers), (self.samples, self.taken)]:
-            if line.stop > line.start:  # what is under way moves up by a place
+            if line.stop > line.start:  # commands and samples under way move up by one place
                 self.rows[line] = np.vstack([self.rows[line][1:], newest])
         return Sampled(
             self.rows[:, :-1], self.rows[:, -1], self.published[:-1], self.period * 1e-9, self.states, self.own
@@ -156,7 +158,9 @@ class _Walk:
 
 
 def _with_front_end(plant: Plant, drive: int, reads: int, end: FrontEnd) -> tuple[Array, Array, Array]:
-    """The rig with the filter of its sensor, one input; and the reading as a row over its states and that input."""
+    """The rig with the filter of its sensor and one input; and the measurement as a row over its states and
+    that input.
+    """
     n, c, d = len(plant.A), plant.C[reads], plant.D[reads, drive]
     blocks, out = [], []
     for pole, residue in zip(end.poles, end.residues):
@@ -191,6 +195,6 @@ def _arithmetic(form: Linear) -> tuple[Array, Array, Array, float]:
     columns = [step(unit, 0.0) for unit in np.eye(count)]
     A, c = np.array([xi for xi, _ in columns]).T, np.array([u for _, u in columns])
     seen = c != 0.0
-    for _ in range(count):  # what no command ever shows, such as the copy for a prediction by no time, is no state
+    for _ in range(count):  # drop what no command depends on, such as the copy for a prediction over zero time
         seen |= np.any(A[seen] != 0.0, axis=0)
     return A[np.ix_(seen, seen)], b[seen], c[seen], d

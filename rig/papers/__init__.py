@@ -1,4 +1,4 @@
-"""The figures and tables of the papers, made again from scenes, beside the published numbers."""
+"""The figures and tables of the papers, reproduced from scenes and compared with the published numbers."""
 
 from __future__ import annotations
 

@@ -25,11 +25,11 @@ if TYPE_CHECKING:
 MM = 1e3
 WINDOW = 5e-3  # s of the moving RMS: five periods
 _CONSTANTS = {"w": 5000.0, "c": 10.0806, "relief": 5.303475, "zeta": 0.2}
-"""Of the closed form: two constants, c = w N0 / k and the relief, and the damping; w alone does not matter."""
+"""Constants fitted in the closed form: c = w N0 / k, the relief, and the damping; w alone has no influence."""
 
 
 class Row(NamedTuple):
-    """A row of table 1: coefficients, upper and lower critical speed [mm/s]."""
+    """A row of table 1: friction coefficients, upper and lower critical speed [mm/s]."""
 
     static: float
     kinetic: float
@@ -38,7 +38,7 @@ class Row(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As the comparisons call it."""
+        """The name of the row in the comparisons."""
         return f"{self.static:g}/{self.kinetic:g}"
 
 
@@ -54,7 +54,7 @@ TABLE_1 = (
 
 
 def diagram(run: Run, axis: Axes, window: float) -> None:
-    """RMS of the acceleration over the speed of the disc, up and down."""
+    """Draw the RMS of the acceleration over the speed of the disc, rising and falling."""
     for curve in hysteresis(run, "acceleration", "surface_speed", window).curves:
         rises = curve.branch.rises
         axis.plot(MM * curve.speed, curve.rms, color=BLUE if rises else RED, label="up" if rises else "down")
@@ -63,7 +63,7 @@ def diagram(run: Run, axis: Axes, window: float) -> None:
 
 
 def transient(figure: Figure) -> Iterator[Comparison]:
-    """Acceleration over time, and its RMS over the speed of the disc."""
+    """Draw the acceleration over time, and its RMS over the speed of the disc."""
     made, even = run(load("tip")), run(load("tip", waviness=None))
     over_time, over_speed = figure.subplots(2, 1)
     over_time.plot(made.time, made.signals["acceleration"], color=BLUE, lw=0.5)
@@ -155,14 +155,15 @@ def law(figure: Figure) -> Iterator[Comparison]:
 
 ENTRIES = (
     Entry("bistable-4", "bistable", "Figures 4 and 5", "run-up and run-down, coefficients 0.4 and 0.2", ("tip",),
-          transient, "Text and table of the paper differ: 110 and 104 mm/s up, 30 and 29 mm/s down. On an even surface "
-          "a sudden drop of friction has no lower speed at all; here waves as long as an element of the paper's mesh "
-          "make one.", (9.6, 6.6)),
+          transient,
+          "Text and table of the paper differ: 110 and 104 mm/s for rising speed, 30 and 29 mm/s for falling speed. "
+          "On an even surface a sudden drop of friction has no lower critical speed; here it results from surface "
+          "waves as long as an element of the paper's mesh.", (9.6, 6.6)),
     Entry("bistable-6", "bistable", "Table 1 and Figure 6", "critical speeds over the coefficients", ("tip",), table,
-          "Five constants of the scene are fitted to these 14 numbers, two of the closed form and a floor to the upper "
-          "seven: that they agree is no prediction. The upper speed of 0.3/0.2 hangs on single cycles: with other "
-          "places of the waves it lies between 48 and 77 mm/s."),
+          "Five constants of the scene are fitted to these 14 numbers; two constants of the closed form and a floor "
+          "are fitted to the upper seven. The agreement is therefore not a prediction. The upper speed of 0.3/0.2 "
+          "depends on single cycles: with other positions of the waves it lies between 48 and 77 mm/s."),
     Entry("bistable-8", "bistable", "Equation 1 and Figure 8", "friction laws", ("tip", "tip_epoxy"), law,
-          "The curve of figure 8 has no numbers in the text; ours is calibrated to the critical speeds. With a decay "
-          "of zero equation 1 gives the static coefficient at all speeds; what is meant is a sudden drop."),
+          "The paper gives no numbers for the curve of figure 8; ours is calibrated to the critical speeds. With a "
+          "decay of zero, equation 1 gives the static coefficient at all speeds; the paper means a sudden drop."),
 )  # fmt: skip

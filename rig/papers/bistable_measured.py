@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from rig.record.run import Run
 
-WINDOW = 0.2  # s, the paper's
+WINDOW = 0.2  # s, as in the paper
 LOADS, ANGLES = (50.0, 40.0, 30.0, 20.0), (5.0, 10.0, 15.0, 20.0)
 TABLE_3: dict[float, tuple[tuple[float, float], ...]] = {  # N -> upper and lower speed [mm/s] at each angle
     50.0: ((13.0, 7.5), (10.5, 6.5), (7.5, 6.0), (0.0, 0.0)),
@@ -72,7 +72,7 @@ def measured(figure: Figure) -> Iterator[Comparison]:
 
 
 def beam(figure: Figure) -> Iterator[Comparison]:
-    """The beam in several modes: spectrogram of the run-up."""
+    """Draw the spectrogram of the run-up with the beam in several modes."""
     import rig
 
     made = run(load("tip_beam"))
@@ -144,7 +144,7 @@ def _last_stick(force: float) -> float:
 
 
 def knocked(figure: Figure) -> Iterator[Comparison]:
-    """A knock at 9 mm/s, and the least that switches."""
+    """Draw a knock at 9 mm/s, and the smallest knock that switches to stick-slip."""
     made = run(load("tip_knock"))
     axis, kicks = figure.subplots(2, 1)
     axis.plot(made.time, made.signals["acceleration"], color=BLUE, lw=0.4)
@@ -166,7 +166,7 @@ def knocked(figure: Figure) -> Iterator[Comparison]:
 
 
 def _least(speed: float) -> float:
-    """The least kick [m/s] of the sliding tip that starts a stick-slip that stays, by bisection."""
+    """Smallest velocity step [m/s] of the sliding tip that starts a persistent stick-slip, by bisection."""
     import rig
     from rig.papers.common import quiet
 
@@ -186,20 +186,24 @@ def _least(speed: float) -> float:
 
 ENTRIES = (
     Entry("bistable-9", "bistable", "Table 2 and Figures 2, 9 and 12", "run-up and run-down of the coated beam",
-          ("tip_epoxy",), measured, "The paper's lower speed of 7.5 mm/s is ours where sliding loses its stability. "
-          "On the ramp down the tip leaves it later, at 5.6 mm/s with the noise of the scene and at 4.1 without: that "
-          "differs. The amplitude falls before 13 mm/s in the paper, here it rises to the end.",
+          ("tip_epoxy",), measured,
+          "The paper's lower speed of 7.5 mm/s equals the speed at which sliding becomes unstable here. On the "
+          "falling ramp the tip leaves sliding later, at 5.6 mm/s with the noise of the scene and at 4.1 mm/s "
+          "without: this differs from the paper. In the paper the amplitude falls before 13 mm/s; here it rises to "
+          "the end.",
           (9.6, 6.6)),
     Entry("bistable-9b", "bistable", "Figure 9", "spectrogram of a beam in several modes", ("tip_beam",), beam,
-          "Dimensions of the beam are ours; the paper has none. Vertical lines where the tip sticks and lets go, lines "
-          "along the time as the sticks follow faster. No lower speed: friction drops at once and the disc is even.",
+          "The paper does not state the dimensions of the beam; they are chosen. Vertical lines mark stick and "
+          "release of the tip; they become horizontal lines as the sticks follow faster. There is no lower critical "
+          "speed, because friction drops at once and the disc is even.",
           (9.6, 6.6)),
     Entry("bistable-10", "bistable", "Table 3, Figures 10 and 11", "load and angle", ("tip", "tip_epoxy"), parameters,
-          "The trends agree: lower with the angle, higher with the load. The values do so in part: at 50 N the paper "
-          "has 1 : 0.81 : 0.58 : 0 over the angle and inclination alone 1 : 0.63 : 0.47 : 0.38, without the zero at 20 "
-          "degrees. At 30 and 20 N the paper has 7.5 and 3.0 mm/s, which a force that carries no friction (about 20 N) "
-          "would explain; ours are higher.", (9.6, 4.8)),
+          "The trends agree: the speed falls with the angle and rises with the load. The values agree in part: at 50 "
+          "N the ratios over the angle are 1 : 0.81 : 0.58 : 0 in the paper; inclination alone gives 1 : 0.63 : 0.47 "
+          ": 0.38, without the zero at 20 degrees. At 30 and 20 N the paper has 7.5 and 3.0 mm/s; ours are higher. A "
+          "force without friction (about 20 N) would explain the difference.", (9.6, 4.8)),
     Entry("bistable-13", "bistable", "Figure 13", "a knock switches from sliding to stick-slip", ("tip_knock",),
-          knocked, "The paper tells that a knock switches, not how strong it was; the least one is the amplitude of "
-          "the unstable cycle.", (9.6, 6.6)),
+          knocked,
+          "The paper states that a knock switches the motion, but not its strength; the smallest knock corresponds to "
+          "the amplitude of the unstable cycle.", (9.6, 6.6)),
 )  # fmt: skip

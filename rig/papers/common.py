@@ -1,4 +1,4 @@
-"""What the figures share: colours, scenes with changes, runs without a protocol."""
+"""Common parts of the figures: colours, scenes with changes, runs without a protocol."""
 
 from __future__ import annotations
 
@@ -14,43 +14,45 @@ if TYPE_CHECKING:
     from rig.record.run import Run
     from rig.scenes.scene import Scene
 
-# told apart by colour-blind eyes too (Okabe and Ito)
+# distinguishable for colour-blind readers too (Okabe and Ito)
 BLUE, RED, GREEN, GREY, AMBER = "#0072b2", "#d55e00", "#009e73", "#8a8a8a", "#e69f00"
 
 
 def load(name: str, **changes: Any) -> Scene:
-    """A scene with changes; two underscores stand for the dot: body__damping=2.0, in SI."""
+    """Return a scene with changes; two underscores stand for the dot: body__damping=2.0, in SI."""
     import rig
 
     return rig.load(name, {key.replace("__", "."): value for key, value in changes.items()})
 
 
 def run(scene: Scene, seconds: float | None = None) -> Run:
-    """The scene, run in this process."""
+    """Run the scene in this process."""
     import rig
 
     return rig.simulate(scene, seconds)
 
 
 def quiet(scene: Scene) -> Scene:
-    """The scene without protocol, controllers and limits: held at its start."""
+    """Return the scene without protocol, controllers and limits, held at its initial values."""
     return replace(scene, protocol=(), controllers={}, limits={})
 
 
 def value(scene: Scene, key: str) -> float:
-    """A value of a scene in SI."""
+    """Return a value of a scene in SI."""
     return float(scene.values()[key][0])
 
 
 def law_of(scene: Scene) -> Law:
-    """The friction law of the scene's first contact."""
+    """Return the friction law of the scene's first contact."""
     return scene.assemble().system().patches[0].law  # type: ignore[no-any-return]
 
 
 def dither_boundary(scene: Scene, rate: float, fast: float, shares: NDArray[np.float64]) -> tuple[float, float, float]:
-    """Largest dither that loses sliding, over the one that shakes the slider of mass one with `fast` [m/s].
+    """Return the largest dither that loses sliding, relative to the one that gives the slider of mass one the speed
+    `fast` [m/s].
 
-    Leading order, averaged, simulated. `rate` of the dither [rad/s]; `shares`: amplitudes to look at, in that measure.
+    To leading order, averaged, simulated. `rate` of the dither [rad/s]; `shares`: amplitudes to try, in the same
+    measure.
     """
     from rig.analysis.axis import Axis
     from rig.analysis.map.dither import boundary

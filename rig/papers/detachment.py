@@ -1,7 +1,7 @@
 """A new mechanism for friction-induced vibration and noise, section 3.1: mode coupling with four degrees of freedom.
 
-The paper prints the matrices and the eigenvalues as curves, no numbers but the coalescence at 1. "reference" is an
-independent computation of the printed matrices; "theory" the closed form h^2 = 5000 (1 - mu) of rig.plants.four_dof.
+The paper prints the matrices, and the eigenvalues as curves; its only number is the coalescence at 1. "reference" is an
+independent computation of the printed matrices, "theory" the closed form h^2 = 5000 (1 - mu) of rig.plants.four_dof.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ _BELOW = {
     0.9: (9.391304549, 10.514622242, 17.013016167, 17.657955682),
 }  # rad/s
 _ABOVE = {1.01: (0.1766938980, 0.1020709363), 1.5: (1.2218069077, 0.7248964932)}  # 1/s
-_GROWS = (4.0, 9.0)  # s: begin and end of the fit
+_GROWS = (4.0, 9.0)  # s: range of the fit
 _LIFTS = 9.257839536912664  # s
 
 
 def _critical(**changes: object) -> list[float]:
-    """Friction coefficients up to 3 at which sliding loses its stability."""
+    """Friction coefficients up to 3 at which sliding becomes unstable."""
     import rig
 
     swept = rig.sweep(load("four_dof", **changes), "friction.mu", np.linspace(0.0, 3.0, 61))
@@ -38,7 +38,7 @@ def _critical(**changes: object) -> list[float]:
 
 
 def eigenvalues(figure: Figure) -> Iterator[Comparison]:
-    """Frequencies and growth rates over the friction coefficient, as in figure 6."""
+    """Draw frequencies and growth rates over the friction coefficient, as in figure 6."""
     import rig
 
     swept = rig.sweep("four_dof", "friction.mu", np.linspace(0.0, 2.0, 201))
@@ -79,7 +79,7 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
 
 
 def histories(figure: Figure) -> Iterator[Comparison]:
-    """The model of figure 5 in time: growth from near sliding, then lift-off and stick."""
+    """Draw the model of figure 5 in time: growth from near sliding, then lift-off and stick."""
     import rig
 
     growing, along, across = figure.subplots(3, 1)
@@ -114,10 +114,13 @@ def histories(figure: Figure) -> Iterator[Comparison]:
 
 ENTRIES = (
     Entry("detachment-5", "detachment", "Figure 5", "the model with four degrees of freedom, in time", ("four_dof",),
-          histories, "The paper shows the model and no motion. Belt speed, preload and start are chosen. The text says "
-          "that mass 1 is preloaded and slides on the belt; the matrices say mass 2, and so does this rig.",
+          histories,
+          "The paper shows the model, but no motion. Belt speed, preload and start are chosen. In the text mass 1 is "
+          "preloaded and slides on the belt; in the matrices it is mass 2, as in this rig.",
           (9.6, 8.0)),
     Entry("detachment-6", "detachment", "Figure 6", "eigenvalues over the friction coefficient", ("four_dof",),
-          eigenvalues, "The paper prints curves and one number, the coalescence at 1. The signs and the damper are "
-          "ours: the rig flutters only where friction couples against spring 3, and one damper halves the limit."),
+          eigenvalues,
+          "The paper prints curves and one number, the coalescence at 1. The comparisons with other signs and with a "
+          "damper are ours: the rig flutters only if friction couples against spring 3, and one damper halves the "
+          "limit."),
 )  # fmt: skip

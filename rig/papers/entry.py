@@ -1,4 +1,4 @@
-"""One figure or table of a paper: what is drawn, from which scene, and how it compares."""
+"""One figure or table of a paper: its drawing, its scenes, and its comparison with published numbers."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ PAPERS = {
     "bistable": "Tonazzi, Passafiume, Papangelo, Hoffmann, Massi: Numerical and experimental analysis of the bi-stable "
     "state for frictional continuous system. Nonlinear Dyn. 102 (2020) 1361-1374",
 }
-_COLOURS = 96  # of a picture: a third of the bytes
+_COLOURS = 96  # colours of a picture: reduces it to a third of the bytes
 _STYLE: dict[str, Any] = {
     "font.size": 10.5,
     "axes.titlelocation": "left",
@@ -50,9 +50,9 @@ Source = Literal["paper", "reference", "theory"]
 
 @dataclass(frozen=True)
 class Comparison:
-    """One number beside ours. `source`: printed in the paper, an independent computation, or a closed form.
+    """One published number beside ours. `source`: printed in the paper, an independent computation, or a closed form.
 
-    It agrees within `absolute` + `relative` times the expected one; a `floor` is to be reached and may be exceeded.
+    Ours agrees within `absolute` + `relative` times the expected number; a `floor` must be reached and may be exceeded.
     """
 
     what: str
@@ -66,14 +66,14 @@ class Comparison:
 
     @property
     def agrees(self) -> bool:
-        """Whether ours is near enough."""
+        """Whether our number lies within the bound."""
         if self.floor:
             return bool(self.ours >= self.expected)
         return bool(abs(self.ours - self.expected) <= self.absolute + self.relative * abs(self.expected))
 
     @property
     def bound(self) -> str:
-        """How near is near enough, in words."""
+        """The bound in words."""
         if self.floor:
             return "at least"
         parts = [f"{self.relative:.2g} relative"] if self.relative else []
@@ -82,7 +82,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Entry:
-    """A figure or table: `name` as the commands take it, its paper, number and title, the scenes it is made from."""
+    """A figure or table: `name` in the commands, its paper, number and title, and its scenes."""
 
     name: str
     paper: str
@@ -96,7 +96,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Result:
-    """What came of an entry. `seconds`: how long it took; `picture`: the file."""
+    """The result of an entry. `seconds`: compute time; `picture`: the file."""
 
     entry: Entry
     comparisons: tuple[Comparison, ...]
@@ -105,11 +105,11 @@ class Result:
 
     @property
     def agrees(self) -> bool:
-        """Whether every number does."""
+        """Whether every number agrees."""
         return all(one.agrees for one in self.comparisons)
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the fields as JSON values."""
         return {
             "name": self.entry.name,
             "paper": PAPERS[self.entry.paper],
@@ -128,7 +128,7 @@ class Result:
 
 @cache
 def entries() -> dict[str, Entry]:
-    """Every entry by name, in the order of the papers."""
+    """Return every entry by name, in the order of the papers."""
     found: dict[str, Entry] = {}
     for room in ROOMS:
         found |= {entry.name: entry for entry in importlib.import_module(f"rig.papers.{room}").ENTRIES}
@@ -136,7 +136,7 @@ def entries() -> dict[str, Entry]:
 
 
 def pick(wanted: str) -> list[Entry]:
-    """The entry of that name, all of a paper, or "all". Raises UsageError with near names."""
+    """Return the entry of that name, all of a paper, or "all". Raises UsageError with similar names."""
     known = entries()
     if wanted == "all":
         return list(known.values())
@@ -153,7 +153,7 @@ def pick(wanted: str) -> list[Entry]:
 
 
 def make(entry: Entry, folder: Path) -> Result:
-    """Draw an entry into `folder` (PNG) and compare."""
+    """Draw an entry into `folder` (PNG) and compare its numbers."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -8,9 +8,9 @@ from rig.papers.entry import PAPERS, Result
 
 
 def page(results: Sequence[Result], machine: str) -> str:
-    """A page of pictures and tables; it lies beside the pictures."""
+    """Return a page of pictures and tables, for the folder of the pictures."""
     lines = [
-        "# Figures of the papers, made again",
+        "# Figures of the papers, reproduced",
         "",
         f"Made by `make docs` (`rig reproduce all`) on {machine}.",
         "",

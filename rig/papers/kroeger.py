@@ -1,6 +1,6 @@
 """Kroeger, Neubauer, Popp (2008), sections 2 and 3: limit cycles, instability mechanisms, the seal.
 
-The paper prints few numbers; "reference" are independent computations with the parameter sets of the scenes.
+The paper prints few numbers; "reference" is an independent computation with the parameters of the scenes.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ def cycles(figure: Figure) -> Iterator[Comparison]:
     }
     laws, phases = figure.subplots(1, 2)
     looks = {"belt": ("A", BLUE, "-"), "belt_b": ("B", RED, "-"), "belt_c": ("C", GREEN, "-")}
-    looks |= {"belt_c_damped": ("C, damped", "black", ":")}  # its law is that of C, which shows through the dots
+    looks |= {"belt_c_damped": ("C, damped", "black", ":")}  # it has the law of C, which is visible between the dots
     for name, (period, stick, lowest) in reference.items():
         shown, colour, line = looks[name]
         scene = load(name)
@@ -54,7 +54,7 @@ def cycles(figure: Figure) -> Iterator[Comparison]:
 
 
 def onset(figure: Figure) -> Iterator[Comparison]:
-    """From near the equilibrium: A and B spiral out, C needs a start outside."""
+    """Draw motions from near the equilibrium: A and B spiral outwards, C needs a start outside."""
     import rig
 
     axes = figure.subplots(1, 3, sharey=True)
@@ -214,7 +214,7 @@ def seal_limits(figure: Figure) -> Iterator[Comparison]:
         yield Comparison(f"d = {damping / 1e3:g} N s/mm", "mm/s", 1e3 * limit, expected, "reference", absolute=6e-4)
     law, force_per_mu = law_of(load("seal_p")), value(load("seal_p"), "friction.load")
     speeds = np.linspace(1.6e-3, 6.139e-3, 200)
-    balanced = [-1e-3 * force_per_mu * law.slope(v) for v in speeds]  # the damper takes what falling friction gives
+    balanced = [-1e-3 * force_per_mu * law.slope(v) for v in speeds]  # damping balances the falling friction
     axis.plot(balanced, 1e3 * speeds, color=GREY, lw=0.9, label="damping = fall of the friction force")
     axis.plot([d / 1e3 for d in reference], [1e3 * v for v in found], "o", color=BLUE, label="eigenvalues")
     axis.legend()
@@ -224,14 +224,15 @@ def seal_limits(figure: Figure) -> Iterator[Comparison]:
 ENTRIES = (
     Entry("kroeger-3", "kroeger", "Figure 3", "friction characteristics and their limit cycles",
           ("belt", "belt_b", "belt_c", "belt_c_damped"), cycles),
-    Entry("kroeger-4", "kroeger", "Figure 4", "sliding that grows, and sliding that needs a push",
-          ("belt", "belt_b", "belt_c_damped"), onset, "Dark: from 0.2 mm beside the equilibrium; pale: from 4 mm."),
-    Entry("kroeger-5", "kroeger", "Figure 5", "energy that a falling characteristic puts in", ("belt_b",), energy),
+    Entry("kroeger-4", "kroeger", "Figure 4", "unstable sliding, and stick-slip that needs a start outside",
+          ("belt", "belt_b", "belt_c_damped"), onset,
+          "Dark: start 0.2 mm from the equilibrium; pale: start 4 mm from it."),
+    Entry("kroeger-5", "kroeger", "Figure 5", "energy input by a falling friction characteristic", ("belt_b",), energy),
     Entry("kroeger-6", "kroeger", "Figure 6", "tilted pin: growth over the friction coefficient", ("pin",), pin),
     Entry("kroeger-7", "kroeger", "Figure 7", "non-conservative restoring forces: flutter and divergence",
           ("north", "north_divergence"), north,
-          "Equation 2.5 is the divergence limit (the determinant of the stiffness vanishes); flutter comes earlier, "
-          "where it comes at all."),
+          "Equation 2.5 is the divergence limit (the determinant of the stiffness vanishes). If flutter occurs, it "
+          "occurs at a lower friction coefficient."),
     Entry("kroeger-9", "kroeger", "Figure 9", "friction force of an axial seal", ("seal_p",), seal),
     Entry("kroeger-10", "kroeger", "Figure 10", "stable sliding of the seal over damping", ("seal_p",), seal_limits),
 )  # fmt: skip

@@ -1,7 +1,7 @@
 """Kroeger, Neubauer, Popp (2008), sections 3c and 4a: eigenvalues of the disc brake, and its squeal damped actively.
 
-The paper prints 0.64, 2140 Hz and about 10 mm/s and 50 V; "reference" is an independent computation with the set of the
-scene.
+The paper prints 0.64, 2140 Hz and about 10 mm/s and 50 V; "reference" is an independent computation with the parameters
+of the scene.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 _PAIR = (2050.0, 2200.0)
-"""Hz: the two branches that meet are alone in there."""
+"""Hz: the range contains only the two branches that meet."""
 _BRANCHES = {
     0.0: ((-23.3927452, 2079.43220), (-25.7752434, 2182.75749)),
     0.4: ((-23.3027594, 2108.02458), (-25.9081507, 2167.66103)),
@@ -35,7 +35,7 @@ _BRANCHES = {
 
 
 def eigenvalues(figure: Figure) -> Iterator[Comparison]:
-    """Two eigenvalues over the friction coefficient: they meet, and one of them becomes unstable."""
+    """Draw two eigenvalues over the friction coefficient: they meet, and one becomes unstable."""
     import rig
 
     values = [*np.linspace(0.0, 0.62, 32), *np.linspace(0.622, 0.66, 39)]  # finer where they meet
@@ -73,7 +73,7 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
 
 
 def active(figure: Figure) -> Iterator[Comparison]:
-    """The squeal dies away after the loop is closed: velocity of the pad, voltage of the stack."""
+    """Draw the velocity of the pad and the voltage of the stack: the squeal decays after the loop is closed."""
     import rig
 
     scene = load("brake_active")
@@ -100,9 +100,10 @@ def active(figure: Figure) -> Iterator[Comparison]:
 
 ENTRIES = (
     Entry("kroeger-16", "kroeger", "Figure 16", "eigenvalues of the disc brake over the friction coefficient",
-          ("brake",), eigenvalues, "Circles: reference. The paper's axis has no unit that can be "
-          "read; its -0.8 to 0.2 are these growth rates in 100 1/s."),
-    Entry("kroeger-21", "kroeger", "Figure 21", "squeal that a stack damps actively", ("brake_active",), active,
-          "An observer of the modes about 2140 Hz feeds the pad's velocity back to the stack, at 20 kHz. The paper "
-          "shows 10 mm/s that decline within 20 to 30 ms, at about 50 V."),
+          ("brake",), eigenvalues,
+          "Circles: reference. The unit of the paper's axis is not legible; its -0.8 to 0.2 are these growth rates in "
+          "100 1/s."),
+    Entry("kroeger-21", "kroeger", "Figure 21", "squeal damped actively by a piezo stack", ("brake_active",), active,
+          "An observer of the modes near 2140 Hz feeds the pad's velocity back to the stack, at 20 kHz. In the paper "
+          "10 mm/s decay within 20 to 30 ms, at about 50 V."),
 )  # fmt: skip

@@ -1,8 +1,8 @@
 """Kroeger, Neubauer, Popp (2008), figure 17: 225 brakings, and which of them squeal.
 
-Pressure and temperature are drawn as the paper's tests had them; the friction coefficient of a braking is ours, in
-place of what the tests left unsaid: it scatters, and rises a little with the temperature of the disc [calibrated].
-Each braking is judged by eigenvalues, every fifteenth is simulated too and judged by its sound, as the tests were.
+Pressure and temperature are drawn from the ranges of the paper's tests. The paper does not state the friction
+coefficient of a braking; ours scatters, and rises a little with the temperature of the disc [calibrated]. Each braking
+is classified by eigenvalues; every fifteenth is also simulated and classified by its sound, as in the tests.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _COUNT, _EVERY, _SEED = 225, 15, 17
 _SPEED = 40.0 * 2.0 * math.pi / 60.0  # rad/s
 _LONGEST, _FOLDS = 2.0, 8.0
-"""A simulated braking takes as long as its growth or decay by e^8 does, at most 2 s."""
+"""A simulated braking lasts for a growth or decay by e^8, at most 2 s."""
 _SOUND = 11.0  # Pa for 1 m/s of the pad, at 0.5 m [calibrated]
 _LOUD = 60.0  # dB
 _CRITICAL = {5: (1.16673313, 2118.17724), 8: (0.908164652, 2126.11917), 10: (0.800988812, 2130.59114),
@@ -43,7 +43,7 @@ class Braking(NamedTuple):
 
 
 def brakings() -> list[Braking]:
-    """All of them, judged by eigenvalues."""
+    """Return all brakings, classified by eigenvalues."""
     from rig.analysis.regions import sliding
 
     scene = load("brake", drive__speed=_SPEED)
@@ -58,7 +58,7 @@ def brakings() -> list[Braking]:
 
 
 def level(one: Braking) -> float:
-    """Sound pressure level [dB] at the end of a simulated braking."""
+    """Return the sound pressure level [dB] at the end of a simulated braking."""
     changes: dict[str, Any] = {"drive__speed": _SPEED, "load__pressure": 1e5 * one.pressure, "friction__mu": one.mu}
     scene = replace(quiet(load("brake", **changes)), sensors={})
     ran = run(scene, min(_FOLDS / abs(one.growth), _LONGEST))
@@ -109,6 +109,6 @@ def classified(figure: Figure) -> Iterator[Comparison]:
 
 ENTRIES = (
     Entry("kroeger-17", "kroeger", "Figure 17", "225 brakings and which of them squeal", ("brake",), classified,
-          "Judged by eigenvalues; every fifteenth also by the sound of its simulation, above 60 dB. The tests measured "
-          "2350 Hz, the paper's model predicts 2140 Hz."),
+          "Classified by eigenvalues; every fifteenth braking also by the sound of its simulation (above 60 dB). The "
+          "tests measured 2350 Hz, the paper's model predicts 2140 Hz."),
 )  # fmt: skip

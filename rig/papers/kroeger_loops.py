@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 
 def feedback(figure: Figure) -> Iterator[Comparison]:
-    """Normal-force feedback switched on at 4 s, gains 0 to 400 N s/m."""
+    """Draw normal-force feedback switched on at 4 s, gains 0 to 400 N s/m."""
     yield from _loops(
         figure, "belt_normal_force", (0.0, 100.0, 200.0, 300.0, 400.0), "N s/m",
         {100.0: ("L", 0.064), 200.0: ("rate", -1.88), 300.0: ("rate", -4.68), 400.0: ("rate", -7.49)},
@@ -27,7 +27,7 @@ def feedback(figure: Figure) -> Iterator[Comparison]:
 
 
 def belt_feedback(figure: Figure) -> Iterator[Comparison]:
-    """Belt-velocity feedback switched on at 4 s."""
+    """Draw belt-velocity feedback switched on at 4 s."""
     yield from _loops(
         figure, "belt_velocity_feedback", (0.0, 0.5, 1.33, 2.66, 4.0, 5.33), "",
         {0.5: ("L", 0.137), 1.33: ("rate", -1.32), 2.66: ("rate", -7.57), 4.0: ("L", 0.0), 5.33: ("L", 0.0)},
@@ -63,7 +63,7 @@ def _loops(
 
 
 def decay(time: Array, v: Array) -> float:
-    """Slope of ln of the positive maxima of v between 1e-6 and 0.018 m/s after 4 s [1/s]."""
+    """Return the slope of ln of the positive maxima of v between 1e-6 and 0.018 m/s after 4 s [1/s]."""
     after = time > 4.0
     t, w = time[after], v[after]
     top = np.flatnonzero((w[1:-1] > w[:-2]) & (w[1:-1] >= w[2:])) + 1
@@ -78,11 +78,11 @@ CELLS = (
     ("belt_velocity_feedback", ((0.5, 0, 0.137), (1.0, 10, 0.258), (1.33, 0, -1.32), (1.33, 20, 0.260),
                                 (2.66, 0, -7.57), (2.66, 5, -7.85), (2.66, 20, 0.085), (4.0, 30, 0.075))),
 )  # fmt: skip
-"""Scene; gain [its own unit], delay of the loop [ms], what is left: amplitude [m/s], or decay where negative [1/s]."""
+"""Scene; gain [its own unit], delay of the loop [ms], remaining amplitude [m/s], or decay if negative [1/s]."""
 
 
 def loops(figure: Figure) -> Iterator[Comparison]:
-    """What is left of the vibration 16 s after a loop is closed, over gain and delay."""
+    """Draw the remaining vibration 16 s after a loop is closed, over gain and delay."""
     for axis, (name, cells), unit in zip(figure.subplots(1, 2), CELLS, ("N s/m", "")):
         rows = []
         for gain, delay, expected in cells:
@@ -111,7 +111,7 @@ def loops(figure: Figure) -> Iterator[Comparison]:
 
 
 def normal_force_energy(figure: Figure) -> Iterator[Comparison]:
-    """Constant friction takes energy out where the normal force is fed back: E = -T mu K v^2 / 2 in a period."""
+    """Draw the energy of normal-force feedback: constant friction dissipates E = -T mu K v^2 / 2 in a period."""
     mu, gain = 0.25, 200.0
     axes = figure.subplots(4, 1, sharex=True)
     for K, colour, line in ((0.0, GREY, "--"), (gain, BLUE, "-")):
@@ -173,9 +173,10 @@ def tuned_mass(figure: Figure) -> Iterator[Comparison]:
 
 
 def dither(figure: Figure) -> Iterator[Comparison]:
-    """Effective friction under dither of the belt, averaged and simulated at 150 Hz.
+    """Draw the effective friction under dither of the belt, averaged, and simulated at 150 Hz.
 
-    Simulated: what the spring holds on average. The force itself leaps, which samples at a few phases tell badly.
+    Simulated: the mean force of the spring. The friction force itself jumps, so that samples at a few phases give a
+    poor mean.
     """
     from rig.analysis.averaged import mean_friction
 
@@ -207,9 +208,9 @@ ENTRIES = (
     Entry("kroeger-22", "kroeger", "Figure 22", "belt-velocity feedback", ("belt_velocity_feedback",), belt_feedback,
           size=(9.6, 8.4)),
     Entry("kroeger-23", "kroeger", "Figure 23", "tuned mass over tilt and damping", ("belt_tuned_mass",), tuned_mass,
-          "Mirror-symmetric about -atan(mu)/2 (dashed)."),
-    Entry("kroeger-loops", "kroeger", "Section 4", "loops over gain and delay: what is left of the vibration",
-          ("belt_normal_force", "belt_velocity_feedback"), loops, "Some cells of the tables that the tests compare.",
+          "The map is mirror-symmetric about -atan(mu)/2 (dashed)."),
+    Entry("kroeger-loops", "kroeger", "Section 4", "remaining vibration over gain and delay of the loops",
+          ("belt_normal_force", "belt_velocity_feedback"), loops, "A selection from the tables that the tests compare.",
           (9.6, 4.1)),
     Entry("kroeger-dither", "kroeger", "Section 4", "mean friction under dither", ("belt_dither",), dither),
 )  # fmt: skip

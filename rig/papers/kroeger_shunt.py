@@ -1,8 +1,8 @@
-"""Kroeger, Neubauer, Popp (2008), section 4d: force and dissipation of a shunted piezo stack, the brake that it calms.
+"""Kroeger, Neubauer, Popp (2008), section 4d: force and dissipation of a shunted piezo stack; the shunted brake.
 
 The stack alone is that of scene belt_shunt with another capacitance and coupling. Curves come from the transfer
-function of the assembled matrices, points from time simulation: stuck to a belt that vibrates, the mass shakes the
-stack, so that it does not matter that the soft rig alone would give way to a negative capacitance.
+function of the assembled matrices, points from time simulation: the mass is stuck to a vibrating belt and drives the
+stack. Therefore the soft rig, which alone would be unstable with a negative capacitance, has no influence.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _HEAT = {
 
 
 def stack(R: float, delta: float, **changes: Any) -> Scene:
-    """The stack with its shunt in tune with 3400 Hz."""
+    """Return the stack with its shunt tuned to 3400 Hz."""
     coil = (1.0 + delta) / (_CPS * (2.0 * math.pi * _HERTZ) ** 2)
     given = {"piezo__capacitance": _CPS, "piezo__coupling": _E, "shunt__resistance": R, "shunt__inductance": coil,
              "shunt__delta": delta, "sensors__vibrometer__rate": 2e4, "clock__unstable": "run"}  # fmt: skip
@@ -53,7 +53,9 @@ def stack(R: float, delta: float, **changes: Any) -> Scene:
 
 
 def transfer(scene: Scene, hertz: Array) -> NDArray[np.complex128]:
-    """G = (F/dx - c33)/kappa at frequencies [n], from the matrices: the network driven by the motion of its mass."""
+    """Return G = (F/dx - c33)/kappa at frequencies [n], from the matrices: the motion of its mass drives the
+    network.
+    """
     from rig.stability.linearisation import sliding_key, steady
 
     system = scene.assemble().system()
@@ -67,7 +69,7 @@ def transfer(scene: Scene, hertz: Array) -> NDArray[np.complex128]:
 
 
 def shaken(R: float, delta: float, hertz: float) -> tuple[complex, float]:
-    """G and the heat of a cycle [J] when the mass vibrates by 1 um, simulated: the last 0.1 s of 0.3 s."""
+    """Simulate G and the heat of a cycle [J] with a vibration of 1 um: the last 0.1 s of 0.3 s."""
     speed = _SWING * 2.0 * math.pi * hertz
     ran = run(stack(R, delta, drive__speed=0.0, friction__mu_static=1e9, load__force=1e3, start__velocity=speed,
                     dither__on="belt", dither__amplitude=speed, dither__frequency=hertz,
@@ -108,7 +110,7 @@ def force(figure: Figure) -> Iterator[Comparison]:
 
 
 def dissipation(figure: Figure) -> Iterator[Comparison]:
-    """Energy that the shunt takes in a cycle, over frequency, 100 ohm."""
+    """Draw the energy that the shunt dissipates in a cycle over frequency, 100 ohm."""
     from scipy.optimize import brentq, minimize_scalar
 
     hertz = np.linspace(0.6, 1.4, 801) * _HERTZ
@@ -154,7 +156,7 @@ _LEAST = {0.0: -2.28792443, -0.25: -2.31879615, -0.5: -2.41197922, -0.8: -3.5131
 
 
 def growth(brake: Scene, delta: float, R: float, tuning: float) -> float:
-    """The largest growth rate [1/s] of the brake with a shunt of L = `tuning` L_LRC."""
+    """Return the largest growth rate [1/s] of the brake with a shunt of L = `tuning` L_LRC."""
     from rig.analysis.regions import sliding
 
     coil = tuning * (1.0 + delta) / (_CPS * (2.0 * math.pi * _OPEN[1]) ** 2)
@@ -184,7 +186,7 @@ def stability(figure: Figure) -> Iterator[Comparison]:
     axes[-1].contour(tunings, deltas, found, levels=[0.0], colors="black", linewidths=1.0)
     axes[-1].set(title="R = 50 ohm", xlabel="L / L_LRC", ylabel="Cp / C")
     figure.colorbar(mesh, ax=axes, label="largest growth rate [1/s]", aspect=40)
-    flutter = rig.modes("brake_shunt").sliding.modes[0]  # as the scene begins
+    flutter = rig.modes("brake_shunt").sliding.modes[0]  # in the initial state of the scene
     yield Comparison("open: growth", "1/s", flutter.growth, _OPEN[0], "reference", absolute=1e-3)
     yield Comparison("open: frequency", "Hz", flutter.frequency, _OPEN[1], "reference", absolute=1e-3)
     for delta, bands in _STABLE.items():
@@ -206,9 +208,10 @@ def stability(figure: Figure) -> Iterator[Comparison]:
 
 ENTRIES = (
     Entry("kroeger-25", "kroeger", "Figure 25", "force of a shunted piezo stack over frequency", ("belt_shunt",), force,
-          "Lines: transfer function of the matrices; circles: simulated. The force less its mechanical part."),
-    Entry("kroeger-26", "kroeger", "Figure 26", "energy that a shunt takes in a cycle", ("belt_shunt",), dissipation,
-          "Lines: transfer function of the matrices; circles: simulated, heat of the resistor."),
+          "Lines: transfer function of the matrices; circles: simulated. The mechanical part of the force is "
+          "subtracted."),
+    Entry("kroeger-26", "kroeger", "Figure 26", "energy dissipated by a shunt in a cycle", ("belt_shunt",), dissipation,
+          "Lines: transfer function of the matrices; circles: simulated heat of the resistor."),
     Entry("kroeger-28", "kroeger", "Figure 28", "largest growth rate of the brake over the tuning of its shunt",
-          ("brake_shunt",), stability, "Black: neither grows nor decays.", size=(12.0, 7.0)),
+          ("brake_shunt",), stability, "Black line: growth rate zero.", size=(12.0, 7.0)),
 )  # fmt: skip

@@ -14,8 +14,8 @@ from rig.papers.entry import Comparison, Entry
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_TOP = 5.0  # kHz of the spectrum that is shown
-_LOUD = 85.0  # dB of a squeal at its full size
+_TOP = 5.0  # kHz: range of the spectrum
+_LOUD = 85.0  # dB of a fully developed squeal
 _SWING = 17.0  # Hz
 
 
@@ -77,7 +77,7 @@ def _decibel(ratio: float) -> float:
 
 
 def _sine(t: np.ndarray, f: np.ndarray, period: float) -> tuple[float, float, float]:
-    """Mean, amplitude and period of a sine fitted to f(t), begun near `period`."""
+    """Mean, amplitude and period of a sine fitted to f(t), starting from `period`."""
     from scipy.optimize import curve_fit
 
     def shape(t: np.ndarray, mean: float, a: float, b: float, T: float) -> np.ndarray:
@@ -90,8 +90,9 @@ def _sine(t: np.ndarray, f: np.ndarray, period: float) -> tuple[float, float, fl
 
 ENTRIES = (
     Entry("kroeger-29", "kroeger", "Figure 29", "sound of a brake whose shunt is connected and disconnected",
-          ("brake_shunt_sound",), sound, "To be heard: rig simulate brake_shunt_sound --out run.mcap, then rig sound "
-          "run.mcap --out squeal.wav. T: a turn of the disc. The paper connects its optimal shunt and says that the "
-          "squeal stops immediately: here the coil at which it dies away fastest, and 20 dB in 30 ms. A coil in "
-          "tune with the squeal of the open stack is the worse one: there 20 dB take longer.", size=(10.4, 7.6)),
+          ("brake_shunt_sound",), sound,
+          "To listen: rig simulate brake_shunt_sound --out run.mcap, then rig sound run.mcap --out squeal.wav. T: a "
+          "turn of the disc. The paper connects its optimal shunt and states that the squeal stops immediately. Here "
+          "the coil gives the fastest decay, 20 dB in 30 ms. With a coil tuned to the squeal of the open stack 20 dB "
+          "take longer.", size=(10.4, 7.6)),
 )  # fmt: skip

@@ -19,11 +19,11 @@ FINE = "5 us"
 
 
 def edge(figure: Figure) -> Iterator[Comparison]:
-    """Rounded edge: flutter, stick, lift-off."""
+    """Draw the rounded edge: flutter, stick, lift-off."""
     import rig
 
     cycle = _panels(figure, "tread", rounds=2)
-    pressed = -34.0 / (300e3 + 80e3)  # where the reference starts; it reads the stretch from 60 to 120 ms
+    pressed = -34.0 / (300e3 + 80e3)  # the start of the reference, which evaluates 60 to 120 ms
     ran = run(quiet(load("tread", start__height=pressed, clock__frame=FINE)), 0.12)
     late = ran.time > 0.06
     x, v, N = (ran.signals[name][late] for name in ("displacement", "velocity", "normal_force"))
@@ -47,7 +47,7 @@ def edge(figure: Figure) -> Iterator[Comparison]:
 
 
 def rough(figure: Figure) -> Iterator[Comparison]:
-    """Rough surface: constant normal force, stick-slip by falling friction."""
+    """Draw the rough surface: constant normal force, stick-slip by falling friction."""
     cycle = _panels(figure, "tread_rough", rounds=1)
     x, v, N = (cycle.extremes[name] for name in ("displacement", "velocity", "normal_force"))
     scene = load("tread_rough")
@@ -91,7 +91,7 @@ def _panels(figure: Figure, name: str, rounds: int) -> Cycle:
     return cycle
 
 
-_SMOOTHED = "The reference smooths friction over 0.2 mm/s, and its numbers hold to 2 %; the paper gives no parameters."
+_SMOOTHED = "The reference smooths friction over 0.2 mm/s; its numbers are valid to 2 %. The paper gives no parameters."
 ENTRIES = (
     Entry("kroeger-13", "kroeger", "Figure 13", "tread block with a rounded edge on glass", ("tread",), edge,
           _SMOOTHED, (9.6, 6.6)),

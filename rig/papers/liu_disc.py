@@ -1,7 +1,7 @@
 """Liu and Ouyang, Meccanica (2020), sections 3 and 4.2: the slider on a rotating flexible disc.
 
-Geometry, material, stiffnesses and dampers are the paper's; which stiffness is which, the damping of the disc and the
-coefficients of friction are the scenes'. "reference" are independent computations with these.
+Geometry, material, stiffnesses and dampers are those of the paper. The assignment of the stiffnesses, the damping of
+the disc and the coefficients of friction are those of the scenes. "reference" is an independent computation with these.
 """
 
 from __future__ import annotations
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
     from rig.scenes.scene import Scene
 
-RADIUS = 0.1  # m, of the slider's place
-RATE = math.sqrt(1e5)  # rad/s, sqrt(contact stiffness / mass): ratios of frequencies are over this
+RADIUS = 0.1  # m, position of the slider
+RATE = math.sqrt(1e5)  # rad/s, sqrt(contact stiffness / mass): unit of frequency ratios
 CASES: dict[str, dict[str, Any]] = {
     "a": {"friction__law": "constant", "friction__mu": 0.3},
     "b": {},
     "c": {"friction__mu_static": 0.9, "friction__mu_kinetic": 0.8},
 }
 LOADS = (20.0, 50.0, 100.0, 150.0, 200.0)
-_SLOW = np.sort([*np.linspace(0.5, 8.0, 31), 5.98, 5.998, 6.0 + 1e-4, 6.02])  # shaken with 0.6 m/s: a = V at 6
-# close to where a wave on the disc and the slider meet stretches are short; the reference's grid leaps over some
+_SLOW = np.sort([*np.linspace(0.5, 8.0, 31), 5.98, 5.998, 6.0 + 1e-4, 6.02])  # dither of 0.6 m/s: a = V at 6
+# where a wave on the disc and the slider meet, ranges are narrow; the reference's grid misses some of them
 _FAST = np.sort([*np.arange(900.0, 940.0, 0.5), 911.82, 911.965, *np.arange(945.0, 1110.0, 5.0),
                  *np.arange(1111.0, 1117.0, 0.5), *np.arange(1120.0, 1301.0, 5.0)])  # fmt: skip
 _SPEEDS = np.concatenate([_SLOW, np.geomspace(10.0, 890.0, 12), _FAST])
@@ -38,7 +38,7 @@ _GAPS = "Short stable gaps near 919 and 1113 rad/s lie between the points of the
 
 
 def at(case: str, N0: float, speed: float, scene: str = "disc_slider", **changes: Any) -> Scene:
-    """The rig in a case of friction, at a preload [N] and a speed of the disc [rad/s]."""
+    """Return the rig in a case of friction, at a preload [N] and a speed of the disc [rad/s]."""
     return quiet(load(scene, load__force=N0, drive__speed=speed, **CASES[case], **changes))
 
 
@@ -95,7 +95,7 @@ def instability(figure: Figure) -> Iterator[Comparison]:
 
 
 def _panels(figure: Figure) -> Any:
-    """Three rows of slow and of fast speeds; between the two nothing happens."""
+    """Three rows of slow and of fast speeds; nothing happens between the two ranges."""
     rows = figure.subplots(3, 2, sharex="col", sharey=True, width_ratios=(1.0, 1.6))
     for row in rows:
         row[0].set(ylabel="preload [N]", xlim=(0.0, _SLOW[-1]), ylim=(0.0, 220.0))
@@ -105,7 +105,7 @@ def _panels(figure: Figure) -> Any:
 
 
 def _drawn(row: Any, scene: Scene, speeds: np.ndarray = _SPEEDS) -> dict[float, list[float]]:
-    """The edges [rad/s] of the regions of a scene at each preload; its unstable stretches of speed are drawn."""
+    """Edges [rad/s] of the regions of a scene at each preload, with the unstable ranges of speed drawn."""
     from rig.analysis.axis import Axis
     from rig.analysis.regions import regions
 
@@ -152,7 +152,7 @@ def _three(row: Any, ran: Any, case: str) -> None:
 
 
 def _rate(ran: Any, rest: float) -> float:
-    """Growth of the swing of the displacement about rest over the second half of a run [1/s]."""
+    """Growth rate of the displacement's vibration about rest over the second half of a run [1/s]."""
     x, t = ran.signals["displacement"] - rest, ran.time
     top = np.flatnonzero((x[1:-1] > x[:-2]) & (x[1:-1] >= x[2:]) & (x[1:-1] > 0.0)) + 1
     top = top[t[top] > 0.5 * t[-1]]
@@ -160,7 +160,7 @@ def _rate(ran: Any, rest: float) -> float:
 
 
 def quenched(figure: Figure) -> Iterator[Comparison]:
-    """The same under dither above its boundary, twenty times sqrt(kc / m)."""
+    """Draw the same with dither above its boundary, at twenty times sqrt(kc / m)."""
     for row, case, speed, times, seconds in zip(figure.subplots(2, 3), "bc", (2.0, 20.0), (1.3, 1.5), (1.2, 0.9)):
         omega = 20.0 * RATE
         force = times * speed * RADIUS * omega
@@ -205,7 +205,7 @@ def boundary(figure: Figure) -> Iterator[Comparison]:
 
 
 def _largest(case: str, speed: float) -> float:
-    """The largest a / V at which averaged sliding is neutral."""
+    """The largest a / V at which averaged sliding is neutrally stable."""
     from scipy.optimize import brentq
 
     V = speed * RADIUS
@@ -218,7 +218,7 @@ def _largest(case: str, speed: float) -> float:
 
 
 def mean_growth(case: str, N0: float, speed: float, fast: float) -> float:
-    """Largest growth rate of averaged sliding where the slider is shaken with `fast` [m/s], to leading order."""
+    """Return the largest growth rate of averaged sliding with dither of speed `fast` [m/s], to leading order."""
     from rig.analysis.averaged import averaged
     from rig.analysis.modes import GENERATOR
 
@@ -230,7 +230,7 @@ def mean_growth(case: str, N0: float, speed: float, fast: float) -> float:
 
 
 def instability_shaken(figure: Figure) -> Iterator[Comparison]:
-    """The regions again, the slider shaken with 0.6 m/s."""
+    """Draw the regions again, with dither of 0.6 m/s."""
     reference = {"b": (6.000099, 6.911980, 911.872406, 1246.366730), "c": (4.927391, 5.994225, 6.000099)}
     omega = 20.0 * RATE
     shaken = {"dither__amplitude": 0.6 * omega, "dither__frequency": omega / (2.0 * math.pi), "dither__enable": True}
@@ -247,8 +247,9 @@ ENTRIES = (
     Entry("liu000-9", "liu000", "Figure 9", "growth from near sliding", ("disc_slider",), growing, size=(9.6, 5.6)),
     Entry("liu000-10", "liu000", "Figure 10", "the same under dither", ("disc_slider_dither",), quenched,
           size=(9.6, 5.6)),
-    Entry("liu000-11", "liu000", "Figure 11", "dither that stabilises, over its frequency", ("disc_slider_dither",),
-          boundary, "Stable above the lines. Crosses: runs pushed along the least stable motion; circles: runs of the "
+    Entry("liu000-11", "liu000", "Figure 11", "stabilising dither over its frequency", ("disc_slider_dither",),
+          boundary,
+          "Stable above the lines. Crosses: runs displaced along the least stable mode; circles: runs of the "
           "reference."),
     Entry("liu000-12", "liu000", "Figure 12", "where sliding is unstable under dither", ("disc_slider_dither",),
           instability_shaken, f"Averaged to leading order. {_GAPS}", (9.6, 7.2)),

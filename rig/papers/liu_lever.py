@@ -1,7 +1,7 @@
 """Liu and Ouyang, Mech. Syst. Signal Process. (2022): the slider on a rotating disc with an L-shaped lever.
 
-The numbers of its figures are lost; the scenes' values reproduce its regions. "reference" are independent computations
-with these. Figures 7 and 9 to 11, and the disc with a sector, are in liu_lever_speed.
+The parameter values of its figures are not available; the values of the scenes reproduce its regions. "reference" is an
+independent computation with these. Figures 7 and 11, and the disc with a sector, are in liu_lever_speed.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ COULOMB: dict[str, Any] = {"friction__law": "coulomb", "friction__mu_static": 0.
 
 
 def at(N0: float, rpm: float, scene: str = "lever", **changes: Any) -> Scene:
-    """The rig at a preload [N] and a speed, stuck to the disc as mounted; nothing but its motion."""
+    """Return the rig at a preload [N] and a speed, stuck to the disc and unloaded, without protocol."""
     speed = rpm * RPM
     given = {"load__force": N0, "drive__speed": speed, "start__angular_velocity": PIN * speed, "clock__frame": "5 ms"}
     return quiet(load(scene, **(given | changes)))
 
 
 def half(cycle: Cycle, output: str) -> float:
-    """Half of peak to peak."""
+    """Return half of peak to peak."""
     low, high = cycle.extremes[output]
     return 0.5 * (high - low)
 
@@ -112,7 +112,7 @@ def response(figure: Figure, coulomb: bool = False) -> Iterator[Comparison]:
 
 
 def amplitudes(figure: Figure) -> Iterator[Comparison]:
-    """Amplitude indices and frequency: a rig of exact geometry measured with noise, and both laws computed."""
+    """Draw amplitude indices and frequency: a rig of exact geometry measured with noise, and both laws computed."""
     import rig
     from rig.analysis.amplitude import index
 
@@ -153,7 +153,7 @@ def amplitudes(figure: Figure) -> Iterator[Comparison]:
 
 
 def two_starts(figure: Figure) -> Iterator[Comparison]:
-    """One point, two starts: from the standing rig, and from near sliding."""
+    """Draw two starts at one point: from the standing rig, and from near sliding."""
     axes = figure.subplots(2, 2, sharex=True, sharey=True)
     laws: tuple[tuple[str, dict[str, Any]], ...] = (("Stribeck", {}), ("Coulomb", COULOMB))
     for row, (name, law) in zip(axes, laws):
@@ -172,7 +172,7 @@ def two_starts(figure: Figure) -> Iterator[Comparison]:
 
 
 def start_near(N0: float, rpm: float, scene: str = "lever", **changes: Any) -> Scene:
-    """The rig pushed a little off steady sliding."""
+    """Return the rig displaced slightly from steady sliding."""
     import rig
 
     still = rig.modes(at(N0, rpm, scene, **changes)).sliding.equilibrium
@@ -182,13 +182,13 @@ def start_near(N0: float, rpm: float, scene: str = "lever", **changes: Any) -> S
 
 
 def sticks(ran: Run, last: float) -> float:
-    """1.0 where the contact has come to stick in the last seconds, 0.0 where not."""
+    """Return 1.0 if the contact sticks in the last seconds, else 0.0."""
     ends = [event["t_ns"] * 1e-9 for event in ran.events if event["text"] == "contact slip ends"]
     return float(bool(ends) and ends[-1] > ran.time[-1] - last)
 
 
 def three_stages(figure: Figure) -> Iterator[Comparison]:
-    """Accelerate, hold, decelerate: stick-slip lives longer on the way up than it comes back on the way down."""
+    """Draw accelerate, hold, decelerate: stick-slip ends at a higher speed than it begins again."""
     import rig
     from rig.analysis.three_stages import stages
 
@@ -213,15 +213,16 @@ def three_stages(figure: Figure) -> Iterator[Comparison]:
 
 ENTRIES = (
     Entry("liu003-4", "liu003", "Figure 4", "kinetic friction over speed, measured and fitted",
-          ("lever_kinetic_friction",), kinetic, "What the experiment returns, beside what the scene states."),
+          ("lever_kinetic_friction",), kinetic, "The identified values beside the values that the scene states."),
     Entry("liu003-5", "liu003", "Figure 5", "stick-slip at 20 N and 1 rpm, exponential law", ("lever",), response,
           size=(9.6, 5.8)),
     Entry("liu003-6", "liu003", "Figure 6", "the same with Coulomb's law", ("lever",), partial(response, coulomb=True),
           size=(9.6, 5.8)),
     Entry("liu003-table-1", "liu003", "Table 1", "amplitudes and frequency, measured and computed", ("lever",),
-          amplitudes, "The virtual rig that is measured has the exact geometry of its springs (to order 5).",
+          amplitudes, "The measured virtual rig has the exact geometry of its springs (to order 5).",
           (9.6, 2.9)),
     Entry("liu003-8", "liu003", "Figure 8", "two starts at 20 N and 2.5 rpm", ("lever",), two_starts),
     Entry("liu003-9", "liu003", "Figure 9", "accelerate, hold, decelerate", ("lever_three_stage",), three_stages,
-          "Without noise sliding is left late on the way down; only the order of the thresholds is compared."),
+          "Without noise the rig leaves sliding late as the speed falls; only the order of the thresholds is "
+          "compared."),
 )  # fmt: skip

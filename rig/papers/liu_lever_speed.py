@@ -1,7 +1,7 @@
-"""Liu and Ouyang, Mech. Syst. Signal Process. (2022): which motions the lever rig has over load and speed.
+"""Liu and Ouyang, Mech. Syst. Signal Process. (2022): sliding and stick-slip of the lever rig over load and speed.
 
-V1: sliding is unstable below; V2: stick-slip exists up to there, as continued in speed or from a standing start. The
-disc is uniform, or has a sector of other friction.
+Sliding is unstable below V1. Stick-slip exists up to V2, found by raising the speed or from a standing start. The disc
+is uniform, or has a sector of different friction.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ def regions(figure: Figure) -> Iterator[Comparison]:
 
 
 def _carried(N0: float, name: str) -> tuple[float, float]:
-    """V1 (0 without) and V2 [rpm], the run carried upwards in speed."""
+    """V1 (0 if there is none) and V2 [rpm], with the speed raised step by step."""
     import rig
     from rig.analysis.map import Map
 
@@ -101,9 +101,9 @@ def representatives(figure: Figure) -> Iterator[Comparison]:
 
 @cache
 def standing(N0: float, disc: str, low: float, high: float, close: float) -> float:
-    """The speed [rpm] between `low` and `high` up to which a standing start still sticks, to `close`.
+    """Return the speed [rpm] between `low` and `high` up to which a standing start still sticks, to `close`.
 
-    `disc`: "1", "2" (uniform, of that property), or the span of the sector in degrees.
+    `disc`: "1", "2" (uniform, of that property), or the angle of the sector in degrees.
     """
     while high - low > close:
         middle = 0.5 * (low + high)
@@ -120,9 +120,9 @@ def _alive(N0: float, disc: str, rpm: float) -> bool:
 
 
 def sectors(figure: Figure) -> Iterator[Comparison]:
-    """V2 from a standing start: uniform, and with a sector of 45 and of 90 degrees that comes next.
+    """Draw V2 from a standing start: uniform, and with a sector of 45 and of 90 degrees that comes next.
 
-    With a sector it lies between what the reference finds from a standing start and carried up in speed.
+    With a sector it lies between the reference's values from a standing start and with rising speed.
     """
     axis = figure.subplots()
     loads = (10.0, 20.0, 30.0)
@@ -150,7 +150,7 @@ def sectors(figure: Figure) -> Iterator[Comparison]:
 
 
 def second(figure: Figure) -> Iterator[Comparison]:
-    """The uniform disc of property 2, and what lies between its domain of stick-slip and that of property 1."""
+    """Draw the uniform disc of property 2, and the range between its domain of stick-slip and that of property 1."""
     axis = figure.subplots()
     loads = (10.0, 20.0, 30.0)
     limits = {}
@@ -168,7 +168,7 @@ def second(figure: Figure) -> Iterator[Comparison]:
 
 
 def effective(figure: Figure) -> Iterator[Comparison]:
-    """Friction of the sector that ends stick-slip at 20 N and 4.5 rpm, from three places on the disc."""
+    """Draw the friction of the sector that ends stick-slip at 20 N and 4.5 rpm, from three positions on the disc."""
     kinetic, falls = (0.16, 0.24, 0.32, 0.40, 0.48), (0.04, 0.08, 0.12, 0.16)
     told = {(0.16, 0.04): 3, (0.24, 0.04): 3, (0.32, 0.04): 3, (0.40, 0.04): 3, (0.48, 0.04): 3, (0.16, 0.12): 0,
             (0.32, 0.12): 0, (0.32, 0.16): 0, (0.48, 0.12): 0, (0.48, 0.16): 0, (0.40, 0.12): 3}  # fmt: skip
@@ -195,14 +195,15 @@ def _ended(mu: float, fall: float, place: float) -> bool:
 
 ENTRIES = (
     Entry("liu003-7", "liu003", "Figure 7", "regions over preload and speed", ("lever",), regions,
-          "V2: the reference raises the speed in leaps of 0.02 rpm and loses the cycle one or two of them early."),
+          "V2: the reference raises the speed in steps of 0.02 rpm and loses the cycle one or two steps early."),
     Entry("liu003-11", "liu003", "Figure 11", "a point of each region at 10 N", ("lever",), representatives,
           size=(9.6, 6.4)),
-    Entry("liu003-18", "liu003", "Figures 14 and 18", "a sector of other friction narrows the stick-slip domain",
+    Entry("liu003-18", "liu003", "Figures 14 and 18", "a sector of different friction narrows the stick-slip domain",
           ("lever", "lever_sector"), sectors,
-          "The span of the sector hardly matters. Close to the end a cycle survives an edge or not, depending on where "
-          "in it the edge passes."),
-    Entry("liu003-19", "liu003", "Figure 19", "the domain that property 2 takes away", ("lever",), second),
+          "The angle of the sector has little influence. Close to the limit it depends on the phase of the cycle at "
+          "the edge whether stick-slip survives the edge."),
+    Entry("liu003-19", "liu003", "Figure 19",
+          "the part of the stick-slip domain that property 2 removes", ("lever",), second),
     Entry("liu003-20", "liu003", "Figure 20", "friction of a sector that ends stick-slip", ("lever_sector",),
-          effective, "Coarse; compared where the reference is decided."),
+          effective, "Coarse grid; compared where the result of the reference is certain."),
 )  # fmt: skip

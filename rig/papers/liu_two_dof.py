@@ -1,7 +1,7 @@
 """Liu and Ouyang, Meccanica (2020), sections 2 and 4.1: the mass on a belt, mode coupling, tangential dither.
 
-Of the nine constants the paper's text has lost the values; the scenes' reproduce its critical friction. "reference" are
-independent computations with these.
+The values of the nine constants are missing in the paper's text; those of the scenes reproduce its critical friction.
+"reference" is an independent computation with these.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_APART = 5  # ratio of frequencies from which fast and slow motion are apart; below, the boundary depends on the start
-RATE = 10.0  # rad/s, sqrt(k1 / m): ratios of frequencies are over this
+_APART = 5  # smallest ratio of frequencies that separates fast and slow motion; below it the start matters
+RATE = 10.0  # rad/s, sqrt(k1 / m): unit of frequency ratios
 _START = {0.4: (0.00016934650120935363, -0.008972106695331914), 0.5: (0.0006617601154591857, -0.008891000543938779)}
 
 
@@ -53,7 +53,7 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
 
 
 def histories(figure: Figure) -> Iterator[Comparison]:
-    """Growth up to the lift-off, at which the paper ends its time histories."""
+    """Draw the growth up to the lift-off, at which the paper ends its time histories."""
     axes = figure.subplots(2, 2, sharex="row")
     for (along, across), mu, lifts in zip(axes, (0.4, 0.5), (16.295828024162887, 6.846114495624962)):
         x, y = _START[mu]
@@ -69,7 +69,7 @@ def histories(figure: Figure) -> Iterator[Comparison]:
 
 
 def suppressed(figure: Figure) -> Iterator[Comparison]:
-    """Dither of 78 N at twenty times the rig's frequency, from 10 s on."""
+    """Draw dither of 78 N at twenty times the rig's frequency, from 10 s on."""
     axes = figure.subplots(2, 2, sharex=True)
     for (along, across), mu in zip(axes, (0.4, 0.5)):
         x, y = _START[mu]
@@ -138,12 +138,14 @@ def _boundaries(
 ENTRIES = (
     Entry("liu000-3", "liu000", "Figure 3", "eigenvalues over the friction coefficient", ("two_dof",), eigenvalues),
     Entry("liu000-4", "liu000", "Figure 4", "growth above the critical friction", ("two_dof",), histories,
-          "The paper ends here at the lift-off (dashed); what comes after it is drawn in grey.", (9.6, 6.4)),
+          "The paper ends at the lift-off (dashed); the motion after it is grey.", (9.6, 6.4)),
     Entry("liu000-5", "liu000", "Figure 5", "the same under tangential dither", ("two_dof_dither",), suppressed,
           size=(9.6, 6.4)),
-    Entry("liu000-6", "liu000", "Figure 6", "dither that stabilises, over frequency and friction", ("two_dof_dither",),
-          boundaries, "Stable above each line. The simulated boundary closes in on the averaged one with the square "
-          "of the frequency. At a ratio of 3 it depends on the start, and is only drawn."),
-    Entry("liu000-7", "liu000", "Figure 7", "dither that stabilises, over frequency and speed", ("two_dof_dither",),
-          faster, "Stable above each line. At a ratio of 3 the boundary depends on the start, and is only drawn."),
+    Entry("liu000-6", "liu000", "Figure 6", "stabilising dither over frequency and friction", ("two_dof_dither",),
+          boundaries,
+          "Stable above each line. The simulated boundary approaches the averaged one with the square of the "
+          "frequency. At a ratio of 3 it depends on the start; it is drawn, but not compared."),
+    Entry("liu000-7", "liu000", "Figure 7", "stabilising dither over frequency and speed", ("two_dof_dither",),
+          faster,
+          "Stable above each line. At a ratio of 3 the boundary depends on the start; it is drawn, but not compared."),
 )  # fmt: skip

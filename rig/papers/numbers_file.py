@@ -1,4 +1,4 @@
-"""The numbers of a folder of figures, beside the pictures: making one again leaves the others on the page."""
+"""The file of numbers of a folder of figures: a figure can be made again while the page keeps the others."""
 
 from __future__ import annotations
 
@@ -15,7 +15,9 @@ _FILE = "numbers.json"
 
 
 def keep(results: Iterable[Result], folder: Path) -> list[Result]:
-    """Write `results` into `folder`, over older ones of the same figures; all it holds, in the order of the papers."""
+    """Write `results` into `folder`, replacing older ones of the same figures; return all, in the order of the
+    papers.
+    """
     found = {one.entry.name: one for one in (*_kept(folder), *results)}
     held = [found[name] for name in entries() if name in found]
     text = json.dumps([{**one.to_json(), "picture": one.picture.name} for one in held], indent=1, allow_nan=False)
@@ -24,7 +26,7 @@ def keep(results: Iterable[Result], folder: Path) -> list[Result]:
 
 
 def _kept(folder: Path) -> list[Result]:
-    """What was made before; of figures that there still are."""
+    """The results of earlier calls, for figures that still exist."""
     try:
         told = json.loads((folder / _FILE).read_text())
     except (OSError, ValueError):

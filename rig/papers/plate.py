@@ -29,7 +29,7 @@ _CASES = {  # position of the slider: frequencies at mu = 0 and mu = 1 below 12 
     "case 2, middle": (0.02185, (9491.0, 9535.0, 10697.0), (9623.0, 10073.0, 10916.0)),
     "case 3, end": (0.0437, (9455.0, 9477.0, 10601.0), (8355.0, 9739.0, 10855.0, 11277.0)),
 }
-_AUDIBLE = 12e3  # Hz, as far as the paper looks
+_AUDIBLE = 12e3  # Hz, upper limit of the paper
 
 
 def _model(scene: Scene) -> Reduced:
@@ -39,7 +39,7 @@ def _model(scene: Scene) -> Reduced:
 
 
 def modal(figure: Figure) -> Iterator[Comparison]:
-    """The first three modes of the free plate, and the spectrum of a knock."""
+    """Draw the first three modes of the free plate, and the spectrum of a knock."""
     scene = load("plate_free")
     model = _model(scene)
     first = np.flatnonzero(model.frequencies > 1.0)[:3]
@@ -119,7 +119,7 @@ def eigenvalues(figure: Figure) -> Iterator[Comparison]:
 
 
 def ramps(figure: Figure) -> Iterator[Comparison]:
-    """Pressure and speed over time, as in figure 9, and what the slider does meanwhile."""
+    """Draw pressure and speed over time, as in figure 9, and the response of the slider."""
     made = run(load("plate"), 0.3)
     pressing, moving, way = figure.subplots(3, 1, sharex=True)
     area = 0.043 * 0.0253
@@ -149,17 +149,18 @@ def ramps(figure: Figure) -> Iterator[Comparison]:
 ENTRIES = (
     Entry("detachment-7", "detachment", "Table 1 and Figure 7", "modes of the plate, free and on foam",
           ("plate_free", "plate"), modal,
-          "With the modulus of table 1, 230 GPa, the free plate is 7 % above the frequencies that the paper prints for "
-          "it; with 200 GPa it has them. Sizes of foam and film are not printed: those on foam are calibrated.",
+          "With the modulus of table 1, 230 GPa, the frequencies of the free plate are 7 % above those in the paper; "
+          "with 200 GPa they agree. The paper does not state the sizes of foam and film: the frequencies on foam are "
+          "calibrated.",
           (9.6, 6.2)),
     Entry("detachment-8", "detachment", "Figure 8 and Tables 2 to 4", "complex eigenvalues with the slider at three "
           "positions", ("plate_cea",), eigenvalues,
-          "Friction moves the frequencies the same way as in the paper, up at the start and down at the end, but less. "
-          "No mode below 12 kHz flutters, as printed. Above 12 kHz, where the paper does not look, modes do flutter "
-          "(from a friction coefficient of 0.26 at the start): that is what opens the contact in time. The fourth "
-          "mode of table 4 does not come out. The paper says that the foam's base moves along x; its frequencies are "
-          "those of a base that is held, which is what is computed here.", (9.6, 4.8)),
+          "Friction shifts the frequencies in the same direction as in the paper, up at the start and down at the "
+          "end, but less. No mode below 12 kHz flutters, as in the paper. Above 12 kHz, beyond the range of the "
+          "paper, modes do flutter (from a friction coefficient of 0.26 at the start); this flutter opens the contact "
+          "in the time simulation. The fourth mode of table 4 is not reproduced. According to the paper the foam's "
+          "base moves along x; its frequencies are those of a fixed base, which is computed here.", (9.6, 4.8)),
     Entry("detachment-9", "detachment", "Figure 9", "ramps of pressure and speed", ("plate",), ramps,
-          "The paper imposes the speed at the base of the foam; here the slider travels. The force of inertia of the "
-          "ramp, 0.065 N, is left out.", (9.6, 5.4)),
+          "The paper imposes the speed at the base of the foam; here the slider moves. The inertia force of the ramp, "
+          "0.065 N, is neglected.", (9.6, 5.4)),
 )  # fmt: skip

@@ -1,8 +1,8 @@
 """A new mechanism for friction-induced vibration and noise, section 3.2.3: the plate in time.
 
-From the first opening of the contact on the motion is chaotic. What compares there is statistics: "reference" is an
+After the first opening of the contact the motion is chaotic, so that only statistics are compared: "reference" is an
 independent computation of the same model by velocity Verlet, with 96 points and bristles of 0.4 of the film's normal
-stiffness. Of the paper only what it prints in words compares; its figures are curves.
+stiffness. The figures of the paper are curves; only the statements in its text are compared.
 """
 
 from __future__ import annotations
@@ -24,18 +24,18 @@ if TYPE_CHECKING:
     from rig.record.run import Run
 
 Array = NDArray[np.float64]
-_LEVER = 0.0126 + 0.001  # m, of the slider's upper face over the plate
+_LEVER = 0.0126 + 0.001  # m, height of the slider's upper face above the plate
 _OFFSET = 0.3 * _LEVER  # m, of the pressure centre in steady sliding
 _ONSET = 0.547  # s, extrapolated to step zero
 _HEAVE = 9260.0  # Hz: the strongest line of the normal acceleration below 12 kHz
-_RATE = 80e3  # Hz: what flutters at 49.9 kHz keeps its size there; at 100 kHz it would beat
+_RATE = 80e3  # Hz: the flutter at 49.9 kHz keeps its amplitude at this rate; at 100 kHz it would beat
 _WINDOW = 4096  # samples
 _AUDIBLE = 15e3  # Hz
 _PRINTED = {11: (5.3, 5.5, 8.7), 13: (5.5, 8.7, 11.0), 14: (4.4, 4.6, 7.3, 7.5, 8.4, 8.8)}  # kHz
 
 
 def _onset(made: Run) -> float:
-    """When a point first opens [s]; NaN where none does."""
+    """Time of the first opening [s]; NaN if none opens."""
     opened = np.flatnonzero(made.signals["openings"] > 0.0)
     return float(made.time[opened[0]]) if len(opened) else float("nan")
 
@@ -99,7 +99,7 @@ def _pressures(made: Run, along: int, across: int) -> Array:
 
 
 def maps(figure: Figure) -> Iterator[Comparison]:
-    """The pressure in the contact at instants before and after its first opening, as in figure 12."""
+    """Draw the pressure in the contact at instants before and after its first opening, as in figure 12."""
     scene = load("plate_96")
     made = run(scene, 0.8)
     onset, pressure = _onset(made), _pressures(made, 12, 8)
@@ -157,7 +157,7 @@ def tangential(figure: Figure) -> Iterator[Comparison]:
 
 
 def scaling(figure: Figure) -> Iterator[Comparison]:
-    """Speed and pressure at a frozen position: three times both is the same motion, three times larger."""
+    """Draw speed and pressure at a frozen position: tripling both gives the same motion, three times larger."""
     upper, lower = figure.subplots(2, 1, sharex=True)
     found: dict[str, tuple[Array, Array, float]] = {}
     for title, speed, force, colour, axis in (
@@ -188,7 +188,7 @@ def scaling(figure: Figure) -> Iterator[Comparison]:
 
 
 def _reaching(scene: Any, speed: float, force: float) -> Any:
-    """The scene with another speed and load, in its tables and at the end of its ramps."""
+    """The scene with another speed and load, in its parameters and at the end of its ramps."""
     from dataclasses import replace
 
     from rig.scenes.protocol import Load, Ramp
@@ -207,26 +207,29 @@ def _reaching(scene: Any, speed: float, force: float) -> Any:
 ENTRIES = (
     Entry("detachment-10", "detachment", "Figures 10 and 11", "normal acceleration of example 1 and its spectrum",
           ("plate",), normal,
-          "Quiet sliding, then growth, then a vibration that the opening of the contact bounds, as in the paper. When "
-          "it begins depends on what is not printed: with 40, 32 and 24 modes at 0.55 s, 0.85 s and never; with a "
-          "little noise, which lets the modes that roll the slider grow, at 0.33 to 0.37 s. The line is heave of "
-          "plate and slider, at 9.25 kHz (8.7 in the paper). The foam was chosen to have shear modes at 5.4 and 5.5 "
-          "kHz, which do not stand out. Nearly all power lies at 20 to 50 kHz, above what the paper shows. Gaps are "
-          "nanometres wide. At 9.6 mm the flutter ends, and the vibration dies away.", (9.6, 7.6)),
+          "Steady sliding, then growth, then a vibration that the opening of the contact limits, as in the paper. The "
+          "onset depends on details that the paper does not state: with 40 modes it is at 0.55 s, with 32 at 0.85 s, "
+          "with 24 there is none; with a little noise, which excites the modes with roll of the slider, it is at 0.33 "
+          "to 0.37 s. The line is heave of plate and slider, at 9.25 kHz (8.7 in the paper). The foam was chosen to "
+          "have shear modes at 5.4 and 5.5 kHz, which do not stand out. Nearly all power lies at 20 to 50 kHz, above "
+          "the range of the paper. Gaps are nanometres wide. At 9.6 mm the flutter ends, and the vibration decays.",
+          (9.6, 7.6)),
     Entry("detachment-12", "detachment", "Figure 12", "pressure maps of example 1", ("plate_96",), maps,
-          "Before the opening the pressure leans to the leading edge (the front, on the right; on the left in the "
-          "paper) and is alike on both sides; then its centre wanders from edge to edge and patches open, as in the "
-          "paper. The block is rigid, so that its edges press most, the trailing one too, which the paper draws as "
-          "almost zero; the middle carries least. The instants are picked from a chaotic motion, among those with more "
-          "than 30 N. The paper's shift at 1.39 s and its saddle do not compare.", (9.6, 7.0)),
+          "Before the opening the pressure is higher at the leading edge (the front, on the right; on the left in the "
+          "paper) and equal on both sides. Then its centre moves from edge to edge and patches open, as in the paper. "
+          "The block is rigid, so that the pressure is highest at its edges, also at the trailing one, where the "
+          "paper shows almost zero; it is lowest in the middle. The instants are chosen from a chaotic motion, among "
+          "those with more than 30 N. The paper's shift at 1.39 s and its saddle shape are not compared.", (9.6, 7.0)),
     Entry("detachment-13", "detachment", "Figures 13 and 14", "tangential spectra of examples 2 and 3",
           ("plate_example_2", "plate_example_3"), tangential,
-          "The lines that the paper names at 0.3 MPa (4.4, 4.6, 7.3 and 7.5 kHz) are not reproduced, nor is the loss "
-          "of the one at 11 kHz. The tangential acceleration is that of the slider's lower side.", (9.6, 6.6)),
+          "The lines that the paper names at 0.3 MPa (4.4, 4.6, 7.3 and 7.5 kHz) are not reproduced, nor is the "
+          "disappearance of the line at 11 kHz. The tangential acceleration is that of the slider's lower side.",
+          (9.6, 6.6)),
     Entry("detachment-vp", "detachment", "Section 3.2.3", "sensitivity to speed and pressure", ("plate",), scaling,
-          "With the slider held the equations are homogeneous: only speed over pressure counts, and three times both "
-          "is the same motion three times larger. Growth is exponential until the contact's own tangential speed "
-          "reaches the speed of travel, where friction gives way: more speed means more vibration, and more pressure "
-          "at one speed acts as less speed. A pressure that acts by itself, as in the paper, does not come out.",
+          "With the slider held the equations are homogeneous: only the ratio of speed to pressure matters, and "
+          "tripling both gives the same motion, three times larger. Growth is exponential until the tangential "
+          "vibration speed of the contact reaches the speed of travel, where friction saturates: a higher speed gives "
+          "more vibration, and a higher pressure at one speed acts like a lower speed. An influence of pressure "
+          "alone, as in the paper, is not reproduced.",
           (9.6, 6.0)),
 )  # fmt: skip

@@ -1,12 +1,12 @@
-"""What this machine can carry: how well it keeps time, what frames cost, which scenes would run VALID.
+"""The capability of this machine: timing of waits, cost of frames, and the scenes that would run VALID.
 
-A frame begins late when the wait before it ends late, or when the frames before it took too long together. So the share
-of late frames is estimated as P(wait > frame) + P(behind > frame). How far a frame is behind follows from what those
-before it cost, the bus and a reserve for the other processes of a run counted in. Short frames are judged by the pieces
-that they are carried in (rig.bench.frame_batches). The scene's own thresholds turn the
-share into a verdict, at pace 1 or at the largest pace that the scene allows. Where a plant may be scheduled in real
-time, others do not interrupt its frames: their costs are measured in processor time. Elsewhere they are measured by the
-wall clock, under the load of now: a busier hour will give another answer.
+A frame begins late when the wait before it ends late, or when the frames before it took too long together. Therefore
+the share of late frames is estimated as P(wait > frame) + P(behind > frame). The lag behind follows from the cost of
+the frames before, including the bus and a reserve for the other processes of a run. Short frames are evaluated in the
+batches in which they run (rig.bench.frame_batches). The thresholds of the scene turn the share into a timing verdict,
+at pace 1 or at the largest pace that the scene allows. If the plant may use real-time scheduling, other programs do not
+interrupt its frames, and their cost is measured in processor time. Otherwise it is measured by the wall clock under the
+present load: at a busier time the result differs.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ from rig.scheduling import PLANT, ahead, come_first, cores
 Say = Callable[[str], object]
 FRAME_NS = 1_000_000
 RECORDINGS = Path("recordings/runs")
-LEAST_DISK = 5.0  # MB/s; a run of all sensors at 10 kHz writes less than 1 MB/s
+LEAST_DISK = 5.0  # MB/s; a run with all sensors at 10 kHz writes less than 1 MB/s
 RESERVE = 1.5
-"""What a frame costs in a run over what it costs here. # measured: 1.2 to 1.5, since recorder and bus work beside it"""
+"""Cost of a frame in a run over its cost here. # measured: 1.2 to 1.5, because recorder and bus work beside it"""
 _MEGABYTES = 16
 ALONE = "measured in processor time: no other program interrupts a plant that is scheduled in real time"
 AMONG = "measured by the wall clock: other programs interrupt a plant that is not scheduled in real time"
@@ -48,7 +48,7 @@ AMONG = "measured by the wall clock: other programs interrupt a plant that is no
 
 @dataclass(frozen=True)
 class Spread:
-    """A duration measured many times, in us; `beyond`: share of them longer than a frame of 1 ms."""
+    """A duration measured many times, in us; `beyond`: share of values above a frame of 1 ms."""
 
     count: int
     p50: float
@@ -69,7 +69,7 @@ class Spread:
 
 @dataclass(frozen=True)
 class Fitness:
-    """Whether one scene would run VALID here. `frame`: what its frames cost; None where they were not measured."""
+    """Whether one scene would run VALID here. `frame`: cost of its frames; None if not measured."""
 
     scene: str
     verdict: str
@@ -79,10 +79,10 @@ class Fitness:
 
 @dataclass(frozen=True)
 class Report:
-    """What `doctor` found. `waiting`: how frames would be paced here, of `sleep` and `hybrid`, and why.
+    """The result of `doctor`. `waiting`: how frames would be paced here, by `sleep` or `hybrid`, and why.
 
-    `frames`: in what time the frames of the scenes are measured.
-    `bus`: plant -> controller -> plant over a private socket between two processes; None with the reason in `fault`.
+    `frames`: the clock in which the frames are measured. `bus`: plant -> controller -> plant over a private socket
+    between two processes; None with the reason in `fault`.
     """
 
     machine: dict[str, Any]
@@ -105,13 +105,13 @@ class Report:
         return all(one.verdict == "VALID" for one in self.scenes)
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the fields as JSON values."""
         spreads = {n: None if (v := getattr(self, n)) is None else vars(v) for n in ("sleep", "hybrid", "bus", "put")}
         fit = [{**vars(one), "frame": None if one.frame is None else vars(one.frame)} for one in self.scenes]
         return {**vars(self), **spreads, "scenes": fit, "ok": self.ok}
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         m = self.machine
         lines = [
             f"machine     {m['processor']}, {m['cores']} cores usable, load {m['load']:.2f}, {m['system']}",
@@ -131,8 +131,8 @@ class Report:
         if any(one.verdict in ("DEGRADED", "INVALID") for one in self.scenes):
             lines += [
                 "",
-                "frames are late where the machine is busy or wakes late: close other programs, or let them "
-                "be scheduled in real time (root, or a limit rtprio of 20)",
+                "frames are late when the machine is busy or wakes late: close other programs, or allow real-time "
+                "scheduling (root, or a limit rtprio of 20)",
             ]
         return "\n".join(lines)
 
@@ -140,7 +140,7 @@ class Report:
 def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str] = ()) -> Report:
     """Measure waits and bus for about `seconds`, then the frames of the scenes `names`; all shipped ones take a minute.
 
-    `report` gets a line for each thing that is measured.
+    `report` gets a line for each measurement.
     """
     say = report or (lambda _: None)
     begin = time.perf_counter()
@@ -181,7 +181,7 @@ def doctor(seconds: float = 4.0, report: Say | None = None, names: Iterable[str]
 def _fitness(
     scene: Scene, ready: Collection[kernel_shapes.Shape], clock: Clock, late: NDArray[np.int64], put: Spread | None
 ) -> Fitness:
-    """Measure and judge one scene; one that cannot run is told with the reason."""
+    """Measure and evaluate one scene; a scene that cannot run is reported with the reason."""
     try:
         found = costs(scene, clock=clock) if kernel_shapes.shape(scene) in ready else None
         return judge(scene, found, late, put)
@@ -191,11 +191,11 @@ def _fitness(
 
 
 def judge(scene: Scene, found: Costs | None, late: NDArray[np.int64], put: Spread | None) -> Fitness:
-    """Whether `scene` would run VALID, from what its frames cost and how late waits end [ns]; `put`: on the bus."""
+    """Predict the timing verdict of `scene` from its frame costs and the lateness of waits [ns]; `put`: on the bus."""
     if found is None:
         return Fitness(scene.name, "unknown", "its kernels are not compiled yet: rig warmup, then rig doctor again")
     if not found.size:
-        raise UsageError("its numerics stop within the first frame: rig simulate tells why")
+        raise UsageError("its numerics stop within the first frame: rig simulate shows the reason")
     clock = scene.clock
     pace = min(clock.pace_limit or 1.0, 1.0)
     each = length(scene, pace)
@@ -220,7 +220,7 @@ def judge(scene: Scene, found: Costs | None, late: NDArray[np.int64], put: Sprea
 
 
 def _waits(seconds: float) -> tuple[pace.Waiting, NDArray[np.int64], NDArray[np.int64]]:
-    """The choice between sleep and hybrid, and the lateness of both [ns], measured in turns."""
+    """The choice between sleep and hybrid, and the lateness of both [ns], measured alternately."""
     waiting = pace.choose(FRAME_NS)
     spin = waiting.spin_ns or int(min(1.5 * waiting.sleep_p95, FRAME_NS / 5))
     sleep, hybrid = pace.WallClock(), pace.WallClock(spin)
@@ -233,7 +233,7 @@ def _waits(seconds: float) -> tuple[pace.Waiting, NDArray[np.int64], NDArray[np.
 
 
 def _disk() -> float:
-    """MB/s that reach the disk where recordings go, or, before there are any, where the user stands."""
+    """Speed [MB/s] of writing to the disk of the recordings, or of the working directory if there are none yet."""
     where = next(path for path in (RECORDINGS, Path()) if path.is_dir())
     block = os.urandom(1 << 20)
     try:

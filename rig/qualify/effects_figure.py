@@ -1,4 +1,4 @@
-"""Effects of a scene as a picture: what each adds to a step, and what its absence, or its presence, would change."""
+"""Effects of a scene as a picture: the cost of each per step, and the change if it is dropped or added."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ON, ABSENT = "#1d4f91", "#9aa5b1"
 
 
 def draw(parts: Sequence[Part], scene: Scene, path: Path) -> None:
-    """Bars: ns of a step on the left, errors by measure on the right; absent effects are grey."""
+    """Draw bars: ns per step on the left, changes by measure on the right; absent effects are grey."""
     measured = [(one, one.paired.closed or one.paired) for one in reversed(parts)]
     shown = [(one, paired) for one, paired in measured if not math.isnan(paired.tick.value)]
     if not shown:

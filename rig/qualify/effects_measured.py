@@ -1,8 +1,9 @@
-"""What a scene's effects cost and change, measured; which methods serve it; what is computed and for whom.
+"""Measured effects of a scene: their cost and influence, the usable methods, and which quantities are computed for
+whom.
 
-An effect that the scene names is measured by plants with and without it, in turns (rig.qualify.cost.effects). One that
-its plant knows and the scene does not name is measured the other way round: added with the values that a shipped scene
-has for it, one of the same plant if there is one.
+An effect of the scene is measured by alternating plants with and without it (rig.qualify.cost.effects). An effect that
+the plant supports and the scene does not have is measured the other way round: it is added with the values of a shipped
+scene, of the same plant if possible.
 """
 
 from __future__ import annotations
@@ -22,13 +23,13 @@ from rig.scenes.effects import declared
 from rig.scenes.scene import Scene, controller_reads
 from rig.scenes.variants import absent, added
 
-BLOCKS = 50.0  # blocks of samples a second, from sensors faster than 1 kHz
-STATES = 200.0  # state messages a second, at most
+BLOCKS = 50.0  # sample blocks per second, from sensors faster than 1 kHz
+STATES = 200.0  # most state messages per second
 
 
 @dataclass(frozen=True)
 class Part:
-    """One effect. `why` it is on or absent; `paired`: what it costs, and what it changes if dropped or added."""
+    """One effect. `why` it is on or absent; `paired`: its cost, and the change if it is dropped or added."""
 
     name: str
     on: bool
@@ -36,12 +37,12 @@ class Part:
     paired: Paired
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the fields as JSON values."""
         return {"name": self.name, "on": self.on, "why": self.why, **self.paired.to_json()}
 
 
 def parts(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], object] | None = None) -> list[Part]:
-    """Every effect that the plant of `scene` can be with or without; those that are on first."""
+    """Return every effect that the plant of `scene` can have; active ones first."""
     lacking, about = absent(scene), declared(scene.parameters)
     total, done = 1 + len(lacking), 0
 
@@ -74,7 +75,7 @@ def parts(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], objec
 
 
 def methods(scene: Scene) -> dict[str, str]:
-    """Every method -> "taken", "serves it too", or why it cannot serve this scene."""
+    """Return for every method "taken", "serves it too", or why it cannot be used for this scene."""
     system = scene.assemble().system()
     why = {method: reason or "serves it too" for method, reason in eligible(system, scene.step_ns).items()}
     return why | {chosen(scene.clock.method, system): "taken"}
@@ -82,7 +83,7 @@ def methods(scene: Scene) -> dict[str, str]:
 
 @dataclass(frozen=True)
 class Told:
-    """A quantity or a topic: how often [1/s] it is computed or sent, and who asked for it."""
+    """A quantity or a topic: how often [1/s] it is computed or sent, and for whom."""
 
     name: str
     rate: float
@@ -90,7 +91,7 @@ class Told:
 
 
 def signals(scene: Scene) -> Iterator[Told]:
-    """Outputs of the plant. One that no sensor reads and no limit watches is worked out only for the state message."""
+    """Yield the outputs of the plant. An output without sensor and limit is computed for the state message only."""
     readers: dict[str, list[str]] = {}
     for name, section in scene.sensors.items():
         readers.setdefault(section.reads, []).append(name)
@@ -107,7 +108,7 @@ def signals(scene: Scene) -> Iterator[Told]:
 
 
 def topics(scene: Scene) -> Iterator[Told]:
-    """Topics of `rig run`."""
+    """Yield the topics of `rig run`."""
     frames = 1e9 / scene.frame_ns
     pieces = frames / length(scene, 1.0)
     outside = {name: section for name, section in scene.controllers.items() if name not in scene.in_plant}

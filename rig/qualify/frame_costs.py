@@ -1,4 +1,4 @@
-"""What the frames of a scene cost, over its whole protocol."""
+"""Compute times of the frames of a scene over its whole protocol."""
 
 from __future__ import annotations
 
@@ -21,17 +21,18 @@ from rig.scenes.scene import Scene
 Costs = NDArray[np.int64]
 Clock = Callable[[], int]
 LEAST = 2000
-"""Frames that are measured at least: the cost at p99 is then exceeded by twenty of them."""
-_ROW = 100  # frames that are measured one after the other: the lateness of one is carried into the next
-_ENDLESS_NS = 10_000_000_000  # measured of a protocol without an end
+"""Fewest measured frames: the cost at p99 is then exceeded by twenty of them."""
+_ROW = 100  # consecutive measured frames: the lateness of one carries over to the next
+_ENDLESS_NS = 10_000_000_000  # measured part of a protocol without an end
 
 
 def costs(scene: Scene, least: int = LEAST, clock: Clock = time.perf_counter_ns) -> Costs:
-    """What frames of protocol, plant and sensors take [ns], at least `least` of them, spread over the whole protocol.
+    """Measure the time of frames of protocol, plant and sensors [ns], at least `least` frames, spread over the
+    protocol.
 
-    Controllers that work in the plant's process are part of it, others are not. As in a paced run, a rehearsal has
-    built the mode sets before; a short protocol is carried out again and again. Of a long one the frames between the
-    measured rows are carried out in one piece. `clock`: that of the measurement [ns].
+    Controllers in the plant's process are included, others are not. As in a paced run, a rehearsal has built the mode
+    sets before. A short protocol is repeated. In a long one the frames between the measured rows run without
+    interruption. `clock`: of the measurement [ns].
     """
     job = Job(scene.to_json())
     sets, found, count = visited(scene, job), list[int](), -1
@@ -82,7 +83,7 @@ def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clo
 
 
 def behind(found: Costs, wall_ns: float) -> Costs:
-    """How late each frame begins [ns] because those before it took longer than their `wall_ns`; late ones catch up."""
+    """Return the lag of each frame [ns] because earlier ones took longer than their `wall_ns`; late frames catch up."""
     late = np.empty(len(found), np.int64)
     lag = 0.0
     for i, cost in enumerate(found.tolist()):

@@ -1,4 +1,6 @@
-"""A message to another process and back, over the private socket of a run: what the bus costs on this machine."""
+"""Round trip of a message to another process over the private socket of a run: the latency of the bus on this
+machine.
+"""
 
 from __future__ import annotations
 
@@ -24,10 +26,10 @@ _EACH_S = 0.001
 
 
 def round_trips(seconds: float, *, paced: bool = True) -> tuple[Array, Array, str]:
-    """Round trips and single publications [ns] in about `seconds`; empty, with the reason, where there are none.
+    """Measure round trips and single publications [ns] for about `seconds`; empty with a reason if they fail.
 
-    `paced`: in real time and with a pause before each, as in a paced run; else one after the other, as in lockstep. The
-    processes work on the cores on which those of such a run do.
+    `paced`: with real-time scheduling and a pause before each, as in a paced run; else one after the other, as in
+    lockstep. The processes use the same cores as in such a run.
     """
     name, none = f"doctor-{os.getpid()}", np.zeros(0, dtype=np.int64)
     latest, fresh = np.zeros(2), np.ones(2, dtype=np.int64)
@@ -41,7 +43,7 @@ def round_trips(seconds: float, *, paced: bool = True) -> tuple[Array, Array, st
             command = [sys.executable, "-c", _ECHO, name, str(of_bus), *(["paced"] if paced else [])]
             with contextlib.closing(_Child(command)):
                 if not present.wait_for("controller", "echo", 8.0):
-                    return none, none, "the other process did not come"
+                    return none, none, "the other process did not start"
                 with placed(own if paced else of_bus, of_bus), ahead(PLANT) if paced else contextlib.nullcontext():
                     for number in range(max(int(seconds / _EACH_S), 50)):
                         payload = encode.step(number, number, latest, fresh)
@@ -49,7 +51,7 @@ def round_trips(seconds: float, *, paced: bool = True) -> tuple[Array, Array, st
                         step.put(payload, number)
                         puts.append(time.perf_counter_ns() - begin)
                         if answers.get(timeout=0.5) is None:
-                            return none, none, "an answer did not come within 0.5 s"
+                            return none, none, "no answer within 0.5 s"
                         trips.append(time.perf_counter_ns() - begin)
                         if paced:
                             time.sleep(_PAUSE_S)
@@ -65,7 +67,7 @@ class _Child:
         self._process = subprocess.Popen(command)
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
         self._process.terminate()
         try:
             self._process.wait(3.0)
@@ -75,7 +77,7 @@ class _Child:
 
 
 def echo(run: str, core: str, paced: str = "") -> None:
-    """The other process, on a core: answers every step, until none has come for two seconds; `paced`: in real time."""
+    """Run the other process on a core: answer every step until none has come for two seconds; `paced`: in real time."""
     with bus.join(run, role="controller", name="echo", wait=5.0) as session:
         steps, act = session.subscribe("step"), session.publisher("act/echo")
         session.announce()

@@ -17,9 +17,10 @@ def warmup(
 ) -> dict[Shape, float]:
     """Compile the kernels of the scenes `names`; by default of all shipped ones, and of the torture test.
 
-    Seconds for each shape compiled. `report` gets a line before and after each shape, with an estimate of what is left.
+    Returns seconds for each compiled shape. `report` gets a line before and after each shape, with an estimate of the
+    remaining time.
     """
-    for package in (rig, controllers, sensors):  # some systems are told to keep no bytecode: 0.2 s of each start
+    for package in (rig, controllers, sensors):  # some systems do not store bytecode: that costs 0.2 s at each start
         compileall.compile_dir(Path(package.__path__[0]), quiet=2)
     if names is not None:
         return prepare([scenes.load(name) for name in names], report, workers)

@@ -1,8 +1,8 @@
-"""Walks through the bytes of an MCAP file from front to back, past whatever is damaged.
+"""Scanner of the bytes of an MCAP file from front to back, which skips damaged parts.
 
-A record counts as one when the lengths inside it add up to its own. Where they do not, the walk goes on at the next
-place at which they do; what lies between is a hole. A chunk in a hole whose content is proved by its checksum is found
-all the same: only its frame was damaged.
+A record is valid if the lengths inside it add up to its own length. After an invalid record the scan continues at the
+next place with a valid one; the bytes between are a hole. A chunk in a hole is recovered if its checksum proves its
+content: then only the frame of the chunk was damaged.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ _HEAD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
 _LARGEST = 1 << 28  # bytes of a chunk's content; a damaged length must not claim the memory of the machine
 _START = re.compile(rb"[\x01-\x0f](?=....\x00{4})", re.DOTALL)
-_FRAME = b"\x28\xb5\x2f\xfd"  # every zstd frame begins so
+_FRAME = b"\x28\xb5\x2f\xfd"  # the first bytes of every zstd frame
 
-# What each kind of record is made of: a number of bytes, or the size of the length of what follows it.
+# The parts of each kind of record: a number of bytes, or the size of the length field of the part that follows.
 _LAYOUT: dict[int, tuple[int | str, ...]] = {
     Opcode.HEADER: ("I", "I"),
     Opcode.FOOTER: (20,),
@@ -81,7 +81,9 @@ _NAMES = {
 
 
 class Found(NamedTuple):
-    """A record from byte `begin` to `end`; `body`: what mcap makes of it, the content of a chunk; None if of no use."""
+    """A record from byte `begin` to `end`; `body`: the record as parsed by mcap, or the content of a chunk; None if
+    unusable.
+    """
 
     begin: int
     end: int
@@ -90,7 +92,7 @@ class Found(NamedTuple):
 
 
 class Hole(NamedTuple):
-    """Bytes that are no record, or a damaged one; `cut` where the file ends within it."""
+    """Bytes that are not a record, or a damaged record; `cut` if the file ends within it."""
 
     begin: int
     end: int
@@ -99,7 +101,7 @@ class Hole(NamedTuple):
 
 
 class Message(NamedTuple):
-    """A message as it stands in a chunk."""
+    """A message as stored in a chunk."""
 
     channel_id: int
     sequence: int
@@ -109,7 +111,9 @@ class Message(NamedTuple):
 
 
 def walk(data: Data, at: int = 0) -> Iterator[Found | Hole]:
-    """Every record of `data` from byte `at` on and every hole between them, in order; the magics are no records."""
+    """Yield every record of `data` from byte `at` on and every hole between them, in order; magic bytes are not
+    records.
+    """
     size = len(data)
     if at == 0:
         if data[: len(MAGIC)] == MAGIC:
@@ -124,7 +128,7 @@ def walk(data: Data, at: int = 0) -> Iterator[Found | Hole]:
         if _fits(data, at, opcode, end):
             made = _read(data, at, opcode, end)
             yield made if made is not None else Hole(at, end, _NAMES.get(Opcode(opcode), "a record"))
-        elif _starts(data, end):  # of its proper length, but damaged; also a kind that we never write
+        elif _starts(data, end):  # the length is right, but the record is damaged or of a kind that we never write
             what = _NAMES.get(Opcode(opcode), "a record") if opcode in _LAYOUT else ""
             yield from _hole(data, at, end, what)
         else:
@@ -134,7 +138,7 @@ def walk(data: Data, at: int = 0) -> Iterator[Found | Hole]:
 
 
 def _extent(data: Data, at: int) -> tuple[int, int]:
-    """Opcode and end of the record that begins at `at`; an end of 0 if it cannot be one."""
+    """Opcode and end of the record that begins at `at`; the end is 0 if there cannot be a record."""
     if at + _HEAD.size > len(data):
         return 0, 0
     opcode, length = _HEAD.unpack_from(data, at)
@@ -159,7 +163,7 @@ def _fits(data: Data, at: int, opcode: int, end: int) -> bool:
 
 
 def _starts(data: Data, at: int) -> bool:
-    """Whether a record begins at `at`, or the file ends there as it should."""
+    """Whether a record begins at `at`, or the file correctly ends there."""
     if not at or at >= len(data):
         return False
     return (at + len(MAGIC) == len(data) and data[at:] == MAGIC) or _fits(data, at, *_extent(data, at))
@@ -174,7 +178,7 @@ def _next(data: Data, at: int) -> int:
 
 
 def _hole(data: Data, begin: int, end: int, what: str, cut: bool = False) -> Iterator[Found | Hole]:
-    """What is damaged between two places, and the chunks in it whose content is whole."""
+    """The damaged part between two places, and the chunks in it whose content is intact."""
     at = begin
     while (at := data.find(_FRAME, at, end)) >= 0:
         if (content := _content(data, at, end)) is not None:
@@ -186,7 +190,7 @@ def _hole(data: Data, begin: int, end: int, what: str, cut: bool = False) -> Ite
 
 
 def _read(data: Data, at: int, opcode: int, end: int) -> Found | None:
-    """A record that fits; None where its own checksum or its text says that it is damaged."""
+    """A valid record; None if its own checksum or its text shows damage."""
     body = at + _HEAD.size
     if opcode == Opcode.CHUNK:
         content = _chunk(data, body, end)
@@ -206,7 +210,7 @@ def _read(data: Data, at: int, opcode: int, end: int) -> Found | None:
 
 
 class _Stream(ReadDataStream):
-    """What mcap reads records from, over bytes that are there already; a short read is an error at once."""
+    """A stream of bytes in memory for the parser of mcap; a short read is an error."""
 
     def __init__(self, raw: bytes) -> None:
         self._raw, self._count = raw, 0
@@ -224,13 +228,13 @@ def _chunk(data: Data, body: int, end: int) -> bytes | None:
     size, crc, length = struct.unpack_from("<QII", data, body + 16)
     kind = data[body + 32 : body + 32 + length]
     begin = body + 40 + length
-    if kind:  # we compress with zstd; whatever else the damaged name says
+    if kind:  # we compress with zstd only, so that any other name is damaged
         return _content(data, begin, end)
     return data[begin:end] if crc in (0, zlib.crc32(data[begin:end])) and size == end - begin else None
 
 
 def _content(data: Data, at: int, end: int) -> bytes | None:
-    """The content of the zstd frame at `at`; None if neither its own checksum nor that of its chunk proves it."""
+    """The content of the zstd frame at `at`; None unless its own checksum or that of its chunk proves it."""
     try:
         about = zstandard.get_frame_parameters(data[at : min(at + 32, end)])
         if about.content_size > _LARGEST:
@@ -249,7 +253,7 @@ def _content(data: Data, at: int, end: int) -> bytes | None:
 
 
 def inside(content: bytes) -> Iterator[Message | Schema | Channel]:
-    """What the content of a chunk holds, in order."""
+    """Yield the records in the content of a chunk, in order."""
     at, size = 0, len(content)
     while at + _HEAD.size <= size:
         opcode, length = _HEAD.unpack_from(content, at)

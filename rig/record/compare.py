@@ -1,7 +1,7 @@
-"""Where two runs part, to the bit: plant truth, measurements and commands.
+"""Comparison of two runs bit by bit: plant outputs, measurements and commands.
 
-Signals are compared at the instants that both runs have. Runs need not have the same ones: outputs are recorded at the
-rate of the steps in one way of running and once a frame in another. What only one run has is counted.
+Signals are compared at the instants that both runs have. These may differ: one way of running records outputs at every
+step, another once a frame. Samples of only one run are counted.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ class Difference:
 
     topic: str
     index: int
-    """Of the sample in the first run that has it."""
+    """Index of the sample in the first run that has it."""
     time: float
     """s"""
     first: float
     second: float
-    """NaN where a run has no sample at this instant."""
+    """NaN if a run has no sample at this instant."""
     shared: int
-    """Instants that both runs have."""
+    """Number of instants that both runs have."""
     differing: int
-    """How many of these differ."""
+    """Number of these that differ."""
     alone: tuple[int, int]
     """Samples at instants that the other run does not have."""
     beyond: int
-    """How many of these are before the first or after the last instant that both have: one run goes on alone."""
+    """Number of these before the first or after the last common instant: there only one run has samples."""
 
     def __str__(self) -> str:
         if not self.differing:
@@ -56,10 +56,10 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """What the comparison of two runs found."""
+    """The result of a comparison of two runs."""
 
     compared: int
-    """Numbers compared: those at instants that both runs have."""
+    """Number of compared values: those at common instants."""
     differences: tuple[Difference, ...]
     """The first difference of each signal that has one, earliest first."""
     missing: tuple[str, ...]
@@ -67,12 +67,12 @@ class Comparison:
 
     @property
     def identical(self) -> bool:
-        """Whether both runs hold the same signals at the same instants, byte for byte."""
+        """Whether both runs have the same signals at the same instants, byte for byte."""
         return not self.differences and not self.missing
 
     @property
     def agree(self) -> bool:
-        """Whether both runs take the same course: one may only have samples between those of the other."""
+        """Whether both runs agree at all common instants: one may only have samples between those of the other."""
         return not self.missing and not any(one.differing or one.beyond for one in self.differences)
 
 
@@ -111,7 +111,7 @@ def _series(run: Run) -> Iterator[tuple[str, Series]]:
 
 
 def _first(topic: str, one: Series, two: Series) -> Difference:
-    """The first difference at an instant that both have; else the first instant that only one of them has."""
+    """The first difference at a common instant; else the first instant that only one run has."""
     shared, at_one, at_two = np.intersect1d(one.t_ns, two.t_ns, return_indices=True)
     apart = _raw(one.values[at_one]) != _raw(two.values[at_two])
     alone = (one.values.size - shared.size, two.values.size - shared.size)
@@ -135,7 +135,7 @@ def _first(topic: str, one: Series, two: Series) -> Difference:
 
 
 def _left_out(taken: NDArray[np.int64], count: int) -> int:
-    """The first of `count` places that is not taken; `count` if all are."""
+    """The first of `count` indices that is not in `taken`; `count` if all are."""
     free = np.ones(count, bool)
     free[taken] = False
     return int(np.argmax(free)) if free.any() else count

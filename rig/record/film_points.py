@@ -1,7 +1,7 @@
 """Outputs of a film's points in a run: the scale of their pressures, and how they are listed.
 
-A film has a point for every few square millimetres, and an output for the pressure at each. They belong together:
-whatever lists or draws outputs one by one leaves them out with a word, or shows them as one map.
+A film has a point for every few square millimetres, and an output for the pressure at each point. They form a group:
+lists and figures of single outputs replace them by one entry, or show them as one map.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ from rig.plants.structures.film_points import FilmPoints
 from rig.scenes.protocol import Load, Ramp, Set, flat
 from rig.scenes.scene import Scene
 
-_PLACE = re.compile(r"_\d+_\d+$")  # of a point, along and across
+_PLACE = re.compile(r"_\d+_\d+$")  # indices of a point, along and across
 _ABOVE_MEAN = 5.0
-"""Largest pressure of a scale over the mean one; in detachment 99.8 % of those of the shipped scene are below."""
+"""Upper end of the pressure scale over the mean pressure; during detachment of the shipped scene 99.8 % are below."""
 
 
 @dataclass(frozen=True)
@@ -38,13 +38,13 @@ class Points(FilmPoints):
 
     @property
     def scale(self) -> float:
-        """Upper end of a scale for their pressures [Pa]: five times the mean one under the largest load, rounded."""
+        """Upper end of a scale for their pressures [Pa]: five times the mean under the largest load, rounded."""
         mean = (self.load or 100.0) / (self.length * self.width)
         return float(f"{_ABOVE_MEAN * mean:.1g}")
 
 
 def read(scene: str) -> Scene | None:
-    """A scene from its JSON text; None if the text describes none, or needs code that is not trusted."""
+    """Return a scene from its JSON text; None if the text is not a scene, or needs code that is not trusted."""
     try:
         return Scene.from_json(scene)
     except (KeyError, TypeError, ValueError, json.JSONDecodeError, Untrusted):
@@ -52,13 +52,13 @@ def read(scene: str) -> Scene | None:
 
 
 def points_of(scene: str) -> Points | None:
-    """The points of a scene as JSON text; None if it has none, or the text describes no scene."""
+    """Return the points of a scene given as JSON text; None if it has none, or the text is not a scene."""
     found = read(scene)
     return Points.of(found) if found else None
 
 
 def largest_load(scene: Scene) -> float:
-    """The largest load that a scene or its protocol sets [N]."""
+    """Return the largest load that a scene or its protocol sets [N]."""
     steps = list(flat(scene.protocol))
     loads = [step.force for step in steps if isinstance(step, Load)]
     loads += [step.to for step in steps if isinstance(step, Ramp | Set) and step.target == "load.force"]
@@ -67,7 +67,7 @@ def largest_load(scene: Scene) -> float:
 
 
 def grouped(names: Iterable[str]) -> dict[str, list[str]]:
-    """Names; those of one quantity at many points (`pressure_3_2`) together under what they share (`pressure`)."""
+    """Group names: those of one quantity at many points (`pressure_3_2`) under their common part (`pressure`)."""
     found: dict[str, list[str]] = {}
     for name in names:
         found.setdefault(_PLACE.sub("", name), []).append(name)
@@ -75,12 +75,12 @@ def grouped(names: Iterable[str]) -> dict[str, list[str]]:
 
 
 def numbered(names: Iterable[str]) -> dict[str, list[str]]:
-    """The groups of more than one name."""
+    """Return the groups with more than one name."""
     return {quantity: members for quantity, members in grouped(names).items() if len(members) > 1}
 
 
 def listed(names: Mapping[str, str]) -> list[str]:
-    """Names with their units [name -> unit] for a reader: those of one quantity at many points as one entry."""
+    """List names with their units [name -> unit] as text; one quantity at many points is one entry."""
     crowds = {one: members for members in numbered(names).values() for one in members}
     found = []
     for name, unit in names.items():

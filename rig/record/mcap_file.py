@@ -1,4 +1,4 @@
-"""Writes MCAP: small chunks, a checksum over every byte, and memory that does not grow with the length of the file.
+"""A writer of MCAP files with small chunks, a checksum over every byte, and memory independent of the file's length.
 
     magic, header, attachments and metadata        the data section: a CRC at its end covers all of it, and before that
     chunk, message indexes, chunk, ...             the metadata record "digest" has the SHA-256 of all bytes up to it
@@ -6,9 +6,9 @@
     schemas, channels, statistics, indexes         the summary section: a CRC in the footer covers it and the footer
     footer, magic
 
-Each chunk, attachment and metadata record has a checksum of its own as well, so that a reader knows what is damaged and
-keeps the rest. No chunk holds more than a 25th of the messages before it: one damaged chunk is less than 5 % of a
-recording, however short that is. Schemas and channels stand in two chunks and in the summary.
+Each chunk, attachment and metadata record has its own checksum as well, so that a reader finds the damaged parts and
+keeps the rest. No chunk contains more than a 25th of the messages before it: one damaged chunk is less than 5 % of a
+recording of any length. Schemas and channels are written in two chunks and in the summary.
 """
 
 from __future__ import annotations
@@ -45,9 +45,9 @@ FORMAT = 1
 states it; a recording without it has format 1. The scene in a recording has its own format (`Scene.from_json`)."""
 CRC, DIGEST = "crc32", "digest"
 SHARE = 25
-"""No chunk holds more than this part of the messages before it."""
-_LEVEL = 6  # of zstd: chunks are small; a tenth smaller than by 3 in the same time
-_SPILL = 1 << 22  # bytes of chunk indexes that are kept in memory: some 20 000 chunks
+"""Largest size of a chunk, as a share of the messages before it."""
+_LEVEL = 6  # of zstd: chunks are small; a tenth smaller than with level 3 in the same time
+_SPILL = 1 << 22  # bytes of chunk indexes in memory: some 20 000 chunks; more go to a temporary file
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<BQHIQQ")
 _INDEXED = struct.Struct("<QQ")
@@ -58,15 +58,17 @@ _END = struct.Struct("<BQQQ")
 
 
 def checksum(name: str, values: Mapping[str, str]) -> str:
-    """Of a metadata record, whatever the order of its values; it stands in the record under `CRC`."""
+    """Return the checksum of a metadata record, independent of the order of its values; the record stores it under
+    `CRC`.
+    """
     parts = [name, *(part for key in sorted(values) if key != CRC for part in (key, values[key]))]
     return f"{zlib.crc32(b''.join(struct.pack('<I', len(raw)) + raw for raw in map(str.encode, parts))):08x}"
 
 
 class Writer:
-    """An MCAP file that is written from front to back to `stream`; `finish` leaves the stream open.
+    """An MCAP file that is written from front to back to `stream`; `finish` does not close the stream.
 
-    An error of the stream passes through; the file is then cut off where it happened.
+    Errors of the stream are raised to the caller; the file is then cut off there.
     """
 
     def __init__(self, stream: BinaryIO, chunk_size: int) -> None:
@@ -77,11 +79,11 @@ class Writer:
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
         self._fresh: list[Schema | Channel] = []
-        """Described in this chunk for the first time; the next one repeats it."""
+        """Described for the first time in this chunk; the next chunk repeats it."""
         self._counts: dict[int, int] = {}
         self._messages = self._chunks = self._latest_ns = 0
         self._ends: list[tuple[int, int]] = []
-        """Where the chunks end that the system may not have yet, and the latest publish time up to there."""
+        """Ends of the chunks that the system may not have yet, and the latest publish time up to each."""
         self._first_ns, self._last_ns = (1 << 64) - 1, 0
         self._attached: list[AttachmentIndex] = []
         self._noted: list[MetadataIndex] = []
@@ -117,14 +119,14 @@ class Writer:
         self._put(packed)
 
     def schema(self, name: str, encoding: str, described: bytes) -> int:
-        """Describe a type of messages; its number."""
+        """Describe a type of messages; return its number."""
         made = Schema(id=len(self._schemas) + 1, data=described, encoding=encoding, name=name)
         self._schemas[made.id] = made
         self._describe(made)
         return made.id
 
     def channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
-        """Describe a channel; its number."""
+        """Describe a channel; return its number."""
         made = Channel(len(self._channels) + 1, topic, encoding, dict(metadata), schema)
         self._channels[made.id] = made
         self._counts[made.id] = 0
@@ -140,7 +142,7 @@ class Writer:
         self._size += len(raw)
 
     def add(self, channel: int, log_ns: int, payload: bytes, t_ns: int, seq: int) -> None:
-        """Add a message; a chunk that is large enough is closed."""
+        """Add a message; close the chunk if it is large enough."""
         index = self._indexes.get(channel)
         if index is None:
             index = self._indexes[channel] = bytearray()
@@ -180,13 +182,15 @@ class Writer:
             self._hold(_packed(one))
 
     def flush(self) -> None:
-        """Close the chunk and hand everything to the system."""
+        """Close the chunk and pass everything to the system."""
         self._end_chunk()
         self.__stream.flush()
         self._ends = self._ends[-1:]
 
     def reached(self, size: int) -> int:
-        """Latest publish time in the chunks that are whole in the first `size` bytes; 0 if there is none."""
+        """Return the latest publish time in the chunks that are complete in the first `size` bytes; 0 if there
+        is none.
+        """
         return next((t_ns for end, t_ns in reversed(self._ends) if end <= size), 0)
 
     def finish(self) -> None:
@@ -212,7 +216,7 @@ class Writer:
         self.discard()
 
     def discard(self) -> None:
-        """Let go of what is kept beside the file, finished or not."""
+        """Delete temporary data beside the file, whether it is finished or not."""
         self._chunk_indexes.close()
 
     def _group(self, opcode: Opcode, records: Iterable[bytes]) -> SummaryOffset:

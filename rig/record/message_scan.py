@@ -1,6 +1,6 @@
-"""Walks through a recording, whole, cut off or damaged: every message that its checksums prove, and what is missing.
+"""Scanner of a recording, whole, cut off or damaged: yields every message proved by checksums and reports missing ones.
 
-The file is read from front to back, not through its index: a file that was cut off has none.
+The file is read from front to back and not through its index, because a file that was cut off has none.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _SLICE = 1 << 20
 _SEQUENCE = 1 << 32
 _COPY = "a copy of a chunk that stands before it,"
 _NO_MESSAGES = (_COPY, "an attachment", "metadata")
-"""Damaged places that take no message with them."""
+"""Damaged places that contain no message."""
 
 
 class Record(NamedTuple):
@@ -48,24 +48,25 @@ class Record(NamedTuple):
 
 
 class Skipped(NamedTuple):
-    """Bytes of a recording that were passed over because they are damaged."""
+    """Damaged bytes of a recording that were skipped."""
 
     begin: int
     end: int
     what: str
     after_ns: int
-    """Simulated time that had been reached before them."""
+    """Simulated time [ns] reached before them."""
 
     def __str__(self) -> str:
-        place = f"{self.what} after t = {self.after_ns * 1e-9:.3f} s" if self.what else "no record can be told here"
+        place = f"{self.what} after t = {self.after_ns * 1e-9:.3f} s" if self.what else "no record is identifiable"
         return f"{self.end - self.begin} bytes from byte {self.begin} on: {place}"
 
 
 class Scan:
-    """Walks through a recording each time that it is iterated over.
+    """A scan of a recording; each iteration reads the file again and yields its messages.
 
-    `attachments`, `metadata`, `schemas` and `channels` grow on the way and hold only what is not damaged. Afterwards
-    `whole` tells whether every message is there and no damage was found, `fault` what is wrong, `skipped` where.
+    `attachments`, `metadata`, `schemas` and `channels` are filled during the iteration, with undamaged entries only.
+    Afterwards `whole` is true if every message exists and no damage was found, `fault` describes the damage, `skipped`
+    its places.
     """
 
     def __init__(self, path: Path) -> None:
@@ -85,22 +86,22 @@ class Scan:
         self.last_ns = 0
         self.count = 0
         self.missing: int | None = 0
-        """Messages that are missing; None where nobody knows: an end is cut off, or damage took the statistics too."""
+        """Number of missing messages; None if unknown: the end is cut off, or the statistics are damaged too."""
         self._statistics: Statistics | None = None
         self._indexed = False
-        """Whether the summary section is there, whole."""
+        """Whether the summary section exists and is intact."""
         self._end: Found | None = None
         self._footer = False
         self._digest_at = -1
         self._headed = False
-        """Whether the record that every file begins with is there."""
+        """Whether the record at the begin of every file exists."""
         self._chunks: set[bytes] = set()
-        """Digests of the chunks so far: no two are alike, since messages are numbered."""
+        """Digests of the chunks so far: no two are equal, since messages are numbered."""
         self._gaps = 0
         self._undescribed = 0
-        """Messages that are whole, but what describes their channel is lost."""
+        """Number of intact messages whose channel description is lost."""
         self._seen: dict[int, tuple[int, int]] = {}
-        """Channel -> number of its latest message, and how much had been skipped when it came."""
+        """Channel -> number of its latest message, and the number of skipped places before it."""
 
     def __iter__(self) -> Iterator[Record]:
         for message in self.messages():
@@ -108,7 +109,7 @@ class Scan:
             yield Record(topic, message.data, message.publish_time, message.sequence, message.log_time)
 
     def messages(self) -> Iterator[Message]:
-        """The messages as they stand in the file. Raises LogError for what is not a recording."""
+        """Yield the messages in the order of the file. Raises LogError for a file that is not a recording."""
         self._reset()
         with _mapped(self.path) as data:
             self._look_up(data)
@@ -124,7 +125,7 @@ class Scan:
             self._conclude(data)
 
     def _look_up(self, data: Data) -> None:
-        """Take schemas, channels and statistics from the summary, if its checksum proves it."""
+        """Read schemas, channels and statistics from the summary, if its checksum proves it."""
         at = len(data) - _FOOTER - len(MAGIC)
         found = next(walk(data, at), None) if at > 0 else None
         if not isinstance(found, Found) or not isinstance(found.body, Footer):
@@ -147,7 +148,7 @@ class Scan:
             self.schemas[record.id] = record
 
     def _is_copy(self, content: bytes) -> bool:
-        """Whether this chunk has been met before."""
+        """Whether this chunk was read before."""
         known, digest = len(self._chunks), hashlib.blake2b(content, digest_size=16).digest()
         self._chunks.add(digest)
         return len(self._chunks) == known
@@ -159,7 +160,7 @@ class Scan:
             elif one.channel_id in self.channels:
                 self._count(one)
                 yield one
-            else:  # it was described in chunks that are damaged
+            else:  # its description was in damaged chunks
                 self._undescribed += 1
 
     def _count(self, message: Message) -> None:
@@ -182,7 +183,7 @@ class Scan:
         body = part.body
         if isinstance(body, Footer):
             self._footer = True
-        elif self._end is not None:  # the summary: looked up before
+        elif self._end is not None:  # the summary: read before
             pass
         elif isinstance(body, Header):
             self._headed = True
@@ -203,7 +204,7 @@ class Scan:
             self._describe(body)
 
     def _accept(self, written: str) -> None:
-        """Raise LogError for a recording of a format that only newer versions know."""
+        """Raise LogError for a recording of a format that only newer versions can read."""
         if not written.isdecimal() or int(written) > FORMAT:
             raise LogError(
                 f"{self.path} is a recording of format {written[:20]}, written by a newer version of friction-rig; "
@@ -211,7 +212,7 @@ class Scan:
             )
 
     def _conclude(self, data: Data) -> None:
-        """Check what covers the whole file, and put into words what is wrong."""
+        """Check the checksums of the whole file, and describe the damage in words."""
         if not (self.attachments or self.metadata or self.channels):
             raise LogError(f"{self.path} is not a recording of a run")
         told = self._end.body.data_section_crc if self._end is not None else 0
@@ -225,7 +226,7 @@ class Scan:
             self.skipped.append(Skipped(0, len(data), "the record that ends its messages", self.last_ns))
         cut = self._end is None and not self._footer
         known = self._gaps + self._undescribed
-        # Gaps in the numbers do not show what is lost before the first and after the last message of a channel.
+        # Gaps in the numbers do not show losses before the first and after the last message of a channel.
         self.missing = known if self._headed and not cut and self._taking() is None else None
         if self._statistics is not None:
             self.missing = self._statistics.message_count - self.count
@@ -233,7 +234,7 @@ class Scan:
         self.fault = "" if self.whole else self._told(cut, data[-len(MAGIC) :] == MAGIC)
 
     def _taking(self) -> Skipped | None:
-        """The first damaged place that may have held messages; None if there is none."""
+        """The first damaged place that may have contained messages; None if there is none."""
         end = self._end.begin if self._end is not None else math.inf
         return next((one for one in self.skipped if one.begin < end and one.what not in _NO_MESSAGES), None)
 
@@ -261,13 +262,13 @@ class Scan:
 
     @property
     def described(self) -> bool:
-        """Whether setup and scene have been met."""
+        """Whether setup and scene have been read."""
         return {"setup.json", "scene.json"} <= self.attachments.keys()
 
     def setup(self) -> Setup:
-        """What the recording says of its plant; what damage took away is told by the channels, but for the scene.
+        """Return the description of the plant; damaged parts, except the scene, are derived from the channels.
 
-        Raises LogError where nothing describes a run.
+        Raises LogError if nothing describes a run.
         """
         scene = self.attachments.get("scene.json")
         given = {"scene": scene.data.decode() if scene else ""}
@@ -299,7 +300,7 @@ class Scan:
 
 
 def head(path: Path) -> Scan:
-    """A scan up to where setup and provenance are known: before the first message, or at the end if that is damaged."""
+    """Return a scan up to setup and provenance: before the first message, or at the end if that part is damaged."""
     scan = Scan(path)
     for _ in scan:
         if scan.described:
@@ -309,7 +310,7 @@ def head(path: Path) -> Scan:
 
 @contextmanager
 def _mapped(path: Path) -> Iterator[Data]:
-    """The bytes of a file. Raises LogError where they cannot be read."""
+    """The bytes of a file. Raises LogError if they cannot be read."""
     try:
         with path.open("rb") as file:
             if not stat.S_ISREG(path.stat().st_mode):
@@ -324,7 +325,7 @@ def _mapped(path: Path) -> Iterator[Data]:
 
 
 def _shifted(data: Data, at: int, footer: Footer) -> int:
-    """Where the summary of the footer at byte `at` begins, also in a file that lost or gained bytes before it."""
+    """Begin of the summary of the footer at byte `at`, also in a file that lost or gained bytes before it."""
     offsets = at
     while offsets >= _OFFSET and data[offsets - _OFFSET : offsets - _OFFSET + 9] == _OFFSET_HEAD:
         offsets -= _OFFSET

@@ -1,4 +1,4 @@
-"""Reduced models in a recording: an attachment for each, `model/<digest>`, compressed by zstd."""
+"""Reduced models in a recording: one attachment per model, `model/<digest>`, compressed by zstd."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ _LARGEST = model_store.LIMIT  # bytes; a damaged length must not claim the memor
 
 
 def name(model: bytes) -> str:
-    """Name of the attachment that holds `model`."""
+    """Return the name of the attachment for `model`."""
     return _FOLDER + model_store.digest(model)
 
 
 def packed(model: bytes) -> bytes:
-    """What the attachment holds; equal models give equal bytes."""
+    """Return the content of the attachment; equal models give equal bytes."""
     return zstandard.ZstdCompressor(write_checksum=True).compress(model)
 
 
 def models(attachments: Iterable[Attachment]) -> Iterator[bytes]:
-    """The models among `attachments`; one that does not have the digest in its name is left out."""
+    """Yield the models among `attachments`; one whose content does not match the digest in its name is left out."""
     for one in attachments:
         if one.name.startswith(_FOLDER):
             try:

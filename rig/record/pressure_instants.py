@@ -1,4 +1,4 @@
-"""Instants of a run at which the pressure of a film tells most."""
+"""Characteristic instants of the pressure of a film in a run."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ from rig.record.run import Run
 from rig.record.statistics import FRACTION, first_opening
 
 _BEFORE = 0.02
-"""Share of the time up to the first opening that the map before it is ahead of it."""
+"""The map before the first opening precedes it by this share of the time up to it."""
 
 
 class Instant(NamedTuple):
-    """A sample of a run, and why it is looked at."""
+    """A sample of a run, and why it was chosen."""
 
     sample: int
     why: str
 
 
 def first_open(run: Run) -> int | None:
-    """The first sample that shows a point open from the first opening on; None without an opening."""
+    """Return the first sample with an open point from the first opening on; None without an opening."""
     opened = first_opening(run)
     if opened is None:
         return None
@@ -31,10 +31,11 @@ def first_open(run: Run) -> int | None:
 
 
 def telling(run: Run) -> list[Instant]:
-    """In the order of time: before the first opening, at it, with the pressure most at either edge, fewest in contact.
+    """Return the characteristic instants in order of time: around the first opening, at extremes, at the end.
 
-    Without any opening, four instants at equal distances. Where the pressure is at an edge is told by its moment about
-    the slider's middle, so that one last point that bears little is no such instant.
+    They are: before the first opening, at it, with the pressure most at either edge, with the fewest points in contact,
+    at the end. Without any opening: four instants at equal distances. The moment of the pressure about the slider's
+    middle decides where the pressure is most at an edge, so that a single last point with little load does not count.
     """
     count = run.time.size
     opening = first_open(run)

@@ -1,4 +1,4 @@
-"""Where a run comes from: versions, machine, sources, seed, command. The plant says it; the recording keeps it."""
+"""The provenance of a run: versions, machine, sources, seed, command. The plant states it; the recording stores it."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ _PACKAGES = ("friction-rig", "numpy", "scipy", "numba", "eclipse-zenoh", "mcap",
 
 
 def provenance(seed: int, command: Sequence[str] = tuple(sys.argv)) -> dict[str, str]:
-    """Everything that another person needs to make the same run again."""
-    from rig.kernel import source_key  # loads numba, which the recorder does without
+    """Return everything that another person needs to repeat the run."""
+    from rig.kernel import source_key  # loads numba, which the recorder does not need
 
     return {
         "date": datetime.now(UTC).isoformat(timespec="seconds"),

@@ -1,4 +1,4 @@
-"""Reads recordings into a Run, whole or damaged: what its checksums prove counts, the rest is named and counted."""
+"""Reader of recordings, whole or damaged: returns a Run with everything that checksums prove, and reports the rest."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ from rig.record.run import Commands, Integers, Reals, Run, Samples
 __all__ = ["Decoder", "Record", "Scan", "head", "open"]
 
 _KEPT = ("truth/", "meas/", "applied/", "event/", "state")
-"""Topics that a Run is made of."""
+"""Topics that a Run contains."""
 
 
 class Decoder:
-    """Decodes the messages of a recording. What cannot be decoded, whoever sent it, is counted in `refused`."""
+    """A decoder of the messages of a recording. Messages that cannot be decoded are counted in `refused`."""
 
     def __init__(self, setup: Setup) -> None:
         self.refused: Counter[str] = Counter()
         self._decode = messages.decoder(list(setup.outputs))
 
     def __call__(self, topic: str, payload: bytes) -> Any:
-        """The message, or None. What the recorder itself derived is no message of the bus."""
+        """Return the decoded message, or None. Channels derived by the recorder are not messages of the bus."""
         if topic == "plot":
             return payload
         try:
@@ -47,15 +47,15 @@ class Decoder:
             return None
 
     def told(self) -> str:
-        """What could not be decoded, in words; "" if nothing."""
+        """Return the number of undecodable messages by topic, in words; "" if there are none."""
         counts = ", ".join(f"{count} on {topic}" for topic, count in sorted(self.refused.items()))
         return f"messages that cannot be decoded: {counts}" if counts else ""
 
 
 def open(path: Path | str) -> Run:
-    """The run of a recording; `Run.damage` tells what is missing where the file is cut off or damaged.
+    """Read a recording as a Run; `Run.damage` states what is missing if the file is cut off or damaged.
 
-    Raises rig.errors.LogError for what cannot be read or is no recording of a run.
+    Raises rig.errors.LogError for a file that cannot be read or is not a recording of a run.
     """
     scan = Scan(Path(path))
     gathered: dict[str, list[bytes]] = defaultdict(list)
@@ -63,7 +63,7 @@ def open(path: Path | str) -> Run:
         if record.topic.startswith(_KEPT):
             gathered[record.topic].append(record.payload)
     setup = scan.setup()
-    for model in setup.models:  # whoever assembles the rig of this run takes them
+    for model in setup.models:  # offered to whoever assembles the rig of this run
         model_store.offer(model)
     decode = Decoder(setup)
 
@@ -103,7 +103,7 @@ def open(path: Path | str) -> Run:
 
 
 def _summary(told: dict[str, str], events: list[dict[str, Any]]) -> dict[str, Any]:
-    """The summary of the run; the plant's last word where the recorder was killed or the summary is damaged."""
+    """The summary of the run; the plant's last events if the recorder was killed or the summary is damaged."""
     try:
         if told:
             return {key: json.loads(text) for key, text in told.items()}
@@ -123,11 +123,11 @@ def _untold(scan: Scan) -> str:
         names = json.loads(scan.metadata.get("recording", {}).get("untold", "[]"))
     except ValueError:
         names = []
-    return f"unknown how many messages are missing that {', '.join(names)} sent before it came again" if names else ""
+    return f"unknown how many messages of {', '.join(names)} are missing from before a restart" if names else ""
 
 
 def _frame(applied: dict[str, list[Any]]) -> int:
-    """The length of a frame [ns], where no description is left to tell it."""
+    """The length of a frame [ns], for a recording without its description."""
     return next((said.t_ns // said.tick for found in applied.values() for said in found if said.tick > 0), 0)
 
 
@@ -146,11 +146,11 @@ def _samples(blocks: list[Any]) -> Samples:
 def _truth(
     topics: list[str], read: Callable[[str], list[Any]], setup: Setup
 ) -> tuple[Integers, dict[str, Reals], Integers]:
-    """Plant outputs at the rate of the steps where they were recorded so, else as often as State was sent."""
+    """Plant outputs at the rate of the steps if recorded so, else at each State message."""
     found = {topic[6:]: _samples(read(topic)) for topic in topics}
     if found:
         time_ns = np.unique(np.concatenate([samples.t_ns for samples in found.values()]))
-        signals = {name: np.full(time_ns.size, np.nan) for name in found}  # NaN where a block was lost
+        signals = {name: np.full(time_ns.size, np.nan) for name in found}  # NaN for lost blocks
         for name, (t_ns, v) in found.items():
             signals[name][np.searchsorted(time_ns, t_ns)] = v
         mode = signals.pop("mode", np.empty(0))
@@ -169,7 +169,7 @@ def _commands(found: list[Any]) -> Commands:
     tick, answered, status, values = list[int](), list[int](), list[int](), list[float]()
     for applied in found:
         rows = messages.commands(applied)
-        if len(rows.values) == width * len(rows.tick):  # a stranger's may have another number
+        if len(rows.values) == width * len(rows.tick):  # an unknown sender may send another number of values
             tick += rows.tick
             answered += rows.answered
             status += rows.status
@@ -179,7 +179,9 @@ def _commands(found: list[Any]) -> Commands:
 
 
 def _events(source: str, found: Iterable[Any]) -> Iterator[dict[str, Any]]:
-    """Events of one process: of the topic's, which nobody else can speak on, whatever the message says."""
+    """Events of one process: the source is the owner of the topic, whom nobody else can impersonate, whatever a message
+    says.
+    """
     for event in found:
         told = {name: getattr(event, name) for name in ("t_ns", "tick", "kind", "text")}
         yield {**told, "source": source, "data": json.loads(event.data) if event.data else {}}

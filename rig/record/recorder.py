@@ -1,8 +1,8 @@
-"""The recorder: a process of its own that listens to everything and can never slow the plant.
+"""The recorder: a separate process that receives every message and can never slow the plant.
 
-Messages wait in a deep ring outside of Python, so that a slow disk costs memory first and counted messages last. The
-ring is as deep as its share of 300 MB allows; nothing else grows with the length of the recording. The file is finished
-when the plant leaves, or on a signal to stop.
+Messages wait in a deep ring buffer outside of Python, so that a slow disk first uses memory and only then loses
+messages, which are counted. The depth of the ring follows from its share of 300 MB; nothing else grows with the length
+of the recording. The file is finished when the plant leaves, or on a signal to stop.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ from rig.process import stopping
 from rig.record.writer import Writer
 from rig.scheduling import stand_back
 
-_KEEPING = 7000  # bytes that Zenoh takes to keep a batch beside its payload (measured)
-_DEPTH = (160 << 20) // (LONGEST + _KEEPING)  # batches that may wait; the rest of the process takes 70 MB
-_TURN = 1 << 12  # messages taken before the plant is looked for again
+_KEEPING = 7000  # bytes that Zenoh needs to keep a batch, in addition to its payload (measured)
+_DEPTH = (160 << 20) // (LONGEST + _KEEPING)  # batches in the ring; the rest of the process needs 70 MB
+_TURN = 1 << 12  # messages taken between two checks for the plant
 _PAUSE_S = 0.005
 _LAST_WORDS_S = 0.3
 _LEFT = "the plant left"
@@ -48,44 +48,46 @@ class Recording:
     """Simulated time of the last message."""
     received: dict[str, int] = field(default_factory=dict)
     gaps: dict[str, int] = field(default_factory=dict)
-    """Messages missing between messages received, topic by topic; only topics that miss some."""
+    """Messages missing between received ones, by topic; only topics with missing messages."""
     tail: dict[str, int] = field(default_factory=dict)
-    """Messages missing after the last one received, known from what the senders say that they sent."""
+    """Messages missing after the last one received, according to the totals that the senders state."""
     untold: list[str] = field(default_factory=list)
-    """Senders that another one of the same name followed before they told what they had sent; their tail is unknown."""
+    """Senders that restarted before they stated their totals: the losses before the restart are unknown."""
     late: dict[str, int] = field(default_factory=dict)
-    """Messages sent before the recorder listened."""
+    """Messages sent before the recorder began to listen."""
     refused: dict[str, int] = field(default_factory=dict)
-    """Messages that were not let in, by sender and kind."""
+    """Messages that were refused, by sender and kind."""
     totals: bool = False
-    """Whether the plant told what it had sent; without it the tail is unknown."""
+    """Whether the plant stated its totals; without them the number of messages lost at the end is unknown."""
 
     @property
     def lost(self) -> int:
-        """Messages that were sent while the recorder listened and are not in the file, as far as is known."""
+        """Known number of messages that were sent while the recorder listened and are not in the file."""
         return sum(self.gaps.values()) + sum(self.tail.values())
 
     @property
     def complete(self) -> bool:
-        """Whether nothing is known to miss, nor is it unknown what was sent last: who stops a recording, ends it."""
+        """Whether no message is known to be missing, and the end is known. A recording stopped by the user ends
+        there.
+        """
         return not (self.lost or self.untold) and (self.totals or self.ended != _LEFT)
 
     def text(self) -> str:
-        """For a reader, in a line; begins with the path."""
+        """Return the account as one line of text that begins with the path."""
         lost = f"{self.lost} lost" if self.lost else "none lost"
-        if not self.totals:  # nobody told what was sent last
+        if not self.totals:  # no sender stated its totals
             lost = (
                 f"{self.lost} lost and an unknown number at the end"
                 if self.lost
                 else "unknown how many lost at the end"
             )
-        untold = f", unknown how many of what {', '.join(self.untold)} said before it came again" if self.untold else ""
-        late = f", {sum(self.late.values())} sent before it listened" if self.late else ""
+        untold = f", unknown how many of {', '.join(self.untold)} from before a restart" if self.untold else ""
+        late = f", {sum(self.late.values())} sent before it began to listen" if self.late else ""
         return f"{self.path}: {self.messages} messages, {lost}{untold}{late}, {self.seconds:.3f} s ({self.ended})"
 
 
 def default_path(run: str) -> Path:
-    """Where a run is recorded unless the user says otherwise; a file of an earlier run of that name stays."""
+    """Return the default path of a run's recording; the file of an earlier run of that name is kept."""
     folder = Path("recordings/runs")
     names = (f"{run}.mcap", *(f"{run}-{number}.mcap" for number in range(2, 1000)))
     return next((folder / name for name in names if not (folder / name).exists()), folder / names[0])
@@ -101,13 +103,13 @@ def record(
 ) -> Recording:
     """Record a live run, the newest by default, until it ends; `tell` gets the account at the end.
 
-    Waits at most `wait` seconds for the run. A file that cannot be written, or that exists unless it is to be
-    `replace`d, raises LogError; the run goes on without.
+    Waits at most `wait` seconds for the run. A file that cannot be written, or that exists and may not be `replace`d,
+    raises LogError; the run continues without a recording.
     """
     stand_back(_NICE)
     with bus.join(run, role="recorder", name=name, wait=wait) as session:
         described = run_setup.fetch(session, wait)
-        heard = session.subscribe("**", depth=_DEPTH, polled=True)  # from here on nothing is missed
+        heard = session.subscribe("**", depth=_DEPTH, polled=True)  # every message from here on is received
         plant = session.watch("plant/*")
         if not plant.wait_for("plant", "plant", wait):
             raise BusError(f"run {session.run} has no plant; it has ended")
@@ -116,7 +118,7 @@ def record(
             session.announce()
             with stopping() as stop:
                 recording = _Recorder(session, heard, plant, writer).run(stop)
-        except LogError as fault:  # let the run's verdict name the reason
+        except LogError as fault:  # the run's summary will name the reason
             told = messages.event(writer.last_ns, 0, session.name, "fault", str(fault))
             session.publisher(f"event/{session.name}").put(told, writer.last_ns)
             raise
@@ -128,15 +130,15 @@ def record(
 
 @dataclass
 class _Life:
-    """What one process said until it left and another one of its name began to count anew."""
+    """The messages of one process until it left and a successor of its name began to count anew."""
 
     last: dict[str, int] = field(default_factory=dict)
-    """Topic -> number of the last message received."""
+    """Topic -> number of the last received message."""
     told: dict[str, int] = field(default_factory=dict)
-    """Topic -> messages that it told it had sent."""
+    """Topic -> number of messages that it states to have sent."""
 
     def tail(self) -> dict[str, int]:
-        """Topic -> messages missing after the last one received."""
+        """Return topic -> messages missing after the last one received."""
         return {topic: Count(last=self.last.get(topic, -1)).tail(sent) for topic, sent in self.told.items()}
 
 
@@ -146,9 +148,9 @@ class _Recorder:
         self._lives: dict[str, _Life] = {}
         """Sender -> its present life."""
         self._tails: Counter[str] = Counter()
-        """Messages missing at the ends of lives that are over, by topic."""
+        """Messages missing at the end of finished lives, by topic."""
         self._untold: set[str] = set()
-        """Senders with a life that was over before they told what they had sent."""
+        """Senders with a life that ended before they stated their totals."""
         self._totals = False
         self._summary: dict[str, Any] = {}
 
@@ -157,7 +159,7 @@ class _Recorder:
             if not self._take():
                 stop.wait(_PAUSE_S)
             self._plant.poll()
-        quiet = time.monotonic() + _LAST_WORDS_S  # presence is told faster than data: the last words are on their way
+        quiet = time.monotonic() + _LAST_WORDS_S  # presence arrives before data: the last messages are still on the way
         while not stop.is_set() and time.monotonic() < quiet:
             if not self._take():
                 time.sleep(_PAUSE_S)
@@ -168,7 +170,7 @@ class _Recorder:
         return recording
 
     def _take(self) -> bool:
-        """Record what waits, a turn's worth of it; whether that was all there was time for."""
+        """Record waiting messages, at most a turn's worth; return whether that was all there was time for."""
         taken = 0
         while taken < _TURN and (message := self._heard.get()) is not None:
             taken += 1
@@ -182,7 +184,7 @@ class _Recorder:
         return taken == _TURN
 
     def _follow(self, message: Message) -> None:
-        """Note the number of a message; one that is not above the last one on its topic is that of a new life."""
+        """Note the number of a message; a number not above the last one on its topic belongs to a new life."""
         owner = topics.owner(message.topic)
         life = self._lives.get(owner)
         if life is None or message.seq <= life.last.get(message.topic, -1):
@@ -190,7 +192,7 @@ class _Recorder:
         life.last[message.topic] = message.seq
 
     def _anew(self, owner: str, last: dict[str, int]) -> _Life:
-        """Begin a life of a sender, of which the messages up to `last` have been received."""
+        """Begin a new life of a sender, of which the messages up to `last` have been received."""
         before, life = self._lives.get(owner), _Life(last)
         if before is not None:
             self._tails.update(before.tail())
@@ -203,11 +205,11 @@ class _Recorder:
         owner = topics.owner(message.topic)
         life, told = self._lives[owner], dict(zip(message.said.sent_topic, message.said.sent))
         past = {topic for topic, sent in told.items() if topic != message.topic and life.last.get(topic, -1) >= sent}
-        if past and owner != "plant":  # which goes on to speak, and may overtake its total
-            # More was received than this sender sent: that was said by one before it, and nothing of this one came.
+        if past and owner != "plant":  # the plant continues to send, and may overtake its total
+            # More was received than this sender sent: it came from a predecessor, and nothing of this sender arrived.
             life = self._anew(owner, {topic: last for topic, last in life.last.items() if topic not in past})
         life.told = told
-        if owner == "plant":  # answer at once: the plant waits for it to pass its verdict
+        if owner == "plant":  # answer at once: the plant waits for the account before it decides the timing verdict
             self._totals = True
             own = f"total/{self._session.name}"
             self._session.publisher(own).put(self._session.totals(), message.t_ns)

@@ -1,6 +1,6 @@
-"""Makes a whole recording from one that was cut off or damaged, and reads it back before it calls it done.
+"""Recovery of a cut off or damaged recording: writes a whole copy and reads it back before success is reported.
 
-Kept is what checksums prove, message by message. What was passed over is told: where, why and how much.
+Every message that checksums prove is kept. Skipped parts are reported: where, why and how much.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from rig.user_files import regular, unused
 
 @dataclass(frozen=True)
 class Recovered:
-    """What could be saved."""
+    """The result of a recovery."""
 
     path: str
     messages: int
     seconds: float
     """Simulated time of the last message."""
     fault: str
-    """What was wrong with the original."""
+    """The damage of the original."""
     lost: int | None
-    """Messages that could not be saved; None where nobody knows how many stood where the file is cut off or damaged."""
+    """Number of lost messages; None if unknown."""
     skipped: list[str] = field(default_factory=list)
     """Damaged places of the original."""
 
@@ -44,26 +44,26 @@ class Recovered:
         return self.lost == 0
 
     def told(self) -> str:
-        """What was lost, in words."""
+        """Return the losses in words."""
         if self.lost is None:
-            return "lost: what stood where the file is cut off or damaged, nobody knows how much"
+            return "lost: an unknown number of messages where the file is cut off or damaged"
         return f"lost: {self.lost} of {self.messages + self.lost} messages" if self.lost else "no message lost"
 
 
 def recover(source: Path, target: Path | None = None, replace: bool = False) -> Recovered:
-    """Copy what is readable of `source` to `target` (default: NAME.recovered.mcap).
+    """Copy the readable part of `source` to `target` (default: NAME.recovered.mcap).
 
-    Raises LogError for a whole file, for one that is no recording, and for a target that exists unless it is to be
-    `replace`d; UsageError for a target that is the source.
+    Raises LogError for a whole file, for a file that is not a recording, and for a target that exists and may not be
+    `replace`d; UsageError if the target is the source.
     """
     target = target or source.with_suffix(".recovered.mcap")
-    with suppress(OSError):  # what is not there, or cannot be, is told by whoever opens it
+    with suppress(OSError):  # a missing or impossible path is reported by the function that opens it
         if target.samefile(source):
             raise UsageError(f"--out {target}: is the damaged file itself; name another one")
     scan = Scan(source)
     decode = _surveyed(scan)
     if scan.whole and not decode.refused:
-        told = "is whole" if scan.sealed else "has no digest: an older version recorded it; no damage can be told"
+        told = "is whole" if scan.sealed else "has no digest (an older version recorded it) and shows no damage"
         raise LogError(f"{source} {told}; there is nothing to recover")
     lost = None if scan.missing is None else max(scan.missing, 0) + decode.refused.total()
     fault = "; ".join(filter(None, (scan.fault, decode.told())))
@@ -80,7 +80,7 @@ def recover(source: Path, target: Path | None = None, replace: bool = False) -> 
 
 
 def _surveyed(scan: Scan) -> Decoder:
-    """Walk through the whole of `scan`; which messages cannot be decoded."""
+    """Scan the whole of `scan`; return a decoder that has counted undecodable messages."""
     for _ in scan:
         pass
     decode = Decoder(scan.setup())
@@ -90,18 +90,20 @@ def _surveyed(scan: Scan) -> Decoder:
 
 
 def _put(found: Recovered, scan: Scan, target: Path, replace: bool) -> None:
-    """Write the copy beside the target, check it, and put it in place: the target is this or what it was."""
+    """Write the copy beside the target, check it, and move it into place: the target is the complete copy or
+    unchanged.
+    """
     try:
-        place = Path(os.path.realpath(target))  # a link stays one, and what it points to is written
+        place = Path(os.path.realpath(target))  # a link stays a link; its destination is written
         fresh = not place.exists()
         if not fresh:
-            regular(place)  # a device or a pipe would be replaced by the copy
+            regular(place)  # otherwise the copy would replace a device or a pipe
             unused(place)
         if fresh or not replace:
             claim(place, replace=False).close()
         draft: Path | None = None
         try:
-            number, name = tempfile.mkstemp(".mcap", ".recover-", place.parent)  # short, however long the target's is
+            number, name = tempfile.mkstemp(".mcap", ".recover-", place.parent)  # short, whatever the target's length
             draft = Path(name)
             with os.fdopen(number, "wb") as file:
                 _copy(found, scan, file)
@@ -158,7 +160,7 @@ def _copy(found: Recovered, scan: Scan, file: BinaryIO) -> None:
 
 
 def _readable(path: Path) -> int:
-    """How many messages an ordinary reader finds by the index; 0 where our own finds the file damaged."""
+    """Number of messages that an ordinary reader finds by the index; 0 if our own reader finds damage."""
     scan = Scan(path)
     for _ in scan:
         pass

@@ -1,9 +1,10 @@
-"""Puts the sensor traffic of a recording on the bus again, and holds a controller's answers against the recorded ones.
+"""Replay of a recording: publishes its measurements again and compares the controllers' commands with the recorded
+ones.
 
-The recorded bytes are published as they are. Without a pace, each step waits for the answers that were recorded to
-it: the replay goes as fast as the controllers acknowledge. A recording that was saved from a Run, not taken off the
-bus, has no steps; they are made again from its measurements. So are those that a controller in the plant's process has
-heard: only the first of each piece of frames went over the bus.
+The recorded bytes are published unchanged. Without a pace, each step waits for the commands that were recorded for it,
+so that the replay is as fast as the controllers. A recording saved from a Run instead of the bus has no step messages;
+they are rebuilt from its measurements. The same holds for a controller in the plant's process, for which only the first
+message of each batch of frames went over the bus.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ _PATIENCE_S = 5.0
 
 @dataclass(frozen=True)
 class Divergence:
-    """The first answer that is not the recorded one."""
+    """The first command that differs from the recorded one."""
 
     topic: str
     tick: int
@@ -45,25 +46,25 @@ class Divergence:
     def __str__(self) -> str:
         recorded, answered = (", ".join(map(repr, values)) for values in (self.recorded, self.answered))
         return (
-            f"{self.topic} parts at tick {self.tick}, t = {self.time:.9g} s: recorded {recorded}; answered {answered}"
+            f"{self.topic} differs at tick {self.tick}, t = {self.time:.9g} s: recorded {recorded}; answered {answered}"
         )
 
 
 @dataclass
 class Replayed:
-    """What a replay did."""
+    """The result of a replay."""
 
     messages: int = 0
     steps: int = 0
     seconds: float = 0.0
     """Simulated time."""
     compared: dict[str, int] = field(default_factory=dict)
-    """Answers held against recorded ones, for each controller."""
+    """Number of commands compared with recorded ones, for each controller."""
     unanswered: int = 0
-    """Recorded answers that did not come again."""
+    """Number of recorded commands that the controller did not send again."""
     divergence: Divergence | None = None
     fault: str = ""
-    """Why the recording could be replayed only in part."""
+    """Why only a part of the recording could be replayed."""
 
 
 def replay(
@@ -76,14 +77,14 @@ def replay(
 ) -> Replayed:
     """Replay `path` as the hub `session` (`bus.host(scene="replay")`).
 
-    Waits until the controllers `into` have joined, those of the recording or others that want to hear it. `pace` is
-    simulated seconds for each second of the clock; None goes as fast as the controllers answer. What was tuned during
-    the run is tuned again at the same tick.
+    Waits until the controllers `into` have joined; they may be those of the recording or others. `pace` is simulated
+    seconds per second of the clock; None is as fast as the controllers answer. Parameters that were tuned during the
+    run are tuned again at the same tick.
     """
     start = head(path)
     described = replace(start.setup(), run=session.run, core=ANY)
     if not described.frame_ns:
-        raise LogError(f"{path} has lost what describes its run: it can be read, and not replayed")
+        raise LogError(f"{path} has lost the description of its run: it can be read, but not replayed")
     lacking = start.metadata.get("log", {}).get("made") == "saved" or (into and _in_plant(described))
     traffic: Scan | _Remade = _Remade(read(path), _heard(described)) if lacking else Scan(path)
     consumers, decode = {name: _Consumer() for name in into}, Decoder(described)
@@ -116,27 +117,27 @@ def _heard(described: Setup) -> frozenset[str]:
 
 @dataclass
 class _Consumer:
-    """What the recording holds of one controller."""
+    """The recorded messages of one controller."""
 
     answers: dict[int, tuple[float, ...]] = field(default_factory=dict)
-    """Tick -> command; () where it is not known."""
+    """Tick -> command; () if it is unknown."""
     tuned: dict[int, dict[str, Any]] = field(default_factory=dict)
     """Tick after which parameters were changed -> changes."""
     period_ns: int = 0
-    """Of one that the recording does not know, once it asked to be admitted."""
+    """Description of a controller that the recording does not contain, once it asked to join."""
 
     def note(self, said: Any) -> None:
-        """An Act or an Event of this controller."""
+        """Add an Act or an Event of this controller."""
         if said.DESCRIPTOR.name == "Act":
             self.answers[said.tick] = tuple(said.values)
         elif said.kind == "parameter":
             told = json.loads(said.data or "{}")
             tick, changes = (told.get(key) for key in ("after_tick", "set")) if isinstance(told, dict) else (None, None)
-            if isinstance(tick, int) and isinstance(changes, dict):  # else it does not say when or what: not done again
+            if isinstance(tick, int) and isinstance(changes, dict):  # otherwise time or content is unknown: skip it
                 self.tuned.setdefault(tick, {}).update(changes)
 
     def answers_to(self, tick: int, t_ns: int) -> bool:
-        """Whether an answer to this step is to be expected."""
+        """Return whether an answer to this step is expected."""
         return t_ns % self.period_ns == 0 if self.period_ns else tick in self.answers
 
 
@@ -157,9 +158,9 @@ class _Replay:
         self._acts: Receiver = session.subscribe("act/*")
         self._result = Replayed(compared=dict.fromkeys(consumers, 0))
         self._open: set[tuple[str, int]] = set()
-        """Answers that are due: (controller, tick)."""
+        """Expected answers: (controller, tick)."""
         self._last: dict[str, int] = {}
-        """Tick of the last step that each controller has to answer."""
+        """Tick of the last step that each controller must answer."""
 
     def _admit(self, body: dict[str, Any]) -> dict[str, Any]:
         name = body.get("controller")
@@ -191,7 +192,7 @@ class _Replay:
                 if time.monotonic() - told > 0.1:
                     told = time.monotonic()
                     self._progress(result.seconds)
-        for name in self._controllers:  # the last answers are on their way
+        for name in self._controllers:  # the last answers are still on the way
             self._settle(name)
         self._session.publisher("total/plant").put(self._session.totals(), round(result.seconds * 1e9))
         result.unanswered = len(self._open)
@@ -207,7 +208,7 @@ class _Replay:
             self._door.poll()
 
     def _follow(self, tick: int) -> None:
-        """After a step: take the answers; without a pace wait until none is due."""
+        """After a step: receive the answers; without a pace wait until none is outstanding."""
         self._scene.poll()
         self._take(0.0)
         deadline = time.monotonic() + _PATIENCE_S
@@ -224,7 +225,7 @@ class _Replay:
                 self._session.ask(f"param/{name}", {"set": one.tuned[tick]}, _PATIENCE_S)
 
     def _settle(self, name: str) -> None:
-        """Wait until a controller has taken the last step it has to: what tunes it would overtake steps that wait."""
+        """Wait until a controller has received its last step: a change of parameters would overtake waiting steps."""
         deadline = time.monotonic() + _PATIENCE_S
         while (name, self._last.get(name, -1)) in self._open and time.monotonic() < deadline:
             self._take(0.02)
@@ -256,17 +257,17 @@ class _Replay:
 
 @dataclass(frozen=True)
 class _Remade:
-    """Measurements, steps and answers of a saved Run, as plant and controllers published them frame by frame."""
+    """Measurements, steps and commands of a saved Run, as plant and controllers published them frame by frame."""
 
     run: Run
     heard: frozenset[str]
-    """Sensors of which some controller wants every sample."""
+    """Sensors of which a controller needs every sample."""
 
     def __iter__(self) -> Iterator[Record]:
         frame, series = self.run.frame_ns, list(self.run.measurements.items())
         last = max((int(t_ns[-1]) for _, (t_ns, _) in series if t_ns.size), default=-1) // frame
         places = [i for i, (name, _) in enumerate(series) if name in self.heard]
-        edges = np.arange(-1, last + 1) * frame  # frame k holds the samples published in (t_{k-1}, t_k]
+        edges = np.arange(-1, last + 1) * frame  # frame k has the samples published in (t_{k-1}, t_k]
         cuts = [np.searchsorted(t_ns, edges, "right") for _, (t_ns, _) in series]
         answers = {name: self._answers(commands) for name, commands in self.run.commands.items()}
         for event in self.run.events:
@@ -289,6 +290,6 @@ class _Remade:
 
     @staticmethod
     def _answers(commands: Commands) -> dict[int, tuple[float, ...]]:
-        """What was sent, where it is known: a clamped command is not what its controller said."""
+        """The commands as sent, where known: a clamped command differs from what the controller sent."""
         columns = zip(commands.answered.tolist(), commands.status.tolist(), commands.values.tolist())
         return {tick: tuple(values) if status == 0 else () for tick, status, values in columns if status != 2}

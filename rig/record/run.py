@@ -1,4 +1,4 @@
-"""What one learns from a run, whether it was simulated in this process or read from a recording."""
+"""The result of a run, simulated in this process or read from a recording."""
 
 from __future__ import annotations
 
@@ -15,28 +15,28 @@ Integers = NDArray[np.int64]
 
 
 class Samples(NamedTuple):
-    """What one sensor published: times [ns] and values."""
+    """The measurements of one sensor: times [ns] and values."""
 
     t_ns: Integers
     v: Reals
 
 
 class Commands(NamedTuple):
-    """What one controller commanded, as it took effect."""
+    """The commands of one controller, as they took effect."""
 
     tick: Integers
-    """Frame at which it was taken over."""
+    """Frame at which the plant accepted it."""
     answered: Integers
-    """Frame whose measurement it answers."""
+    """Frame whose measurements it answers."""
     status: Integers
-    """0 as sent, 1 clamped or completed, 2 safe values because no answer came."""
+    """0 as sent, 1 clamped or completed, 2 safe values because no command came."""
     values: Reals
     """[commands, drives]"""
 
 
 @dataclass
 class Run:
-    """One run. `signals` are plant truth at `time`; `units` has the names of signals and `meas/<sensor>`."""
+    """One run. `signals` are plant outputs at `time`; `units` has the units of signals and of `meas/<sensor>`."""
 
     scene: str
     """The resolved scene as JSON."""
@@ -61,26 +61,26 @@ class Run:
     models: tuple[bytes, ...] = ()
     """The reduced models that its scene names."""
     fault: str = ""
-    """Why it is not whole: stopped by the numerics, or `damage`. Empty for a whole one."""
+    """Why the run is not complete: the numerics stopped it, or `damage`. Empty for a complete run."""
     damage: str = ""
-    """What is missing or damaged in the recording that it was read from. Empty for a whole one."""
+    """The damage of the recording that it was read from. Empty without damage."""
     recovered: str = ""
-    """What had been lost before the recording was recovered from a damaged one; empty if it was not."""
+    """Losses before the recording was recovered from a damaged one; empty if it was not recovered."""
     untold: str = ""
-    """What is unknown of senders that were followed by another one of their name; empty if nothing is."""
+    """Senders that restarted, so that the losses before are unknown; empty if there are none."""
     sealed: bool = True
     """Whether checksums prove every byte of the recording; those of older versions have no digest."""
 
     def scene_text(self) -> str:
-        """The scene as JSON; raises rig.errors.LogError where damage to the recording took it away."""
+        """Return the scene as JSON; raises rig.errors.LogError if damage to the recording removed it."""
         if not self.scene:
             raise LogError(f"the recording has lost its scene: {self.damage}")
         return self.scene
 
     def recorded(self, name: str) -> Samples:
-        """Signal `name` at the times [ns] at which it was recorded.
+        """Return signal `name` at the times [ns] at which it was recorded.
 
-        A damaged recording may hold less of one signal than of another; the rows that it lost are NaN in `signals`.
+        A damaged recording may have fewer samples of one signal than of another; lost rows are NaN in `signals`.
         """
         t_ns, v = np.rint(self.time * 1e9).astype(np.int64), self.signals[name]
         here = ~np.isnan(v) if self.notes else np.ones(v.size, np.bool_)
@@ -88,10 +88,10 @@ class Run:
 
     @property
     def told(self) -> list[dict[str, Any]]:
-        """The events that the plant told: what happened in the run. Guests of the bus may say anything."""
+        """Return the events that the plant reported. Other processes on the bus may report anything."""
         return [event for event in self.events if event["source"] == "plant"]
 
     @property
     def notes(self) -> list[str]:
-        """What a reader must know of the recording before trusting numbers made from it."""
+        """Return warnings that a reader needs before using numbers from the recording."""
         return [told for told in (self.damage, self.recovered) if told]

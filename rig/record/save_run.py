@@ -1,4 +1,4 @@
-"""A Run of this process as a recording: the same file that the recorder would have made, in longer blocks."""
+"""A Run of this process written as a recording: the same file that the recorder would write, with longer blocks."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def save(
     name: str = "simulate",
     replace: bool = True,
 ) -> None:
-    """Write `run` to `path`; simulated time stands for the clock, so that equal runs make equal messages.
+    """Write `run` to `path`. Log times are simulated times, so that equal runs give equal messages.
 
     A file that is there is overwritten only to `replace` it, else LogError is raised.
     """
@@ -57,7 +57,7 @@ def _period(t_ns: Integers) -> int:
 
 
 def _messages(run: Run, writer: Writer) -> Iterator[Stamped]:
-    """All messages in the order of time, slice by slice."""
+    """All messages in order of time, slice by slice."""
     time_ns = np.rint(run.time * 1e9).astype(np.int64)
     series = {f"truth/{name}": (time_ns, v) for name, v in run.signals.items()}
     if run.mode.size:
@@ -96,14 +96,14 @@ def _blocks(topic: str, t_ns: Integers, v: Reals, frame_ns: int, begin: int, sto
         return
     times, values = t_ns[first:last], np.ascontiguousarray(v[first:last], np.float64)
     gaps = np.diff(times)
-    changes = np.abs(np.diff(gaps)) > 1  # by more than rounding to whole nanoseconds: a new block begins
+    changes = np.abs(np.diff(gaps)) > 1  # more than rounding to whole nanoseconds: a new block begins
     for low, high in pairwise([0, *(np.flatnonzero(changes) + 2), times.size]):
         tick = -(-int(times[high - 1]) // frame_ns)
         yield int(times[low]), topic, encode.samples(tick, times[low:high], values[low:high])
 
 
 def _points(run: Run, writer: Writer, time_ns: Integers, begin: int, stop: int) -> Iterator[Stamped]:
-    """The thinned-out channel for plotting programs."""
+    """The decimated channel for plotting programs."""
     grid = np.arange(-(-begin // PLOT_NS) * PLOT_NS, stop, PLOT_NS)
     rows = np.searchsorted(time_ns, grid)
     for row in np.unique(rows[rows < time_ns.size]):

@@ -1,8 +1,8 @@
-"""Numbers of a stretch of a run that do not hang on single samples, and when its contact opened for the first time.
+"""Statistics of a part of a run, which do not depend on single samples, and the time of the first opening.
 
-After a contact of many points has opened the motion is chaotic: two runs that differ by a rounding are soon different
-sample by sample, and agree in these. Sources: the mean square is that about the mean; bands are octaves below half the
-rate, by Parseval's sum over the lines of the discrete Fourier transform.
+After the first opening of a contact of many points the motion is chaotic: two runs that differ by rounding soon differ
+sample by sample, and agree in these statistics. Sources: the mean square is that about the mean; bands are octaves
+below half the rate, by Parseval's sum over the lines of the discrete Fourier transform.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from rig.record.film_points import grouped
 from rig.record.run import Reals, Run, Samples
 
 FRACTION, OPENINGS, CENTRE = "contact_fraction", "openings", "pressure_centre_"
-"""Outputs of a contact of many points: share that is closed, openings so far, where the pressure acts."""
+"""Outputs of a contact of many points: share of closed points, openings so far, centre of pressure."""
 ACCELERATION = "m/s^2"
 SETTLED = 5e-3
-"""How long all points are closed before an opening counts as the first [s]. # chosen"""
+"""Time [s] for which all points must be closed before an opening counts as the first. # chosen"""
 _BANDS = 5
-_STILL = 1e-12  # of its size: an output does not move
-_LINES = 16  # of the transform, at least, in a band
+_STILL = 1e-12  # of its size: below this an output does not move
+_LINES = 16  # fewest lines of the transform in a band
 
 
 class Statistic(NamedTuple):
@@ -35,15 +35,15 @@ class Statistic(NamedTuple):
 
     @property
     def name(self) -> str:
-        """For a reader."""
+        """The name as text."""
         return f"{self.kind} {self.of}"
 
 
 def first_opening(run: Run) -> float | None:
-    """Time [s] at which a point opens after all were closed for `SETTLED`; None where none does.
+    """Return the time [s] at which a point opens after all were closed for `SETTLED`; None if none does.
 
-    A slider is set down on an open contact, and its points bounce while the load comes on. Where they never are all
-    closed for so long, it is the first time that a point opens. None as well for a rig without such points.
+    A slider is set down on an open contact, and its points bounce while the load increases. If the points are never all
+    closed for so long, the result is the first time that a point opens. None as well for a rig without such points.
     """
     if OPENINGS not in run.signals or FRACTION not in run.signals:
         return None
@@ -60,7 +60,7 @@ def first_opening(run: Run) -> float | None:
 
 
 def contact(run: Run) -> str:
-    """What a contact of many points did, in words; "" for a rig without such points."""
+    """Return in words what a contact of many points did; "" for a rig without such points."""
     if OPENINGS not in run.signals or FRACTION not in run.signals:
         return ""
     opened = first_opening(run)
@@ -69,18 +69,18 @@ def contact(run: Run) -> str:
     closed = run.signals[FRACTION][run.time >= opened]
     closed = closed[np.isfinite(closed)]
     return (
-        f"a point opens first at t = {opened:.6g} s; from there on {closed.mean():.1%} of the points are closed in the "
-        f"mean and {closed.min():.1%} at least; that part is chaotic: figures of it are statistics"
+        f"a point opens first at t = {opened:.6g} s; from there on {closed.mean():.1%} of the points are closed on "
+        f"average and {closed.min():.1%} at least; the motion is chaotic there: its numbers are statistics"
     )
 
 
 def whole_signals(run: Run) -> list[str]:
-    """Outputs of the plant without those of one contact point among many."""
+    """Return the plant outputs except those of one contact point among many."""
     return [members[0] for members in grouped(run.signals).values() if len(members) == 1]
 
 
 def statistics(run: Run, first: float = 0.0, last: float = float("inf")) -> Iterator[Statistic]:
-    """The numbers of `run` from `first` to `last` [s]; of samples that were lost nothing is told."""
+    """Yield the statistics of `run` from `first` to `last` [s]; lost samples are left out."""
     names = [name for name in whole_signals(run) if name != OPENINGS]
     for name in names:
         _, v = _stretch(run.recorded(name), first, last)
@@ -103,14 +103,14 @@ def statistics(run: Run, first: float = 0.0, last: float = float("inf")) -> Iter
 
 
 def _stretch(samples: Samples, first: float, last: float) -> tuple[Reals, Reals]:
-    """Times [s] and values of what there is between two times."""
+    """Times [s] and values of the samples between two times."""
     t = np.multiply(samples.t_ns, 1e-9, dtype=np.float64)
     here = (t >= first) & (t <= last) & np.isfinite(samples.v)
     return t[here], samples.v[here]
 
 
 def _bands(name: str, t: Reals, v: Reals, unit: str) -> Iterator[Statistic]:
-    """RMS in octaves, the highest first; none of samples with a gap between them."""
+    """RMS in octaves, the highest first; nothing for samples with a gap between them."""
     step = float(t[-1] - t[0]) / (t.size - 1)
     if np.ptp(np.diff(t)) > 0.5 * step:
         return

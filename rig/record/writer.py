@@ -1,8 +1,8 @@
-"""Writes one run to an MCAP file, so that a killed writer leaves a file that opens.
+"""A writer of one run to an MCAP file that stays readable if the writer is killed.
 
-Scene and provenance stand at the front and once more at the end, so that no single damage takes both; chunks are closed
-every 250 ms, so that at most that much is lost. Messages are kept as they came off the wire. `log_time` is when the
-recorder had them, `publish_time` is simulated time.
+Scene and provenance are written at the front and again at the end, so that no single damage destroys both. Chunks are
+closed every 250 ms, which is the most that can be lost. Messages are stored as received. `log_time` is the time of
+reception, `publish_time` is simulated time.
 """
 
 from __future__ import annotations
@@ -30,15 +30,16 @@ from rig.record.mcap_file import Writer as Mcap
 from rig.user_files import WRITTEN, takes
 
 CHUNK = 256 * 1024
-_OWN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)  # no child gets it, no end of line is translated
+_OWN = getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_BINARY", 0)  # not inherited by children, no newline translation
 FLUSH_NS = 250_000_000
 PLOT_NS = 20_000_000
 
 
 def claim(path: Path, replace: bool) -> BinaryIO:
-    """Open a file for writing, empty and for this process alone; one with something in it only to `replace` it.
+    """Open a file for writing, empty and exclusively for this process; an existing file with content only with
+    `replace`.
 
-    Raises OSError where it cannot be, with the reason in `strerror`.
+    Raises OSError if that fails, with the reason in `strerror`.
     """
     takes(path)
     file = os.open(path, os.O_WRONLY | os.O_CREAT | _OWN, 0o666)
@@ -56,19 +57,19 @@ def claim(path: Path, replace: bool) -> BinaryIO:
 
 
 def synced(file: BinaryIO) -> None:
-    """Have the system put a file on the disk: some tell only then that there is no room."""
+    """Make the system write a file to the disk: some systems report a full disk only then."""
     file.flush()
     try:
         os.fsync(file.fileno())
     except OSError as fault:
-        if fault.errno not in (errno.EINVAL, errno.ENOTSUP):  # no file on a disk, as /dev/null
+        if fault.errno not in (errno.EINVAL, errno.ENOTSUP):  # not a file on a disk, such as /dev/null
             raise
 
 
 class Writer:
-    """An open recording. `made` says how: "recorded" off the bus, or "saved" from a Run.
+    """An open recording. `made` states its origin: "recorded" from the bus, or "saved" from a Run.
 
-    A file that is there is overwritten only to `replace` it. Raises LogError where the file cannot be written.
+    An existing file is overwritten only with `replace`. Raises LogError if the file cannot be written.
     """
 
     def __init__(self, path: Path, setup: Setup, made: str, replace: bool = True) -> None:
@@ -114,16 +115,16 @@ class Writer:
             yield
         except OSError as fault:
             kept_ns = self._kept_ns()
-            kept = f"; recorded up to t = {kept_ns * 1e-9:.3f} s: rig recover saves that" if kept_ns else ""
+            kept = f"; recorded up to t = {kept_ns * 1e-9:.3f} s: rig recover saves this part" if kept_ns else ""
             raise LogError(f"{self.path} cannot be written: {fault.strerror}{kept}") from None
 
     def _kept_ns(self) -> int:
-        """Simulated time of the latest message in the file: what still waits, or is of a chunk cut off, is lost."""
+        """Simulated time of the latest message in the file: waiting messages and those of a cut chunk are lost."""
         if not self.messages:
             return 0
         try:
             return self._mcap.reached(os.fstat(self._file.fileno()).st_size)
-        except (OSError, ValueError):  # it is closed: the system told of its fault as the last thing
+        except (OSError, ValueError):  # already closed: closing reported the fault
             return 0
 
     def _channel(self, topic: str) -> int:
@@ -146,7 +147,7 @@ class Writer:
         return messages.TYPES[topics.of(topic).message], {"v": unit} if unit else {}
 
     def write(self, topic: str, payload: bytes, t_ns: int, seq: int, log_ns: int) -> None:
-        """Add a message as it is; `seq` its number on the topic, `log_ns` when it was received."""
+        """Add a message unchanged; `seq`: its number on the topic, `log_ns`: time of reception."""
         with self._guarded():
             self._add(topic, payload, t_ns, seq, log_ns)
             if topic == "step":
@@ -159,36 +160,36 @@ class Writer:
         channel = self._channels.get(topic)
         if channel is None:
             channel = self._channels[topic] = self._channel(topic)
-        self._log_ns = max(self._log_ns, log_ns)  # readers want it to grow, clocks are set back at times
+        self._log_ns = max(self._log_ns, log_ns)  # readers need it monotone, but clocks are sometimes set back
         self._mcap.add(channel, self._log_ns, payload, t_ns, seq & 0xFFFFFFFF)
         self.messages += 1
         self.last_ns = max(self.last_ns, t_ns)
 
     def _derive(self, state: bytes, t_ns: int, log_ns: int) -> None:
-        """One point of the channel that plotting programs show: the blocks at full rate mean nothing to them."""
+        """Add one point of the channel for plotting programs, which cannot use the blocks at full rate."""
         try:
             found = self._state.FromString(state)
             measured = list(messages.decode("step", self._step).values) if self._step is not None else []
-        except (DecodeError, BusError):  # no words of the plant: recorded as they came, and nothing to derive from
+        except (DecodeError, BusError):  # not a valid message of the plant: recorded as received, nothing derived
             return
         values = [getattr(found, messages.field_name(name)) for name in self.setup.outputs]
         self._add("plot", self.point(t_ns, values + measured), t_ns, self._points, log_ns)
         self._points += 1
 
     def point(self, t_ns: int, values: list[float]) -> bytes:
-        """A message of the derived `plot` channel: outputs, then the latest measurements."""
+        """Return a message of the derived `plot` channel: outputs, then the latest measurements."""
         fields = {messages.field_name(name): value for name, value in zip(self.plot_names, values)}
         return bytes(self._plot(t_ns=t_ns, **fields).SerializeToString())
 
     def flush_if_due(self) -> None:
-        """Close the chunk and hand it to the system if 250 ms have passed since the last time."""
+        """Close the chunk and pass it to the system if 250 ms have passed since the last time."""
         if (now := time.monotonic_ns()) >= self._flush_due:
             self._flush_due = now + FLUSH_NS
             with self._guarded():
                 self._mcap.flush()
 
     def close(self, recording: Mapping[str, Any], summary: Mapping[str, Any]) -> None:
-        """Finish the file with an account of the recording and the summary of the run; it is on the disk afterwards."""
+        """Finish the file with an account of the recording and the summary of the run, and sync it to the disk."""
         with self._guarded():
             self._describe()
             for name, found in (("recording", recording), ("summary", summary)):
@@ -198,7 +199,7 @@ class Writer:
             self._file.close()
 
     def abandon(self) -> None:
-        """Let go of the file, finished or not; what was flushed stays readable."""
+        """Close the file, finished or not; flushed parts stay readable."""
         self._mcap.discard()
         with contextlib.suppress(OSError):
             self._file.close()

@@ -136,7 +136,7 @@ def test_the_charge_of_an_open_stack_is_free():
 def test_a_disc_that_is_not_alike_all_round_has_no_cycle_and_says_so_at_once():
     found = limit_cycle(rig.load("brake_shunt_sound"))
     assert not found.found
-    assert "not alike all round, and in a turn of 2.609 s" in found.why
+    assert "the surface is uneven, and one turn of 2.609 s" in found.why
     assert "-p inhomogeneity=none" in found.why
     assert found.after < 5.3
 

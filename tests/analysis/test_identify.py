@@ -39,12 +39,12 @@ def test_another_rig_is_told_apart():
 
 
 def test_a_whole_rig_is_no_experiment():
-    with pytest.raises(UsageError, match="take the rig apart"):
+    with pytest.raises(UsageError, match="is not an identification experiment"):
         identify(rig.load("lever"))
-    with pytest.raises(UsageError, match="known: of a lever"):
+    with pytest.raises(UsageError, match="experiments exist for a lever"):
         identify(rig.load("belt"))
     coulomb = {"friction.law": "coulomb", "friction.mu_static": 0.4, "friction.mu_kinetic": 0.3}
-    with pytest.raises(UsageError, match="the law that is fitted is the exponential"):
+    with pytest.raises(UsageError, match="only the exponential law can be fitted"):
         identify(rig.load("lever_kinetic_friction", coulomb))
 
 
@@ -116,7 +116,9 @@ def test_amplitude_and_last_stick_of_each_stage():
     assert all(row.found.frequency == pytest.approx(20.0, rel=1e-3) for row in rows.values())
     found = stages(run)
     assert (found.up, found.down) == pytest.approx((0.599, 0.299))
-    assert found.text() == "last stick while it accelerates: 0.599 m/s; first one while it decelerates: 0.299 m/s"
+    assert (
+        found.text() == "last stick while the drive accelerates: 0.599 m/s; first stick while it decelerates: 0.299 m/s"
+    )
     late = list(amplitude.measured(run, first=1.2, last=1.8))
     assert [row.stage for row in late] == ["hold"]
     assert late[0].found.cycles == 10  # twelve periods; the first begins in its middle, the last is cut off

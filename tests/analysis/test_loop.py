@@ -148,7 +148,7 @@ def test_the_delay_of_an_ideal_sensor_is_in_the_loop():
 
 def test_echoes_are_no_part_of_a_loop():
     changes = {"sensors.vibrometer.kind": "microphone"}
-    with pytest.raises(SceneError, match=r"nf\.sensor: hears echoes.*paths = \[\]"):
+    with pytest.raises(SceneError, match=r"nf\.sensor: has echoes.*paths = \[\]"):
         rig.loop(rig.load("belt_normal_force", changes | {"sensors.vibrometer.ideal": "false"}), "nf")
     rig.loop(rig.load("belt_normal_force", changes), "nf")
 
@@ -283,7 +283,7 @@ def test_a_report_is_plain():
             "belt_normal_force",
             "nf",
             {"controllers.nf.period": "3 ms", "sensors.vibrometer.rate": "500 Hz"},
-            "3 ms and the 2 ms between samples are no multiples",
+            "3 ms and the 2 ms between samples are not multiples",
         ),
     ],
 )

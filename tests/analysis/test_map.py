@@ -264,7 +264,7 @@ def test_a_worker_that_is_killed_is_reported_and_what_was_done_is_kept(job, whol
         if len(started) == 2:
             started[0].send(signal.SIGKILL)
 
-    with pytest.raises(WorkerError, match=r"map worker 1 was killed by SIGKILL\. What is done is kept in"):
+    with pytest.raises(WorkerError, match=r"map worker 1 was killed by SIGKILL\. Finished results are kept in"):
         maps.chart(job, tmp_path, workers=2, progress=kill)
     assert all(one.code is not None for one in started)
     monkeypatch.undo()
@@ -286,7 +286,10 @@ def test_an_interruption_ends_the_workers(job, tmp_path, monkeypatch):
 
 
 def test_two_runs_of_one_map_keep_apart(job, tmp_path):
-    with Store.of(job, tmp_path).open(job), pytest.raises(UsageError, match="is being made just now"):
+    with (
+        Store.of(job, tmp_path).open(job),
+        pytest.raises(UsageError, match="another process computes this map at the moment"),
+    ):
         maps.chart(job, tmp_path)
 
 

@@ -136,4 +136,4 @@ def test_a_band_that_is_no_wider_than_an_edge_is_none():
 
 def test_how_finely_it_looked_is_told():
     got = found("belt_b", "drive.speed=0.1:0.5 m/s:5", "load.force=10:20 N:2")
-    assert "looked at every 0.1 m/s of drive.speed; bands closer together may be missed" in got.text()
+    assert "sampled every 0.1 m/s of drive.speed; bands closer together may be missed" in got.text()

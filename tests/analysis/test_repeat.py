@@ -132,7 +132,7 @@ def test_one_run_and_what_it_is_made_of_say_that_it_is_chaotic(rig):
     code, out, _ = rig("simulate", "plate", *p, "--duration", "0.14")
     assert code == 0
     assert "a point opens first at t = 0.1" in out
-    assert "figures of it are statistics" in out
+    assert "its numbers are statistics" in out
     code, out, _ = rig("simulate", "plate", "--duration", "0.02")
     assert "no point opens" in out
     assert "chaotic" in rig("explain", "plate")[1]

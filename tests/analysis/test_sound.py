@@ -112,9 +112,9 @@ def test_a_vibrometer_is_listened_to_by_name():
 def test_what_cannot_be_heard():
     with pytest.raises(UsageError, match=r"samples at 1000 Hz.*4000 Hz or more"):
         hear(run_of(np.zeros(900), times=np.arange(900, dtype=np.int64) * 1_000_000))
-    with pytest.raises(UsageError, match=r"recorded 0\.02 s; it takes 0\.04 s"):
+    with pytest.raises(UsageError, match=r"recorded 0\.02 s; at least 0\.04 s"):
         hear(run_of(np.zeros(1000)))
-    with pytest.raises(UsageError, match="no sound and no vibration"):
+    with pytest.raises(UsageError, match="neither sound pressure nor a vibration"):
         hear(run_of(np.zeros(9000), "gauge", "N"), "gauge")
 
 

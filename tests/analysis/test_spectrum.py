@@ -91,7 +91,7 @@ def test_short_gaps_are_bridged_and_long_ones_left_out():
     empty = np.isnan(found.map.s).all(axis=0)
     assert np.all((found.map.t[empty] > 7.7) & (found.map.t[empty] < 9.3))
     assert empty.sum() > 5
-    with pytest.raises(UsageError, match=r"a gap is in every window of 15 s; .*the longest takes 1 s"):
+    with pytest.raises(UsageError, match=r"every window of 15 s; .*the longest takes 1 s"):
         spectrum(run_of(v, kept=kept), window=15.0)
 
 
@@ -151,7 +151,7 @@ def test_what_cannot_be_is_told():
         UsageError, match=r"orders: disc_speed reads N; an angle or a speed is needed: rad, rad/s, m, m/s"
     ):
         orders(run_of(v, unit="N"))
-    with pytest.raises(UsageError, match=r"orders: the longest stretch.*has 0 samples; it takes 112"):
+    with pytest.raises(UsageError, match=r"orders: the longest stretch.*has 0 samples; at least 112"):
         orders(run_of(v, 0.0 * T))
 
 

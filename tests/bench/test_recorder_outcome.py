@@ -145,12 +145,12 @@ def test_a_recorder_that_does_not_know_what_a_killed_controller_had_sent_has_fin
     assert end(successors, 5.0) == []
     assert outcome.exit_code in (1, 3)
     assert "the recording is not complete: recorder recorder" in outcome.text()
-    assert "unknown how many of what nf said before it came again" in outcome.text()
+    assert "unknown how many of nf from before a restart" in outcome.text()
     assert "rig recover" not in outcome.text()
     assert f"rig verify {path}" in outcome.text()
     found = verify(path)
     assert found.passed, found.text()
-    assert found.notes == ("unknown how many messages are missing that nf sent before it came again",)
+    assert found.notes == ("unknown how many messages of nf are missing from before a restart",)
 
 
 def test_a_loss_that_nobody_knows_is_not_called_none():
@@ -164,7 +164,7 @@ def test_a_recorder_tells_what_it_does_not_know():
     assert "none lost" in Recording("a.mcap", "a", "the plant left", totals=True).text()
     assert "unknown how many lost at the end" in Recording("a.mcap", "a", "the plant left").text()
     late = Recording("a.mcap", "a", "the plant left", late={"step": 7}, gaps={"state": 3}, totals=True).text()
-    assert "3 lost, 7 sent before it listened" in late
+    assert "3 lost, 7 sent before it began to listen" in late
 
 
 @pytest.mark.parametrize(

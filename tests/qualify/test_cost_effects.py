@@ -171,7 +171,7 @@ def test_json_has_no_number_that_is_none():
 
 
 def test_a_motion_in_which_nothing_moves_has_no_measure():
-    assert "no measure to compare" in Paired("a").change()
+    assert "nothing can be compared" in Paired("a").change()
 
 
 def test_sensors_of_what_is_gone_are_gone():

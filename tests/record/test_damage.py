@@ -224,7 +224,7 @@ def test_a_recording_of_an_older_version_has_no_digest_and_is_not_called_whole(l
         out.finish()
     assert (walked(old)[0].whole, walked(old)[0].sealed) == (True, False)
     assert not reader.open(old).damage
-    with pytest.raises(LogError, match=r"has no digest: .*nothing to recover"):
+    with pytest.raises(LogError, match=r"has no digest \(.*nothing to recover"):
         recover(old)
 
 
@@ -306,7 +306,7 @@ def test_exit_code_and_account_tell_what_was_lost(rig, logs, tmp_path):
     cut.write_bytes(whole[: len(whole) // 2])
     code, out, _ = rig("recover", cut)
     assert code == 1
-    assert "nobody knows how much" in out
+    assert "an unknown number of messages" in out
     cut.write_bytes(whole[:-1])
     code, out, _ = rig("recover", cut, "--force", "--json")
     told = json.loads(out)
@@ -341,7 +341,7 @@ def test_a_front_that_is_lost_without_statistics_is_an_unknown_loss(rig, tmp_pat
     assert "its beginning is damaged or missing" in scan.fault
     code, out, _ = rig("recover", half)
     assert code == 1
-    assert "nobody knows how much" in out
+    assert "an unknown number of messages" in out
 
 
 @pytest.mark.parametrize("at", ["first", "last"])
@@ -361,7 +361,7 @@ def test_chunks_that_are_lost_together_with_the_statistics_are_an_unknown_loss(r
     code, out, _ = rig("recover", path)
     assert code == 1
     assert "missing" in scan.fault
-    assert "nobody knows how much" in out
+    assert "an unknown number of messages" in out
     assert "no message" not in out
 
 

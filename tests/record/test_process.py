@@ -243,7 +243,7 @@ def test_a_second_life_of_which_a_whole_topic_is_lost_is_counted_from_its_first_
     assert account.tail == tail
     assert account.untold == ["mine"]
     assert not account.complete
-    assert ", unknown how many of what mine said before it came again" in account.text()
+    assert ", unknown how many of mine from before a restart" in account.text()
 
 
 def test_a_recorder_that_cannot_write_says_so_and_the_run_goes_on(plant, script, tmp_path):

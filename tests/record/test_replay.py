@@ -149,7 +149,7 @@ def test_another_gain_parts_at_its_first_answer(stage, logs):
     assert (where.topic, where.tick) == ("act/feedback", 0)
     assert where.recorded[1] == where.answered[1]
     assert where.recorded[0] != where.answered[0]
-    assert "parts at tick 0, t = 0 s" in str(where)
+    assert "differs at tick 0, t = 0 s" in str(where)
 
 
 def test_a_paced_replay_keeps_time_and_compares_too(stage, logs):

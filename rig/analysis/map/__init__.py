@@ -1,4 +1,4 @@
-"""Maps: which steady motions a rig has, over one parameter or two.
+"""Maps of the steady-state behaviour of a rig over one or two parameters: sliding, stick-slip, or both.
 
 job        scene, axes, settings; the units of work      compute    these, in batches
 track      the rig of one row, to be put and moved along the x axis and watched
@@ -40,14 +40,14 @@ def job(
     runs: tuple[str, ...] = RUNS,
     longest: float | None = None,
 ) -> Job:
-    """The job of a map: `x`, `y` as rig.analysis.axis.Axis reads them, `output` a plant output (the first by default).
+    """Describe a map: `x`, `y` as rig.analysis.axis.Axis parses them, `output` a plant output (the first by default).
 
     Raises SceneError, UsageError with every fault.
     """
-    refuse(scene, "a map of steady motions")
+    refuse(scene, "a map of steady states")
     if not scene.assemble().patches:
         raise UsageError(
-            f"{scene.name}: the rig has no contact that could slide, and a map tells how it slides. "
+            f"{scene.name}: the rig has no contact that can slide, and a map shows steady sliding. "
             f"Eigenvalues over a parameter: rig modes {scene.name} --sweep KEY=A:B:N"
         )
     found = axes(scene, {"x": x, "y": y})
@@ -57,12 +57,11 @@ def job(
 
 
 def chart(job: Job, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None) -> Map | Boundary:
-    """The map of `job`, over frequency and amplitude of a dither its boundary.
+    """Compute the map of `job`; over frequency and amplitude of a dither, its boundary.
 
-    What is not in the job's folder under `root` yet is computed by `workers` processes.
-
-    All cores by default. Raises UsageError where the folder cannot be used, WorkerError when a worker is lost. What is
-    done by then, or when the user interrupts, stays, and the same call goes on from there.
+    `workers` processes (one per core by default) compute what the job's folder under `root` does not contain yet.
+    Raises UsageError if the folder cannot be used, WorkerError if a worker is lost. Finished results stay after an
+    error or an interruption, and the same call continues from there.
     """
     store = Store.of(job, root)
     with store.open(job):
@@ -71,14 +70,14 @@ def chart(job: Job, root: Path = ROOT, workers: int | None = None, progress: Pro
 
 
 def surveyed(scene: Scene, x: Axis, y: Axis) -> Job:
-    """The job of `survey`."""
+    """Return the job of `survey`."""
     return Job(scene, x, y, Settings("", eigenvalues=True))
 
 
 def survey(
     scene: Scene, x: Axis, y: Axis, root: Path = ROOT, workers: int | None = None, progress: Progress | None = None
 ) -> tuple[Regions, Path]:
-    """What eigenvalues say of `scene` over two axes, and the folder of it; workers and errors as `chart` has them."""
+    """Compute the eigenvalues of `scene` over two axes; return regions and folder. Workers and errors as in `chart`."""
     todo = surveyed(scene, x, y)
     store = Store.of(todo, root)
     with store.open(todo):

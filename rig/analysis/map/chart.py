@@ -1,7 +1,7 @@
-"""A map as it is read: regions, boundaries, every point.
+"""A finished map: regions, boundaries, every point.
 
-I    nothing but sliding        II   sliding and vibration, which depends on where one comes from
-III  nothing but vibration      ?    undecided: a run that did not settle could make it another region
+I    sliding only                   II   sliding and vibration, depending on the initial state
+III  vibration only                 ?    undecided: a run that did not settle could change the region
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ _ROWS = 12  # of boundaries, on the screen
 
 @dataclass(frozen=True)
 class Map:
-    """What `rig.map` finds, over [row, point]; a map with one axis has one row.
+    """The result of `rig.map`, over [row, point]; a map with one axis has one row.
 
-    state      verdicts of rig.analysis.map.steady_state, [run, row, point], runs in the order of `RUNS`;
-               NONE where not asked for
+    state      results of rig.analysis.map.steady_state, [run, row, point], runs in the order of `RUNS`;
+               NONE for runs that were not requested
     tables     low, high, rms of the output; share, period of sticking; spent: simulated seconds; the same shape.
                section: local maxima of the output, [run, row, point, number]
-    why        why a motion had to stop, in words, of the same shape as `state`; "" where it did not
-    growth     largest growth rate at the sliding equilibrium [1/s], nan where there is none; frequency [Hz] of it
-    onsets     of each row: where the growth rate passes through zero
-    ends       [run-up and run-down, row, 2]: last value at which the carried vibration lived, first without it
+    why        why a simulation had to stop, in words, of the same shape as `state`; "" if it did not
+    growth     largest growth rate at the sliding equilibrium [1/s], nan if there is none; frequency [Hz] of it
+    onsets     of each row: values at which the growth rate passes through zero
+    ends       [run-up and run-down, row, 2]: last value with vibration in the carried run, first without it
     """
 
     job: Job
@@ -72,17 +72,17 @@ class Map:
 
     @property
     def disagreement(self) -> NDArray[np.bool_]:
-        """Where the near start and the eigenvalue are decided and do not agree, [row, point]."""
+        """Points at which near start and eigenvalue are both decided and differ, [row, point]."""
         near = self.state[RUNS.index("near")]
         slid, left = near == SLIDING, np.isin(near, (STICK_SLIP, VIBRATION))
         return np.asarray((slid & (self.growth > 0.0)) | (left & (self.growth < 0.0)))
 
     def axes(self) -> tuple[Array, Array]:
-        """Values of x and of y (nan without) in the units they are told in."""
+        """Values of x and of y (nan if there is no y axis) in the units for output."""
         return self.job.x.told, self.job.y.told if self.job.y else np.array([np.nan])
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         job, x = self.job, self.job.x
         settings = job.settings
         span = f"{x.key} from {x.tell(x.values[0])} to {x.tell(x.values[-1])}, {len(x.values)} values"
@@ -95,7 +95,7 @@ class Map:
         if "near" in settings.runs:
             both = ~np.isnan(self.growth)
             wrong = self.disagreement
-            told = f"  near starts and eigenvalues differ at {wrong.sum()} of {both.sum()} points"
+            told = f"  near starts and eigenvalues disagree at {wrong.sum()} of {both.sum()} points"
             worst = f"; largest growth rate there {np.abs(self.growth[wrong]).max():.2g} 1/s" if wrong.any() else ""
             lines += ["", told + worst]
         lines += self._stopped()
@@ -103,7 +103,7 @@ class Map:
         return "\n".join(lines)
 
     def _stopped(self) -> list[str]:
-        """At how many points a motion had to stop, and at the first of them why."""
+        """Number of points at which a run had to stop, and the reason at the first of them."""
         where = np.argwhere((self.state == STOPPED).any(axis=0))
         if not len(where):
             return []
@@ -132,7 +132,7 @@ class Map:
         return "-" if np.isnan(end[0]) else f"{end[0] / x.scale:.6g} to {x.tell(end[1])}"
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values; boundaries in SI."""
+        """Return the fields as JSON values; boundaries in SI."""
         x, y = self.job.x, self.job.y
         rows = range(len(self.onsets))
         return {
@@ -156,7 +156,7 @@ class Map:
         }
 
     def points(self) -> Iterator[dict[str, Any]]:
-        """Every point as a flat record: axes (SI), region, growth rate, and what each run has found."""
+        """Yield every point as a flat record: axes (SI), region, growth rate, and the result of each run."""
         x, y, amplitude = self.job.x, self.job.y, self.amplitude
         asked = [(RUNS.index(run), run) for run in RUNS if run in self.job.settings.runs]
         for row, column in np.ndindex(*self.regions.shape):
@@ -174,7 +174,7 @@ class Map:
             yield record
 
     def write_csv(self, path: Path) -> None:
-        """Every point as a line; units: SI, the output in its own."""
+        """Write every point as a line of a CSV file; units: SI, the output in its own."""
         records = list(self.points())
         with path.open("w", newline="") as file:
             writer = csv.DictWriter(file, list(records[0]))
@@ -183,7 +183,7 @@ class Map:
 
 
 def gathered(job: Job, found: dict[int, Arrays], folder: Path) -> Map:
-    """The units of a job put together."""
+    """Assemble the map of a job from its units."""
     count, rows = len(job.x.values), len(job.y.values) if job.y else 1
     one = found[0]
 

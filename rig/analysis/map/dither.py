@@ -1,13 +1,13 @@
-"""The boundary of dither: the amplitude above which it keeps a rig sliding, over the frequency; averaged and simulated.
+"""The boundary of dither over frequency: the amplitude above which the rig keeps sliding, averaged and simulated.
 
-averaged    the least stable motion of rig.analysis.averaged neither grows nor decays; leading: the same where the fast
-            motion is only what inertia leaves of it, as direct partition of motion takes it
-simulated   a run that starts on the fast orbit, pushed along that motion, neither grows nor decays: its slow part
-            (means over periods of the dither) swings as much in the last third as in the first
+averaged    the least stable mode of rig.analysis.averaged neither grows nor decays; leading: the same with only the
+            inertia in the fast motion, as in direct partition of motion
+simulated   a run that starts on the fast orbit, displaced along that mode, neither grows nor decays: its slow part
+            (means over periods of the dither) has the same amplitude in the first and the last third
 
-Where dither just reverses the slip speed both show a thin range of stability, and above it one without; what counts is
-the largest amplitude at which sliding is lost. So amplitudes are gone through downwards from the largest, closely just
-above that place, and the first gap with a loss in it is halved.
+Where dither just reverses the slip speed, both show a thin range of stability and an unstable range above it. The
+boundary is the largest amplitude at which sliding is lost. Therefore amplitudes are tried from the largest downwards,
+with a finer grid just above that place, and the first gap that contains a loss is bisected.
 Source: Thomsen, J. Sound Vib. 228 (1999); Liu and Ouyang, Meccanica 55 (2020), sections 2 and 4.1.
 """
 
@@ -38,22 +38,22 @@ from rig.scenes.scene import Scene
 
 Array = NDArray[np.float64]
 OFFSET = 0.02
-"""Size of the push, over the displacement of sliding."""
+"""Size of the initial displacement, over the displacement of sliding."""
 SLOW = 60.0
-"""Length of a run where none is stated, in slow periods."""
+"""Default length of a run, in slow periods."""
 _SAMPLES = 64  # of a period of the dither
-_CLOSE = 1e-3  # relative: gaps of the amplitude that are not halved any more
+_CLOSE = 1e-3  # relative: smallest gap of the amplitude that is bisected
 _ABOVE = (0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08)  # relative
-_LOST = 10.0  # pushes: a slow motion of this size has left
+_LOST = 10.0  # initial displacements: a slow motion of this size has left sliding
 
 
 @dataclass(frozen=True)
 class Boundary:
-    """What `rig.map` finds over dither.frequency and dither.amplitude.
+    """The result of `rig.map` over dither.frequency and dither.amplitude.
 
-    averaged    boundary at each frequency (SI); 0 where sliding is kept throughout, inf where not even at the top
+    averaged    boundary at each frequency (SI); 0 if sliding is stable at all amplitudes, inf if at none
     leading     the same to leading order
-    simulated   [frequency, 2]: largest amplitude seen to lose sliding, smallest one above it seen to keep it
+    simulated   [frequency, 2]: largest amplitude at which sliding was lost, smallest one above it at which it was kept
     """
 
     job: Job
@@ -64,15 +64,15 @@ class Boundary:
 
     @property
     def deviation(self) -> Array:
-        """Simulated over averaged boundary, less one."""
+        """Relative deviation of the simulated from the averaged boundary."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(self.simulated.mean(axis=1) / self.averaged - 1.0)
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         x, y = self.job.x, self.job.y
         assert y is not None
-        lines = [f"{self.job.scene.name}: least amplitude of dither that keeps the rig sliding", ""]
+        lines = [f"{self.job.scene.name}: smallest amplitude of dither that keeps the rig sliding", ""]
         rows: list[tuple[str, ...]] = [(x.label, "leading order", "averaged", "simulated", "to averaged")]
         for i, frequency in enumerate(x.values):
             low, high = self.simulated[i] / y.scale
@@ -85,7 +85,7 @@ class Boundary:
         return "\n".join(lines)
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values, SI."""
+        """Return the fields as JSON values in SI units."""
         x, y = self.job.x, self.job.y
         assert y is not None
         return {
@@ -109,13 +109,13 @@ class Boundary:
 
 
 def put_together(job: Job, found: dict[int, Arrays], folder: Path) -> Boundary:
-    """The frequencies of a job put together."""
+    """Assemble the boundary of a job from its frequencies."""
     tables = {name: np.array([found[i][name] for i in range(len(job.units))]) for name in found[0]}
     return Boundary(job, folder=folder, **tables)
 
 
 def boundary(job: Job, column: int) -> Arrays:
-    """The boundary at one frequency."""
+    """Compute the boundary at one frequency."""
     assert job.y is not None
     amplitudes = job.y.values
     shaken = _Shaken(job.x.at(job.scene, job.x.values[column]), job.settings.longest)
@@ -127,7 +127,7 @@ def boundary(job: Job, column: int) -> Arrays:
 
 
 def _last(lost: Callable[[float], bool], amplitudes: Sequence[float], close: float) -> tuple[float, float]:
-    """The largest amplitude at which sliding is lost and the smallest above it at which it is kept."""
+    """The largest amplitude at which sliding is lost, and the smallest one above it at which it is kept."""
     kept = math.inf
     for amplitude in reversed(amplitudes):
         if lost(amplitude):
@@ -152,7 +152,7 @@ class _Shaken:
         self.omega = float(self.system.signals[self.sine - self.system.one, self.cosine])
 
     def closely(self, amplitudes: Sequence[float], leading: bool) -> list[float]:
-        """`amplitudes`, and more of them just above those at which dither reverses the slip speed of a contact."""
+        """`amplitudes`, and a finer grid just above those at which dither reverses the slip speed of a contact."""
         still = self.system.start.copy()
         still[[self.sine, self.cosine]] = 0.0
         fast = np.abs(self.system.slip_rows @ fast_motion(self.system, self.sine, self.cosine, 1.0, leading))
@@ -169,7 +169,7 @@ class _Shaken:
         return at.exists and bool(at.eigenvalues()[0].real > 0.0)
 
     def lost(self, amplitude: float) -> bool:
-        """Whether a run leaves sliding. One that has to stop has left it."""
+        """Whether a run leaves sliding; a run that has to stop counts as lost."""
         at = averaged(self.system, self.sine, self.cosine, amplitude)
         rates, shapes = at.eigenvectors()
         nq = len(self.system.coordinates)

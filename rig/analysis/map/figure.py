@@ -31,7 +31,7 @@ _STYLE: dict[str, Any] = {
 
 
 def draw(found: Map | Boundary, path: Path) -> None:
-    """Draw what `rig.map` found into the file `path` (PNG; other endings as matplotlib knows them)."""
+    """Draw what `rig.map` found into the file `path` (PNG, or another format of matplotlib, by its suffix)."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -72,7 +72,7 @@ def _regions(axes: Axes, found: Map) -> None:
 
 
 def _line(axes: Axes, points: Any, style: str, colour: str, marker: str, label: str) -> None:
-    """Boundary points joined from row to row, where there is one in each."""
+    """Draw boundary points, joined from row to row where both rows have one."""
     joined = len(np.unique(points[:, 1])) == len(points)
     few = marker if len(points) <= 40 else ""
     axes.plot(points[:, 0], points[:, 1], style if joined else ".", color=colour, marker=few, ms=4, label=label)

@@ -21,9 +21,9 @@ from rig.scenes.scene import Scene
 Arrays = dict[str, NDArray[Any]]
 RUNS = ("up", "down", "near", "far")
 PERIODS = 480.0
-"""Longest time for one point where none is stated, in periods of the slowest motion about sliding."""
+"""Default longest time for one point, in periods of the slowest vibration mode about sliding."""
 DITHER = ("dither.frequency", "dither.amplitude")
-_PART = 25  # points of a row whose runs are not carried
+_PART = 25  # points in a unit whose runs are not carried
 _ROOT = Path(__file__).resolve().parents[2]
 _SOURCES = (
     "plants/**/*",
@@ -45,14 +45,20 @@ _SOURCES = (
 
 @dataclass(frozen=True)
 class Settings:
-    """How the points of a map are judged.
+    """How the points of a map are simulated and classified.
 
-    output    plant output whose amplitude is told           kick     swing of the slip speed at a near start, over the
-    runs      some of `RUNS`                                          speed of the surface
+    output    plant output whose amplitude is shown          kick     amplitude of the slip speed at a near start, over
+    runs      some of `RUNS`                                          the speed of the surface
     refine    halvings of the gap in which a vibration ends  longest  simulated time for one point [s]; None: `PERIODS`
-                                                                      or more where the motion is slow to settle
-    section   local maxima of the output to keep
-    eigenvalues   no runs, nothing to judge: a row is what eigenvalues say of it
+                                                                      or
+                                                                      more
+                                                                      if
+                                                                      the
+                                                                      motion
+                                                                      settles
+                                                                      slowly
+    section   number of local maxima of the output to keep
+    eigenvalues   compute eigenvalues only, without runs
     """
 
     output: str
@@ -74,7 +80,7 @@ class Unit(NamedTuple):
 
 @dataclass(frozen=True)
 class Job:
-    """A map to be made."""
+    """A map to be computed."""
 
     scene: Scene
     x: Axis
@@ -89,7 +95,7 @@ class Job:
 
     @cached_property
     def units(self) -> tuple[Unit, ...]:
-        """The pieces that can be worked on one by one."""
+        """The units of work, which do not depend on each other."""
         count = len(self.x.values)
         if self.dithered:
             return tuple(Unit(0, i, i + 1) for i in range(count))
@@ -99,11 +105,11 @@ class Job:
         return tuple(Unit(row, i, min(i + part, count)) for row in rows for i in range(0, count, part))
 
     def at(self, row: int) -> Scene:
-        """The scene of a row. Raises SceneError where there is no such scene."""
+        """Return the scene of a row. Raises SceneError if the scene refuses its value."""
         return self.y.at(self.scene, self.y.values[row]) if self.y and not self.dithered else self.scene
 
     def told(self, unit: Unit) -> str:
-        """Which part of the map a unit is, for a reader."""
+        """Return the part of the map that a unit covers, as text."""
         x, y = self.x, self.y
         ends = f"{x.key} from {x.tell(x.values[unit.first])} to {x.tell(x.values[unit.last - 1])}"
         return ends + (f", {y.key} = {y.tell(y.values[unit.row])}" if y else "")
@@ -118,13 +124,13 @@ class Job:
         return found.hexdigest()[:12]
 
     def to_json(self) -> str:
-        """The job as JSON text; `from_json` gives an equal one back."""
+        """Return the job as JSON text; `from_json` restores an equal job."""
         axes = [asdict(self.x), self.y and asdict(self.y)]
         return json.dumps({"scene": json.loads(self.scene.to_json()), "axes": axes, "settings": asdict(self.settings)})
 
     @classmethod
     def from_json(cls, text: str) -> Job:
-        """The job of `to_json`."""
+        """Return the job of a text by `to_json`."""
         raw = json.loads(text)
         x, y = (a and Axis(**{**a, "values": tuple(a["values"])}) for a in raw["axes"])
         settings = Settings(**{**raw["settings"], "runs": tuple(raw["settings"]["runs"])})
@@ -132,7 +138,7 @@ class Job:
 
 
 def checked(job: Job) -> Job:
-    """`job` with its axes running upwards. Raises SceneError, UsageError with what keeps it from being made."""
+    """Return `job` with its axes in rising order. Raises SceneError, UsageError with every fault."""
     x, y = (axis and replace(axis, values=tuple(sorted(axis.values))) for axis in (job.x, job.y))
     assert x is not None
     job = replace(job, x=x, y=y)
@@ -140,7 +146,9 @@ def checked(job: Job) -> Job:
     outputs = job.scene.assemble().outputs
     faults = []
     if settings.output not in outputs:
-        faults.append(f"output {settings.output}: {job.scene.plant} has none; {near(settings.output, outputs)}")
+        faults.append(
+            f"output {settings.output}: {job.scene.plant} has no such output; {near(settings.output, outputs)}"
+        )
     unknown = [run for run in settings.runs if run not in RUNS]
     faults += [f"runs: {run} is unknown; known: {', '.join(RUNS)}" for run in unknown]
     if not settings.runs:
@@ -152,7 +160,7 @@ def checked(job: Job) -> Job:
     dither = getattr(job.scene.parameters, "dither", None)
     if dither is not None and dither.enable and dither.amplitude > 0.0 and not job.dithered:
         faults.append(
-            f"{job.scene.name} dithers, so nothing in it slides steadily: map its boundary with "
+            f"{job.scene.name} has dither, so that it has no steady sliding: map its boundary with "
             f"x {DITHER[0]} and y {DITHER[1]}, or switch it off: -p dither=none"
         )
     if faults:

@@ -1,11 +1,11 @@
-"""One row of a map, or a part of it: what the rig does at each value of x, by every kind of run.
+"""One row of a map, or a part of it: the steady state at each value of x, for every kind of run.
 
     near   from sliding, with a small perturbation            far    from a standing start
     up     carried from point to point, upwards, from a standing start at the lowest value
-    down   carried from point to point, downwards, from where `up` has ended (else from a standing start)
+    down   carried from point to point, downwards, from the end of `up` (else from a standing start)
 
-A carried run that has come to slide would sit exactly on its equilibrium, and would leave it far too late: it is given
-the perturbation at every point, so from there on it is the near start of each point until that one vibrates again.
+A carried run that has come to slide would stay exactly on its equilibrium and leave it far too late. Therefore it gets
+the perturbation at every point: it equals the near start of each point until that start vibrates again.
 """
 
 from __future__ import annotations
@@ -27,16 +27,16 @@ Arrays = dict[str, NDArray[np.generic]]
 RUNS = ("up", "down", "near", "far")
 ALIVE = (STICK_SLIP, VIBRATION)
 WINDOW = ("low", "high", "rms", "share", "period")
-_LONG = 160  # letters that are kept of why a motion had to stop
+_LONG = 160  # characters of the reason why a run had to stop
 
 
 class Row:
-    """The runs over the values `first` to `last` (excluded) of the axis. `tables` holds what they found."""
+    """The runs over the values `first` to `last` (excluded) of the axis. `tables` holds their results."""
 
     def __init__(self, track: Track, first: int, last: int) -> None:
         self.track, self.settings = track, track.settings
         self.x = track.axis.values[first:last]
-        self._next = track.axis.values[first : last + 1]  # with the first of the part behind this one
+        self._next = track.axis.values[first : last + 1]  # with the first value of the next part
         self._singular: dict[int, Singular] = {}
         self._sliding = [self._steady(i, value) for i, value in enumerate(self._next)]
         self._least = [track.least(value, at) for value, at in zip(self._next, self._sliding)]
@@ -72,7 +72,9 @@ class Row:
         return self.tables
 
     def _steady(self, i: int, value: float) -> Steady | None:
-        """Steady sliding at a point; None where the equations of the rig are singular, or it jams and is not to run."""
+        """Steady sliding at a point; None if the equations of the rig are singular, or if it jams and is not
+        simulated.
+        """
         try:
             at = self.track.sliding(value)
             if at.inertia <= 0.0 and self.track.scene.clock.unstable == "refuse":
@@ -84,7 +86,7 @@ class Row:
         return at
 
     def _tried(self, carried: Callable[[], Point]) -> tuple[Point, Array]:
-        """What the motion settles to, and its maxima; a motion that has to stop says why, and the map goes on."""
+        """The steady state of a run and its maxima; a run that has to stop records why, and the map continues."""
         try:
             point = carried()
         except (NumericsError, Singular) as error:
@@ -103,7 +105,7 @@ class Row:
         return self._tried(start)
 
     def _at_near(self, i: int) -> tuple[Point, Array]:
-        """The near start of a point; the rig is left where it has settled."""
+        """The near start of a point; the rig stays in the state in which it has settled."""
         if i in self._near:
             point, place, maxima = self._near[i]
             if place is not None:
@@ -124,7 +126,7 @@ class Row:
         return point, maxima
 
     def _carry(self, name: str, numbers: Iterable[int], start: Callable[[int], tuple[Point, Array]] | None) -> None:
-        """One carried run over the points; `start` None: it goes on where the run before has ended."""
+        """One carried run over the points; `start` None: it continues from the end of the run before."""
         point, maxima = NOTHING, np.zeros(0)
         before = -1
         for i in numbers:
@@ -140,16 +142,16 @@ class Row:
             before = i
 
     def _again(self, i: int) -> tuple[Point, Array]:
-        """Where `up` has ended: its verdict there holds."""
+        """The end of `up`: its result there holds."""
         up, t = RUNS.index("up"), self.tables
         low, high, rms, share, period = (float(t[name][up, i]) for name in WINDOW)
         window = BLANK._replace(low=low, high=high, rms=rms, share=share, period=period)
         return Point(int(t["state"][up, i]), window, 0.0, str(t["why"][up, i])), t["section"][up, i]
 
     def _step(self, name: str, start: float, to: float, alive: bool) -> tuple[Point, Array]:
-        """On to the next point. A vibration that is lost on the way is carried there again in ever smaller steps.
+        """Move to the next point. A vibration that is lost on the way is carried there again in ever smaller steps.
 
-        What it may be lost to is the speed of the way, not the end of the cycle.
+        It may be lost because the step was too large, and not because the cycle ends.
         """
         place = self.track.here()
         found, maxima = self._go(to)
@@ -202,9 +204,9 @@ class Row:
             t[column][run, i] = getattr(point.window, column)
 
     def _onsets(self) -> list[float]:
-        """Where the growth rate of sliding passes through zero, in every gap in which its sign changes.
+        """Values at which the growth rate of sliding passes through zero, one in every gap in which its sign changes.
 
-        One at the first value of the part behind this one is told by that part.
+        An onset at the first value of the next part belongs to that part.
         """
         known = dict(zip(self._next, self._least))
 

@@ -1,20 +1,21 @@
-"""What a motion has settled to, judged from windows of it laid end to end.
+"""The steady state of a motion, decided from consecutive windows.
 
-    sliding      nothing sticks; the slip speed swings by less than half of the stated perturbation, and does not grow
+    sliding      nothing sticks; the slip speed varies by less than half of the stated perturbation, and does not grow
     stick-slip   the amplitudes of three windows in a row agree, and a contact sticks in each of them
     vibration    the same, and nothing sticks
     stuck        the surfaces stand still and so does the rig
     undecided    none of this within the stated longest time
-    stopped      the motion could not be carried on, and why
+    stopped      the simulation had to stop, and why
 
-Over sectors of other friction nothing comes to rest: every edge pushes. A window is a turn there at least, and
+On a surface with sectors of different friction nothing comes to rest, because every edge excites the rig. There a
+window lasts at least one turn, and
 
-    sliding      nothing sticks in two turns in a row, and the slip speed swings no more in the second
+    sliding      nothing sticks in two turns in a row, and the slip speed varies no more in the second
     stick-slip   a contact sticks in each of five turns
 
-Near a fold a motion that will die lingers as if it were a cycle; a cycle that is still being approached and one that is
-slowly leaving look alike. Both are told apart from a cycle by their drift: what still drifts to one side at the end is
-undecided. A motion that does not repeat, without a drift, is what it does: it sticks or it does not.
+Near a fold a decaying motion looks like a cycle for a long time; a slow approach to a cycle and a slow departure look
+alike. A drift distinguishes both from a cycle: a motion that still drifts to one side at the end is undecided. A motion
+that does not repeat but has no drift is classified by whether it sticks.
 """
 
 from __future__ import annotations
@@ -34,21 +35,22 @@ NAMES = ("none", "sliding", "stick-slip", "vibration", "stuck", "undecided", "st
 SAME = 1e-4
 """Relative difference up to which the amplitudes of two windows agree."""
 TURNS = 5
-"""In which a contact over sectors must stick: a cycle may live through two crossings and die at the third."""
-_EQUAL = 1.02  # swings from turn to turn, which meet the edges at other phases
-_GROWN = 4.0  # a near start has left when it swings by so many perturbations
+"""Turns in which a contact over sectors must stick: a cycle may survive two crossings and end at the third."""
+_EQUAL = 1.02  # ratio of amplitudes from turn to turn, which meet the edges at other phases
+_GROWN = 4.0  # a near start has left sliding when its amplitude is this many perturbations
 
 
 class Window(NamedTuple):
-    """What one window shows.
+    """Statistics of one window.
 
     low, high   of the output                              rms      of the output about its mean
     travel      half of peak to peak along the contacts    slip     the same of the slip speed, over the surface's
-                (root of the sum of squares)                        speed (of the contact where it is largest)
-    share       of the time with a contact stuck           sticks   how often sticking begins
+                (root of the sum of squares)                        speed (of the contact where it is
+                largest)
+    share       of the time with a contact stuck           sticks   number of times sticking begins
     period      mean time between such beginnings [s]      moving   a surface moves
 
-    `share` and `rms` are those of whole cycles where there are two beginnings at least.
+    `share` and `rms` refer to whole cycles if there are at least two beginnings.
     """
 
     low: float
@@ -63,7 +65,7 @@ class Window(NamedTuple):
 
 
 class Point(NamedTuple):
-    """A verdict, and the last window. `spent`: simulated seconds it took. `why` it had to stop, in words."""
+    """The state of a point and its last window. `spent`: simulated seconds. `why` it had to stop, in words."""
 
     state: int
     window: Window
@@ -78,13 +80,15 @@ NOTHING = Point(NONE, BLANK, 0.0)
 
 
 def stopped(error: RigError, spent: float = 0.0) -> Point:
-    """The verdict on a motion that had to stop."""
+    """Return the state of a run that had to stop."""
     what = error.what if isinstance(error, NumericsError) else " ".join(str(error).split())
     return Point(STOPPED, BLANK, spent, what)
 
 
 def extremes(values: Array) -> tuple[float, float]:
-    """Lowest and highest of evenly spaced samples; where they are smooth, by the parabola through three of them."""
+    """Return the lowest and highest of evenly spaced samples; where they are smooth, by a parabola through three of
+    them.
+    """
     return -_top(-values), _top(values)
 
 
@@ -99,7 +103,9 @@ def _top(y: Array) -> float:
 
 
 class Sticking(NamedTuple):
-    """When a contact sticks in a window: share, beginnings, mean time between them, first and last beginning [s]."""
+    """The sticking of a contact in a window: share, beginnings, mean time between them, first and last
+    beginning [s].
+    """
 
     share: float
     begins: int
@@ -109,10 +115,12 @@ class Sticking(NamedTuple):
 
 
 def sticking(times: Array, stuck: NDArray[np.bool_], after: bool, span: float) -> Sticking:
-    """`times` of the events within `span` [s]; `stuck` before each of them, `after` behind the last."""
+    """Compute it from the `times` of the events within `span` [s]; `stuck` before each of them, `after` behind the
+    last.
+    """
     held = np.append(stuck, after)
     ends = np.append(times, span)
-    for i in np.flatnonzero(np.diff(ends, prepend=0.0) < _INSTANT * span):  # let go and caught at one instant
+    for i in np.flatnonzero(np.diff(ends, prepend=0.0) < _INSTANT * span):  # released and stuck at one instant
         held[i] = held[i - 1] if i else held[1]
     begins = times[~held[:-1] & held[1:]]
     count = len(begins)
@@ -123,9 +131,10 @@ def sticking(times: Array, stuck: NDArray[np.bool_], after: bool, span: float) -
 
 
 class Judge:
-    """Takes windows until it knows.
+    """Takes windows until the steady state is decided.
 
-    `near`: the motion started at sliding, with a slip speed that swung by `kick`. `pushed`: by the edges of sectors.
+    `near`: the motion started at sliding, with a slip speed amplitude of `kick`. `pushed`: the edges of sectors excite
+    it.
     """
 
     def __init__(self, kick: float, near: bool, pushed: bool = False) -> None:
@@ -133,7 +142,7 @@ class Judge:
         self.windows: list[Window] = []
 
     def take(self, window: Window) -> int:
-        """The verdict after one more window; UNDECIDED asks for another."""
+        """Return the state after one more window; UNDECIDED asks for another window."""
         self.windows.append(window)
         last = self.windows[-3:]
         if not window.moving and window.share >= 1.0:
@@ -158,7 +167,7 @@ class Judge:
         return SLIDING if calm and turns[-1].slip <= _EQUAL * turns[-2].slip else UNDECIDED
 
     def at_last(self) -> int:
-        """The verdict when the time is over: of a motion that does not repeat, unless it drifts."""
+        """Return the state when the time is over: that of a motion that does not repeat, unless it drifts."""
         if self.pushed:
             return UNDECIDED
         late = self.windows[len(self.windows) // 2 :]

@@ -1,10 +1,10 @@
-"""Results in a folder: one file for each batch, put in place whole, so that a broken run goes on where it was.
+"""The folder with the results of a map: one file per batch, written atomically, so that an interrupted map continues.
 
 maps/belt-1a2b3c4d5e6f/     named by the digest of scene, axes, settings and sources: another job, another folder
   job.json                  the job
-  plan.json                 the batches that the run under way works on
+  plan.json                 the batches of the current run
   000012.npz                a batch, named by its first unit; arrays "unit/name"
-  000012.claim              which worker has it
+  000012.claim              the worker that computes it
 """
 
 from __future__ import annotations
@@ -24,19 +24,19 @@ from rig.errors import UsageError
 
 
 class Store:
-    """The folder of one job under `root`; made when something is written."""
+    """The folder of one job under `root`; it is made when something is written."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
     @classmethod
     def of(cls, job: Job, root: Path) -> Store:
-        """Where a job's results are."""
+        """Return the store of a job."""
         return cls(root / f"{job.scene.name}-{job.digest}")
 
     @contextlib.contextmanager
     def open(self, job: Job) -> Iterator[None]:
-        """Make the folder and keep others out of it. Raises UsageError where it cannot be or somebody is in it."""
+        """Make the folder and lock it. Raises UsageError if it cannot be written or another process has locked it."""
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
             lock = (self.folder / "lock").open("w")
@@ -44,7 +44,7 @@ class Store:
             raise UsageError(f"{self.folder}: cannot be written: {error.strerror}") from None
         with lock:
             if not file_locks.take(lock):
-                raise UsageError(f"{self.folder}: this map is being made just now")
+                raise UsageError(f"{self.folder}: another process computes this map at the moment; wait until it ends")
             self._write("job.json", job.to_json())
             self._forget()
             yield
@@ -59,15 +59,15 @@ class Store:
         return Job.from_json((self.folder / "job.json").read_text())
 
     def plan(self, batches: Sequence[Sequence[int]]) -> None:
-        """Write down the batches to be made."""
+        """Write down the batches to be computed."""
         self._write("plan.json", json.dumps([list(batch) for batch in batches]))
 
     def planned(self) -> list[list[int]]:
-        """The batches to be made."""
+        """Return the batches to be computed."""
         return [list(batch) for batch in json.loads((self.folder / "plan.json").read_text())]
 
     def claim(self, batch: Sequence[int]) -> bool:
-        """Take a batch; whether nobody had it."""
+        """Claim a batch for this worker; return whether no other worker had claimed it."""
         try:
             os.close(os.open(self.folder / f"{batch[0]:06d}.claim", os.O_CREAT | os.O_EXCL))
         except FileExistsError:
@@ -75,7 +75,7 @@ class Store:
         return True
 
     def save(self, found: dict[int, Arrays]) -> None:
-        """Put a batch in place."""
+        """Save the results of a batch."""
         path = self.folder / f"{min(found):06d}.npz"
         draft = path.with_suffix(f".{os.getpid()}")
         with draft.open("wb") as file:
@@ -86,7 +86,7 @@ class Store:
         draft.replace(path)
 
     def load(self) -> dict[int, Arrays]:
-        """Every unit that is done; a file that cannot be read is left out."""
+        """Return the results of every finished unit; unreadable files are skipped."""
         found: dict[int, Arrays] = {}
         for path in sorted(self.folder.glob("*.npz")):
             try:

@@ -1,7 +1,7 @@
-"""The rig of one row of a map: put down anywhere along the x axis, moved along it, watched until it has settled.
+"""The rig of one row of a map: started anywhere along the x axis, moved along it, simulated until it has settled.
 
-A commanded quantity on the axis (the speed of a drive, a load) is a state of the rig: it is ramped, no matrix changes,
-and all runs of the row share the tables of their contact modes. Any other parameter changes in a few steps.
+A commanded quantity on the axis (the speed of a drive, a load) is a state of the rig. It is ramped, no matrix changes,
+and all runs of the row share the propagators of their mode sets. Any other parameter changes in a few steps.
 """
 
 from __future__ import annotations
@@ -34,30 +34,30 @@ from rig.solve.state_codes import CLOSED, STICK
 from rig.stability.linearisation import Steady, sliding_key, steady
 
 Array = NDArray[np.float64]
-WINDOW = 8.0  # periods of the slowest motion about sliding
+WINDOW = 8.0  # periods of the slowest vibration mode about sliding
 RAMP = 16.0  # of these from one point to the next
 TOLERANCE = 1e-9
-"""Of dopri5, at most: where a contact lets go the slip speed leaves zero slowest, and an error lands it again."""
+"""Largest tolerance of dopri5: at release the slip speed leaves zero slowly, and an error would make it stick again."""
 _PARTS = 4  # steps from one point to the next of a parameter that cannot be ramped
-_SAMPLES = 24  # of a period of the fastest motion
-_FEW, _MANY = 3, 30  # sticks in a window: it is made longer, or shorter for the next point
+_SAMPLES = 24  # in a period of the fastest vibration mode
+_FEW, _MANY = 3, 30  # sticks in a window: with fewer it becomes longer, with more it is shorter for the next point
 _LATEST = 20  # turns over sectors
-_ROUNDS = 4  # of watching, each for twice as long
-_ROOM = 200_000  # ticks in a window: a turn of a surface that creeps is watched in parts
+_ROUNDS = 4  # of simulating on, each for twice as long
+_ROOM = 200_000  # ticks in a window: a turn of a surface that creeps is simulated in parts
 
 
 @dataclass(frozen=True)
 class Place:
-    """A state of the rig to come back to."""
+    """A saved state of the rig."""
 
     value: float
     state: Saved
 
 
 class Track:
-    """The rig of `scene` with the parameter of `axis` free to move. No controller, no sensor, actuators held.
+    """The rig of `scene` with the parameter of `axis` variable. No controllers, no sensors, actuators held.
 
-    Raises SceneError where the scene cannot have the first value of the axis.
+    Raises SceneError if the scene refuses the first value of the axis.
     """
 
     def __init__(self, scene: Scene, axis: Axis, settings: Settings) -> None:
@@ -88,7 +88,9 @@ class Track:
         self._held: dict[int, bool] = {}
 
     def _typical(self) -> tuple[float, Steady]:
-        """Steady sliding at the value nearest to the middle of the axis at which there is some; else at the middle."""
+        """Value and steady sliding nearest to the middle of the axis; the middle itself if no value has steady
+        sliding.
+        """
         values, middle = self.axis.values, len(self.axis.values) // 2
         for i in sorted(range(len(values)), key=lambda i: abs(i - middle)):
             with suppress(Singular):
@@ -113,7 +115,7 @@ class Track:
         )
 
     def compile(self) -> None:
-        """Have everything ready that is compiled for a rig of this shape."""
+        """Compile the kernels that a rig of this shape needs."""
         self._motion.advance(1)
         self._motion.outputs_at(self._motion.states, self._motion.mode_sets_of_states)
 
@@ -121,7 +123,7 @@ class Track:
         return assembled(parameters, self.scene.frame_ns, moved, random=False)
 
     def system(self, value: float) -> System:
-        """The rig with the parameter at `value`, at its start."""
+        """Return the rig with the parameter at `value`, in its initial state."""
         if not self._slope:
             at = self.axis.at(self.scene, value).parameters
             return self._assembled(at, {}).system()
@@ -130,14 +132,15 @@ class Track:
         return replace(self._system, start=start)
 
     def sliding(self, value: float) -> Steady:
-        """Steady sliding there, and the matrix of small motions about it. Raises rig.errors.Singular."""
+        """Return steady sliding at `value`, with the matrix of small motions about it. Raises rig.errors.Singular."""
         system = self.system(value)
         return steady(system, sliding_key(system))
 
     def least(self, value: float, at: Steady | None = None) -> tuple[complex, float]:
-        """Least stable eigenvalue of steady sliding there [1/s], and the growth up to which it has none.
+        """Return the least stable eigenvalue of steady sliding at `value` [1/s], and the growth below which it counts
+        as zero.
 
-        Of the least stable sector; nan where nothing slides. `at`: steady sliding there, if it is known.
+        Of the least stable sector; nan without steady sliding. `at`: steady sliding there, if it is known.
         """
         try:
             at = at or self.sliding(value)
@@ -155,22 +158,22 @@ class Track:
         return complex(worst[0]), float(none(worst)[0])
 
     def near(self, at: Steady) -> Array:
-        """Sliding, pushed along its least stable motion until the slip speed swings by the stated perturbation."""
+        """Return sliding, displaced along its least stable mode until the slip speed has the stated amplitude."""
         shape = at.eigenvectors()[1][:, 0]
         swing = at.system.slip_rows @ shape
         p = int(np.abs(swing).argmax())
-        if abs(swing[p]) <= 1e-9 * np.abs(shape).max():  # a motion that no contact sees: push it just as fast
+        if abs(swing[p]) <= 1e-9 * np.abs(shape).max():  # a mode that moves no contact: give it the same speed
             nq = len(at.system.coordinates)
             swing, p = shape[nq : 2 * nq], int(np.abs(shape[nq : 2 * nq]).argmax())
         speed = float(np.abs(at.speed).max())
         return np.asarray(at.x + (shape * (self.settings.kick * speed / swing[p])).real, dtype=np.float64)
 
     def far(self, at: Steady) -> Array:
-        """A standing start: the structure unloaded, every contact moving with its surface."""
+        """Return the standing start: the structure unloaded, every contact moving with its surface."""
         return stuck(at.system, at.x)
 
     def put(self, value: float, x: Array) -> None:
-        """Start anew at `value` from state `x`, as if nothing had been before."""
+        """Restart at `value` from state `x`, without memory of the run before."""
         self._go(value)
         self._motion.restart(x)
         self.window_ticks = self._short
@@ -180,20 +183,20 @@ class Track:
             self.value = value
             return
         ready = self._motion.ready(self.system(value))
-        self.value = value  # the motion is that of this value from here on, even if it has to stop at once
+        self.value = value  # the run belongs to this value from here on, even if it has to stop at once
         self._motion.replace(ready)
 
     def here(self) -> Place:
-        """The state now."""
+        """Save the present state."""
         return Place(self.value, self._motion.save())
 
     def back(self, place: Place) -> None:
-        """Back to a state that was left."""
+        """Return to a saved state."""
         self._go(place.value)
         self._motion.go_back(place.state)
 
     def move(self, value: float) -> None:
-        """Carry the motion on to `value`. Raises rig.errors.NumericsError where it has to stop."""
+        """Move the running rig to `value`. Raises rig.errors.NumericsError if the simulation has to stop."""
         ticks = max(1, round(RAMP * self.slowest / self.step))
         if self._slope:
             motion = self._motion
@@ -201,7 +204,7 @@ class Track:
             motion.write(self._at[self._slope], rate)
             motion.advance(ticks)
             motion.write(self._at[self._slope], 0.0)
-            motion.write(self._at[self._command], value)  # off by rounding: a speed of zero must be one
+            motion.write(self._at[self._command], value)  # removes rounding: a speed of zero must be exactly zero
         else:
             start = self.value
             for part in range(1, _PARTS + 1):
@@ -210,9 +213,10 @@ class Track:
         self.value = value
 
     def settle(self, near: bool = False) -> Point:
-        """Watch until the motion has settled, or until the longest time is over.
+        """Simulate until the motion has settled, or until the longest time is over.
 
-        Where none is stated, a motion that still drifts then is watched for twice as long, by windows twice as long.
+        If no longest time is stated, a motion that still drifts is simulated for twice as long, with windows twice as
+        long.
         """
         turn = self._turn()
         begun = self.window_ticks
@@ -226,12 +230,12 @@ class Track:
             if point.state != UNDECIDED:
                 break
             longest, self.window_ticks = 2.0 * longest, 2 * self.window_ticks
-        if point.state in (UNDECIDED, STOPPED):  # no window has fitted: the next point does not begin with a longer one
+        if point.state in (UNDECIDED, STOPPED):  # no window has fitted: the next point starts with the usual length
             self.window_ticks = begun
         return point
 
     def judged(self, judge: Judge, longest: float, turn: int) -> Point:
-        """Watch window after window, at most for `longest` s and in each for a whole `turn` [ticks]."""
+        """Simulate window after window, for at most `longest` s, each at least a whole `turn` [ticks]."""
         window, spent = BLANK, 0.0
         try:
             while spent < longest:
@@ -250,7 +254,7 @@ class Track:
         return Point(judge.at_last(), window, spent)
 
     def _turn(self) -> int:
-        """Ticks in which the slowest path over sectors is gone through once; 0 without sectors."""
+        """Ticks in which the slowest path over sectors is passed once; 0 without sectors."""
         if not self._system.sectors:
             return 0
         at = self.sliding(self.value)
@@ -262,7 +266,7 @@ class Track:
             self.window_ticks = max(self._short, self.window_ticks // 2)
 
     def _watch(self, ticks: int) -> Window:
-        """Run one window and tell what it shows."""
+        """Simulate one window and return its statistics."""
         motion = self._motion
         motion.advance(ticks)
         states, system, values = motion.states, motion.system, self.values()

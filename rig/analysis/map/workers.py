@@ -1,6 +1,6 @@
-"""The workers of a map: processes of their own, which fetch batches from the plan until none is left.
+"""Worker processes of a map, which fetch batches from the plan until none is left.
 
-A batch depends on the job alone, so the numbers do not depend on who works on it, nor on how many there are.
+The numbers of a batch depend on the job alone: neither the worker nor the number of workers changes them.
 """
 
 from __future__ import annotations
@@ -19,17 +19,19 @@ from rig.analysis.map.track import Track
 from rig.child_process import Child, end
 from rig.errors import WorkerError
 
-_ROUNDS = 8  # batches for each worker: the last one to end keeps the others waiting for a short while only
-_MOST = 16  # units in a batch: what an interruption may lose
+_ROUNDS = 8  # batches for each worker: a small number at the end keeps the other workers idle only briefly
+_MOST = 16  # units in a batch: the most that an interruption loses
 _LOOK = 0.05  # s
 _DONE = "done"
 
 Progress = Callable[[int, int], object]
-"""(units done, all of them)."""
+"""(units done, all units)."""
 
 
 def make(job: Job, store: Store, workers: int, progress: Progress) -> dict[int, Arrays]:
-    """Work through what is not in `store` yet; all units. Raises WorkerError when a worker is lost: `store` stays."""
+    """Compute what `store` does not contain yet; return all units. Raises WorkerError if a worker is lost; `store`
+    stays.
+    """
     total = len(job.units)
     done = len(ready := store.load())
     todo = [unit for unit in range(total) if unit not in ready]
@@ -61,7 +63,7 @@ def _compile(job: Job) -> None:
 
 
 def _together(store: Store, workers: int, progress: Callable[[int], object]) -> None:
-    """Let `workers` processes work off the plan; `progress` gets the number of units done since the beginning."""
+    """Let `workers` processes compute the plan; `progress` gets the number of units finished so far."""
     crew = [Child(f"map worker {k + 1}", ["rig.analysis.map.workers", str(store.folder)]) for k in range(workers)]
     done = 0
     try:
@@ -71,13 +73,15 @@ def _together(store: Store, workers: int, progress: Callable[[int], object]) -> 
             progress(done)
             lost = [child for child in crew if child.code]
             if lost:
-                raise WorkerError(f"{'; '.join(child.told for child in lost)}. What is done is kept in {store.folder}")
+                raise WorkerError(
+                    f"{'; '.join(child.told for child in lost)}. Finished results are kept in {store.folder}"
+                )
     finally:
         end(crew, 0.0)
 
 
 def main() -> None:
-    """A worker: `python -m rig.analysis.map.workers FOLDER`."""
+    """Run one worker: `python -m rig.analysis.map.workers FOLDER`."""
     store, parent = Store(Path(sys.argv[1])), os.getppid()
     job = store.job()
     try:

@@ -1,11 +1,11 @@
-"""Analyses of what a recording holds, of any rig: sensors and plant outputs, evenly sampled, gaps told.
+"""Analyses of recordings of any rig: sensors and plant outputs, evenly sampled, with their gaps reported.
 
 series       one signal of a recording, on an even grid, missing samples as NaN
 branches     where a drive speed rises and where it falls
 windows      moving RMS and mean
 hysteresis   moving RMS of a vibration over the drive speed, up and down
 spectrum     power spectral density and spectrogram
-orders       the same over the turn of a disc or the way of a belt
+orders       the same over the angle of a disc or the travel of a belt
 pressure     maps of the pressure of a film at chosen instants
 figure       pictures of these
 """

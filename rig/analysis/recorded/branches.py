@@ -1,4 +1,4 @@
-"""Where a speed rises and where it falls: the branches of a run-up and run-down, without what is held between them."""
+"""The branches of a run-up and run-down: where a speed rises and where it falls, without the holds between."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ import numpy as np
 from rig.record.run import Reals
 
 _TURN = 0.05
-"""Of the whole range: a reversal that is smaller does not end a branch."""
+"""Share of the whole range: a smaller reversal does not end a branch."""
 _HELD = 0.01
-"""Of the range of a branch: within this of its ends the speed counts as held."""
+"""Share of the range of a branch: the speed counts as held within this distance of its ends."""
 _ROUNDING = 1e-9
-"""Of the largest speed: a smaller change is none."""
+"""Share of the largest speed: a smaller change counts as none."""
 
 
 class Branch(NamedTuple):
-    """From `begin` to `end` [s] the speed goes from `first` to `last`, in its unit."""
+    """From `begin` to `end` [s] the speed changes from `first` to `last`, in its unit."""
 
     begin: float
     end: float
@@ -32,16 +32,16 @@ class Branch(NamedTuple):
 
     @property
     def rate(self) -> float:
-        """How fast the speed changes [unit/s]; positive."""
+        """Rate of change of the speed [unit/s]; positive."""
         return (1.0 - 2.0 * _HELD) * abs(self.last - self.first) / (self.end - self.begin)
 
 
 def branches(t: Reals, v: Reals) -> list[Branch]:
-    """The branches of speed `v` at times `t` [s], in the order of time; none where it does not change."""
+    """Return the branches of speed `v` at times `t` [s], in order of time; none if the speed does not change."""
     known = np.isfinite(v)
     t, v = t[known], v[known]
     least = _ROUNDING * np.abs(v).max(initial=0.0)
-    v = np.where(np.abs(v) <= least, 0.0, v)  # what a ramp down to zero leaves of it
+    v = np.where(np.abs(v) <= least, 0.0, v)  # the rounding of a ramp down to zero
     if v.size < 2 or np.ptp(v) <= least:
         return []
     turns = _turns(v, _TURN * float(np.ptp(v)))
@@ -56,7 +56,9 @@ def branches(t: Reals, v: Reals) -> list[Branch]:
 
 
 def _turns(v: Reals, least: float) -> list[int]:
-    """Places of the turning points of `v`, between which it changes by more than `least`; first and last included."""
+    """Indices of the turning points of `v` that are more than `least` apart in value; first and last sample
+    included.
+    """
     turns: list[int] = []
     top = bottom = way = 0
     for i, here in enumerate(v.tolist()):

@@ -1,4 +1,4 @@
-"""Analyses of a recording as pictures."""
+"""Figures of the analyses of a recording."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 
 _UP, _DOWN, _LINE = "#1d4f91", "#d1802f", "#5a5a5a"
 _RANGE = 70.0
-"""dB below the strongest that a map shows."""
+"""Range of a map [dB below its maximum]."""
 _NAMED, _APART = 3, 0.35
-"""Lines that are named in a picture, and how far from each other [decades]."""
+"""Number of lines that a picture labels, and their smallest distance [decades]."""
 _ALL = 1e-4
-"""Share of the mean square that may lie above what a map shows."""
+"""Share of the mean square that may lie above the range of a map."""
 
 
 @contextmanager
 def sheet(path: Path, title: str, size: tuple[float, float]) -> Iterator[Figure]:
-    """An empty figure of `size` [inches] to draw on, written to `path` in the end; directories are made."""
+    """Yield an empty figure of `size` [inches] to draw on and write it to `path` at the end; directories are made."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -50,7 +50,7 @@ def sheet(path: Path, title: str, size: tuple[float, float]) -> Iterator[Figure]
 
 
 def draw_hysteresis(found: Hysteresis, path: Path) -> None:
-    """Draw the RMS over the speed, and both over time, into the file `path` (PNG; other endings as matplotlib does)."""
+    """Draw the RMS over the speed, and both over time, into the file `path` (PNG or another format of matplotlib)."""
     with sheet(path, f"{found.scene}: {found.name} over {found.over}", (12.0, 8.0)) as figure:
         loop, rms, speed = figure.subplots(3, 1, height_ratios=(2.4, 1.0, 0.7))
         rms.sharex(speed)

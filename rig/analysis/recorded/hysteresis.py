@@ -1,9 +1,9 @@
-"""Vibration over the speed of the drive, as the speed rises and as it falls: two states at one speed show as a loop.
+"""Hysteresis: the RMS of a vibration over the drive speed as it rises and falls; bistability shows as a loop.
 
     rms(t) = sqrt(mean (v - mean v)^2)        both means over the same window, centred at t
 
-A window smears a transition by the change of speed within it; the report tells both. Critical speeds are therefore not
-read from the RMS but from the contact mode: the last stick of a run-up and the first one of a run-down.
+A window smears a transition over the change of speed within it; the report states both. Therefore the critical speeds
+come from the contact state and not from the RMS: the last stick of a run-up and the first one of a run-down.
 """
 
 from __future__ import annotations
@@ -25,18 +25,20 @@ from rig.errors import UsageError
 from rig.record.run import Reals, Run
 
 _PERIODS = 5.0
-"""Of the slowest strong vibration, in a window that nobody named."""
+"""Default window, in periods of the slowest strong vibration."""
 _LONGEST = 0.25
-"""Of the shortest branch: a longer window blurs all of it."""
+"""Share of the shortest branch: a longer window blurs all of it."""
 _USUAL = 0.05
-"""Of the shortest branch: the longest window that is taken where nobody named one."""
-_WHOLE = 0.95  # periods that are told to be one
+"""Share of the shortest branch: the longest default window."""
+_WHOLE = 0.95  # periods that count as one
 _BINS = 20
-_POINTS = 20_000  # of the speed, to find its branches
+_POINTS = 20_000  # samples of the speed that its branches are found from
 
 
 class Row(NamedTuple):
-    """One of `_BINS` ranges of the speed: its middle, and the RMS in it as the speed rises and falls; NaN without."""
+    """One of `_BINS` ranges of the speed: its middle, and the RMS in it as the speed rises and falls; NaN if
+    unknown.
+    """
 
     speed: float
     up: float
@@ -46,7 +48,7 @@ class Row(NamedTuple):
 class Curve(NamedTuple):
     """One branch: at times `t` [s] the mean `speed` and the `rms` of the window about them.
 
-    `stick`: in a run-up the last speed at which the contact stuck, in a run-down the first one; NaN where it never did.
+    `stick`: in a run-up the last speed with stick, in a run-down the first one; NaN without stick.
     """
 
     branch: Branch
@@ -58,11 +60,12 @@ class Curve(NamedTuple):
 
 @dataclass(frozen=True)
 class Hysteresis:
-    """What `hysteresis` finds: `window` [s]; `frequency` [Hz] of the slowest strong vibration; curves in order of time.
+    """The result of `hysteresis`: `window` [s]; `frequency` [Hz] of the slowest strong vibration; curves in order of
+    time.
 
-    `modes`: how far apart contact modes were recorded [s]; 0 without. `events`: whether the events of the contacts were
-    recorded, which tell shorter sticks too. `gaps`: what is missing, in words; `lost`: how many windows were left out
-    because less than half of their samples are there.
+    `modes`: interval between recorded contact states [s]; 0 without them. `events`: whether the contact events were
+    recorded, which also show shorter sticks. `gaps`: missing samples, in words; `lost`: number of windows left out
+    because less than half of their samples exist.
     """
 
     scene: str
@@ -80,28 +83,28 @@ class Hysteresis:
 
     @property
     def smear(self) -> float:
-        """By how much the speed changes within a window, where it changes fastest [over_unit]."""
+        """The largest change of the speed within a window [over_unit]."""
         return max(curve.branch.rate for curve in self.curves) * self.window
 
     @property
     def up(self) -> float:
-        """The highest speed at which the contact still stuck as the speed rose; NaN where it never did."""
+        """The highest speed with stick as the speed rose; NaN without stick."""
         return _most([curve.stick for curve in self.curves if curve.branch.rises], max)
 
     @property
     def down(self) -> float:
-        """The highest speed at which the contact stuck again as the speed fell; NaN where it never did."""
+        """The highest speed at which the contact stuck again as the speed fell; NaN without stick."""
         return _most([curve.stick for curve in self.curves if not curve.branch.rises], max)
 
     def rows(self) -> list[Row]:
-        """The RMS over the speed, in even steps of it."""
+        """Return the RMS over the speed, in even steps of the speed."""
         ends = [end for curve in self.curves for end in (curve.branch.first, curve.branch.last)]
         edges = np.linspace(min(ends), max(ends), _BINS + 1)
         sides = [self._binned(edges, rises) for rises in (True, False)]
         return [Row(*map(float, row)) for row in zip(0.5 * (edges[1:] + edges[:-1]), *sides)]
 
     def _binned(self, edges: Reals, rises: bool) -> Reals:
-        """Root of the mean square of all windows of a bin."""
+        """Root mean square of all windows of a bin."""
         mine = [curve for curve in self.curves if curve.branch.rises == rises]
         speed = np.concatenate([np.empty(0), *(curve.speed for curve in mine)])
         square = np.concatenate([np.empty(0), *(curve.rms for curve in mine)]) ** 2
@@ -112,7 +115,7 @@ class Hysteresis:
             return np.sqrt(np.bincount(where, square[known], _BINS) / count)  # type: ignore[no-any-return]
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         unit, over = self.unit, self.over_unit
         lines = [
             f"{self.scene}: RMS of {self.name} [{unit}] over {self.over} [{over}]",
@@ -122,7 +125,7 @@ class Hysteresis:
             *(f"  {gap}" for gap in self.gaps),
         ]
         if 0.0 < self.window * self.frequency < _WHOLE:
-            lines.append("  the window is shorter than a period: the RMS swings with the vibration itself")
+            lines.append("  the window is shorter than a period: the RMS follows the vibration itself")
         if self.lost:
             lines.append(f"  {self.lost} windows are left out: less than half of their samples are there")
         stick = {True: "last stick", False: "first stick"}
@@ -135,10 +138,10 @@ class Hysteresis:
             way = f"run-{'up' if branch.rises else 'down'} {branch.begin:.5g} to {branch.end:.5g} s"
             lines.append(f"  {way}, {branch.first:.5g} to {branch.last:.5g} {over}{told}")
         if not self.modes and not self.events:
-            lines.append("  contact modes were not recorded: nothing is known of stick")
+            lines.append("  contact states were not recorded: stick is unknown")
         else:
             missed = "" if self.events else ": shorter sticks may be missed"
-            lines.append(f"  contact modes were recorded every {self.modes:.3g} s{missed}")
+            lines.append(f"  contact states were recorded every {self.modes:.3g} s{missed}")
         if self.up > self.down:
             lines.append(
                 f"  between {self.down:.5g} and {self.up:.5g} {over} it sticks and slips only while the speed rises"
@@ -148,7 +151,7 @@ class Hysteresis:
         return "\n".join([*lines, "", *columns([head, *rows], ">>>")])
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values; the windows one by one are in `csv`."""
+        """Return the fields as JSON values; the windows one by one are in `csv`."""
         return {
             "scene": self.scene,
             "signal": self.name,
@@ -170,7 +173,7 @@ class Hysteresis:
         }  # fmt: skip
 
     def csv(self) -> str:
-        """Every window as a line: branch, direction, time, speed, RMS."""
+        """Return every window as a line: branch, direction, time, speed, RMS."""
         made = io.StringIO()
         writer = csv.writer(made, lineterminator="\n")
         writer.writerow(["branch", "direction", "time [s]", f"{self.over} [{self.over_unit}]",
@@ -190,11 +193,11 @@ def hysteresis(
     first: float = 0.0,
     last: float = math.inf,
 ) -> Hysteresis:
-    """RMS of signal `name` over the speed `over`, rising and falling, from `first` to `last` [s].
+    """Compute the RMS of signal `name` over the speed `over`, rising and falling, from `first` to `last` [s].
 
-    By default a sensor that reads a vibration, the speed of the drive, and a `window` [s] of five periods of the
-    slowest strong vibration, at most 5 % of the shortest branch or one period. Raises UsageError with everything that
-    cannot be: names, a speed that does not change, a window that is too short or too long.
+    Defaults: a sensor that reads a vibration, the speed of the drive, and a `window` [s] of five periods of the slowest
+    strong vibration, at most 5 % of the shortest branch or one period. Raises UsageError with every fault: unknown
+    names, a speed that does not change, a window that is too short or too long.
     """
     faults: list[str] = []
     found: dict[str, Series] = {}
@@ -242,7 +245,7 @@ def _found(run: Run, signal: Series, speed: Series, turned: list[Branch], length
         times = np.concatenate([run.time[sticks] if sticks is not None else [], ends if branch.rises else begins])
         stick = _stick(times, branch, fine_t, fine_v)
         curves.append(Curve(branch, t[here], mean[here], rms[here], stick))
-    told = tuple(filter(None, (signal.told(), replace(speed, note="").told())))  # a speed is slow: nothing is folded
+    told = tuple(filter(None, (signal.told(), replace(speed, note="").told())))  # a speed is slow: it has no aliasing
     return Hysteresis(
         scene_name(run), signal.name, signal.unit, speed.name, speed.unit, window, hertz, tuple(curves),
         0.0 if sticks is None else float(np.median(np.diff(run.time))), met, told, lost,
@@ -255,7 +258,7 @@ def _branches(speed: Series) -> list[Branch]:
 
 
 def _stick(times: Reals, branch: Branch, t: Reals, v: Reals) -> float:
-    """The speed v at t of the last of `times` in a run-up and of the first one in a run-down; NaN without."""
+    """The speed v at t of the last of `times` in a run-up and of the first one in a run-down; NaN without any."""
     here = times[(times >= branch.begin) & (times <= branch.end)]
     here = here[np.interp(here, t, v) != 0.0]  # before the drive moves everything sticks
     return float(np.interp(here.max() if branch.rises else here.min(), t, v)) if here.size else math.nan

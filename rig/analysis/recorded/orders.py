@@ -1,12 +1,12 @@
-"""Order tracking: the spectrum of a signal over the turn of a disc, or over the way of a belt.
+"""Order tracking: the spectrum of a signal over the angle of a disc, or over the travel of a belt.
 
-    order   cycles in a revolution (of a speed in rad/s or an angle), in a metre (of a speed in m/s or a way)
+    order   cycles in a revolution (of a speed in rad/s or an angle), in a metre (of a speed in m/s or a length)
 
-What is tied to the turn, such as a disc that is not alike all round, keeps its order while the speed changes. Method:
-the signal is interpolated (band-limited to four times its rate, then by a cubic spline) at even steps of the turn, so
-fine that nothing aliases at the slowest speed; a low-pass (Kaiser FIR) and every so many of these steps follow. The
-highest order is that which the fastest speed leaves below 0.4 of the sampling rate. What counts is the longest stretch
-of time in which the signal has no gap, the speed keeps its sign, and is at least a tenth of its largest.
+An excitation that is tied to the angle, such as an uneven disc, keeps its order while the speed changes. Method: the
+signal is interpolated (band-limited to four times its rate, then by a cubic spline) at even steps of the angle, fine
+enough to avoid aliasing at the slowest speed. Then it passes a low-pass filter (Kaiser FIR) and is decimated. The
+highest order is the one that stays below 0.4 of the sampling rate at the fastest speed. The analysis uses the longest
+stretch of time in which the signal has no gap and the speed keeps its sign and is at least a tenth of its largest.
 """
 
 from __future__ import annotations
@@ -35,26 +35,26 @@ from rig.errors import UsageError
 from rig.record.run import Reals, Run
 
 DRIVE = "drive"
-"""Stands for the speed of the drive, whatever it is called."""
+"""The default: the speed of the drive, whatever its output is called."""
 _SLOWEST = 0.1  # of the largest speed
 _SHARE = 0.4  # of the sampling rate, at the fastest speed
 _FINER = 4  # times the rate of the signal
 _SURE = 1.25  # Nyquist order over the highest one
 _OF_DENSITY, _OF_MAP = 8, 60  # windows in the stretch
-_LEAST = 4.0  # revolutions in a window, if the stretch has twice as many: order one must be told from none
-_MOST = 1 << 24  # places at which a signal is interpolated
-_EDGE = 40  # samples at either end that the band-limited interpolation spoils
+_LEAST = 4.0  # revolutions in a window, if the stretch has twice as many: order one must be separated from zero
+_MOST = 1 << 24  # interpolated samples
+_EDGE = 40  # samples at either end that the band-limited interpolation falsifies
 _TURNS = {"rad": (1.0 / (2.0 * math.pi), False, "rev"), "rad/s": (1.0 / (2.0 * math.pi), True, "rev"),
           "m": (1.0, False, "m"), "m/s": (1.0, True, "m")}  # fmt: skip
-"""By unit: what it is multiplied by, whether it is a speed, and what an order is per."""
+"""By unit: its factor, whether it is a speed, and the unit that an order is counted in."""
 
 
 @dataclass(frozen=True)
 class Orders:
-    """What `orders` finds, over the turn or way `over`, counted in `per` ("rev" or "m").
+    """The result of `orders`, over the angle or length `over`, counted in `per` ("rev" or "m").
 
     From `start` to `end` [s], where the speed is `slowest` to `fastest` [per/s]; orders up to `highest`; `window` and
-    `map_window` [per]. `map` has its windows at their times [s].
+    `map_window` [per]. The windows of `map` are placed at their times [s].
     """
 
     scene: str
@@ -76,13 +76,13 @@ class Orders:
     gaps: str
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         d, per = self.density, self.per
         lines = [
             f"{self.scene}: orders of {self.name} [{self.unit}] over {self.over}, cycles per {per}",
             f"  {self.start:.5g} to {self.end:.5g} s, {self.slowest:.4g} to {self.fastest:.4g} {per}/s; orders up to "
             f"{self.highest:.4g} 1/{per}",
-            "  resampled over even steps: band-limited and cubic interpolation, low-pass, then every so many of them",
+            "  resampled at even steps: band-limited and cubic interpolation, low-pass filter, decimation",
             f"  density: mean of {d.windows} Hann windows of {self.window:.4g} {per}, half overlapping; lines "
             f"{d.step:.4g} 1/{per} apart",
             f"  map: Hann windows of {self.map_window:.4g} {per}",
@@ -94,7 +94,7 @@ class Orders:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values; the density is in `csv`."""
+        """Return the fields as JSON values; the density is in `csv`."""
         return {
             "scene": self.scene,
             "signal": self.name,
@@ -116,15 +116,16 @@ class Orders:
         }
 
     def csv(self) -> Iterator[tuple[str, float, str, float, str]]:
-        """Rows: axis, place on it, its unit, density there, its unit."""
+        """Yield rows: axis, place on it, its unit, density there, its unit."""
         for f, s in zip(self.density.f.tolist(), self.density.s.tolist()):
             yield "order", f, f"1/{self.per}", s, f"{squared(self.unit)}*{self.per}"
 
 
 def orders(run: Run, name: str = "", over: str = DRIVE, first: float = 0.0, last: float = math.inf) -> Orders:
-    """Orders of signal `name` over the turn of `over`: a speed or an angle of `run`, from `first` to `last` [s].
+    """Compute orders of signal `name` over `over`: a speed or an angle of `run`, from `first` to `last` [s].
 
-    Raises UsageError with everything that cannot be: names, a unit that is no turn, a stretch too short.
+    Raises UsageError with every fault: unknown names, a unit that is neither angle nor speed, a stretch that is too
+    short.
     """
     faults: list[str] = []
     found: dict[str, Series] = {}
@@ -161,7 +162,7 @@ def orders(run: Run, name: str = "", over: str = DRIVE, first: float = 0.0, last
 
 
 def _turned(turn: Series) -> tuple[Reals, Reals, Reals]:
-    """Times [s], the turn since the first of them, and its speed, in revolutions or metres."""
+    """Times [s], the angle since the first of them, and its speed, in revolutions or metres."""
     factor, is_speed, _ = _TURNS[turn.unit]
     known = np.isfinite(turn.v)
     t, v = turn.t[known], factor * turn.v[known]
@@ -171,7 +172,7 @@ def _turned(turn: Series) -> tuple[Reals, Reals, Reals]:
 
 
 def _stretch(signal: Series, v: Reals, t: Reals, speed: Reals) -> tuple[int, int]:
-    """The first sample of the longest stretch that will do, and the one after its last. Raises UsageError."""
+    """The first sample of the longest usable stretch, and the one after its last. Raises UsageError."""
     there = np.interp(signal.t, t, speed)
     fast = np.abs(there) >= _SLOWEST * np.abs(speed).max(initial=0.0)
     sign = np.where(fast & np.isfinite(v) & (there != 0.0), np.sign(there), 0.0)
@@ -181,7 +182,7 @@ def _stretch(signal: Series, v: Reals, t: Reals, speed: Reals) -> tuple[int, int
     if lengths[best] < FEWEST + 2 * _EDGE:
         raise UsageError(
             f"orders: the longest stretch in which {signal.name} has no gap and the speed is at least a tenth of its "
-            f"largest has {lengths[best]} samples; it takes {FEWEST + 2 * _EDGE}"
+            f"largest has {lengths[best]} samples; at least {FEWEST + 2 * _EDGE} are needed"
         )
     return int(cuts[best]), int(cuts[best + 1])
 
@@ -189,7 +190,7 @@ def _stretch(signal: Series, v: Reals, t: Reals, speed: Reals) -> tuple[int, int
 def _resampled(
     signal: Series, v: Reals, begin: int, end: int, t: Reals, place: Reals, speed: Reals, per: str
 ) -> tuple[Reals, float, Reals, float]:
-    """The signal at even steps of the turn, the step, the times of the samples, and the highest order."""
+    """The signal at even steps of the angle, the step, the times of the samples, and the highest order."""
     from scipy.interpolate import CubicHermiteSpline, CubicSpline
     from scipy.signal import resample_poly
 
@@ -205,7 +206,7 @@ def _resampled(
     count = int((turn[-1] - turn[0]) / step) if step > 0.0 else _MOST + 1
     if count > _MOST:
         raise UsageError(
-            f"orders: the turn of {signal.t[begin]:.5g} to {signal.t[end - 1]:.5g} s takes {count} steps at the "
+            f"orders: from {signal.t[begin]:.5g} to {signal.t[end - 1]:.5g} s the analysis needs {count} steps at the "
             f"slowest speed there, {there.min():.3g} {per}/s; at most {_MOST}: take a shorter stretch (--from, --to)"
         )
     top = _SHARE * signal.rate / float(there.max())

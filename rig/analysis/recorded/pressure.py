@@ -1,7 +1,7 @@
 """Maps of the pressure of a film at chosen instants of a recording.
 
-Pressures are those at the samples nearest to the times asked for: a simulated run has one at every step of its samples,
-a live recording 200 in a second. The vibration is faster, so that a map shows one instant, not a mean.
+Pressures belong to the samples nearest to the given times: a simulated run has one at every sample step, a live
+recording 200 per second. The vibration is faster, so that a map shows one instant, not a mean.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from rig.record.pressure_instants import Instant, telling
 from rig.record.run import Reals, Run
 
 MOST = 20
-"""Maps in a figure."""
+"""Largest number of maps in a figure."""
 
 
 class Map(NamedTuple):
     """The film at `time` [s]: `pressures` [along, across] in Pa, `centre` (x, y) [m] on the slider, `force` [N].
 
-    `fraction`: share of the points in contact. `why` this instant, "" where it was asked for.
+    `fraction`: share of the points in contact. `why` this instant was chosen, "" if the user named it.
     """
 
     time: float
@@ -44,16 +44,16 @@ class Map(NamedTuple):
 
 @dataclass(frozen=True)
 class Pressure:
-    """What `pressure` finds: the points of the film, and a map for each instant."""
+    """The result of `pressure`: the points of the film, and a map for each instant."""
 
     scene: str
     points: Points
     maps: tuple[Map, ...]
     spacing: float
-    """From sample to sample of the recording [s]."""
+    """Interval between samples of the recording [s]."""
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         p = self.points
         lines = [
             f"{self.scene}: pressure of the film, {p.along} x {p.across} points on {1e3 * p.length:g} x "
@@ -73,14 +73,14 @@ class Pressure:
         return "\n".join([*lines, *columns(rows, ">>>>>>>><")])
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values in SI; pressures by lines across, from the rear."""
+        """Return the fields as JSON values in SI; pressures by lines across, from the rear."""
         maps = [{**one._asdict(), "pressures": one.pressures.tolist(), "largest": one.largest} for one in self.maps]
         p = self.points
         size = {"length": p.length, "width": p.width, "x": p.x.tolist(), "y": p.y.tolist()}
         return {"scene": self.scene, **size, "spacing": self.spacing, "maps": maps}
 
     def csv(self) -> Iterator[tuple[float, float, float, float]]:
-        """Rows: time [s], x, y [m], pressure [Pa]."""
+        """Yield rows: time [s], x, y [m], pressure [Pa]."""
         for one in self.maps:
             for i, x in enumerate(self.points.x.tolist()):
                 for j, y in enumerate(self.points.y.tolist()):
@@ -88,11 +88,11 @@ class Pressure:
 
 
 def pressure(run: Run, at: Sequence[float] = ()) -> Pressure:
-    """Maps of the film's pressure in `run` at the times `at` [s], at the telling instants where none is given.
+    """Return maps of the film's pressure in `run` at the times `at` [s], by default at characteristic instants.
 
     These are: before the first opening, at it, with the pressure most at the rear and at the front edge, with the
-    fewest points in contact, at the end. Raises UsageError for a recording without pressures, for times outside it or
-    where it lost its samples, and for more than 20 of them.
+    fewest points in contact, at the end. Raises UsageError for a recording without pressures, for times outside of it
+    or in a gap, and for more than 20 times.
     """
     points = points_of(run.scene)
     if points is None or not set(points.names) <= set(run.signals):

@@ -1,4 +1,4 @@
-"""One signal of a recording on an even grid of times. What was lost or dropped out is NaN, counted and told."""
+"""One signal of a recording on an even grid of times. Samples that were lost or dropped out are NaN and counted."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from rig.record.run import Integers, Reals, Run, Samples
 from rig.scenes.scene import Scene
 
 MEASURED, TRUE = "meas/", "truth/"
-"""What stands before a name where a sensor and a plant output share it."""
+"""Prefix of a name that a sensor and a plant output share: it selects the output."""
 _VIBRATION = ("m/s^2", "m/s", "Pa", "m")
-"""Units of a vibration, the one that tells most of it first."""
+"""Units of a vibration, the most informative first."""
 _WHOLE = 0.99
-"""Of the steps of the plant: with fewer of them recorded, an output is thinned out."""
+"""Share of the plant's steps: an output with fewer recorded steps counts as decimated."""
 _DRIVES = ("disc_speed", "surface_speed")
 
 
 @dataclass(frozen=True)
 class Series:
-    """Samples `v` [n] of `name` in `unit`, at `rate` [Hz], the first at `start` [s]; NaN where one is missing.
+    """Samples `v` [n] of `name` in `unit`, at `rate` [Hz], the first at `start` [s]; missing samples are NaN.
 
-    `note`: what else a reader must know of them, in words.
+    `note`: a warning about the samples, in words.
     """
 
     name: str
@@ -43,22 +43,22 @@ class Series:
 
     @property
     def seconds(self) -> float:
-        """From the first sample to the end of the last [s]."""
+        """Duration from the first sample to the end of the last [s]."""
         return self.v.size / self.rate
 
     @property
     def missing(self) -> int:
-        """How many samples are missing."""
+        """Number of missing samples."""
         return int(self.v.size - np.count_nonzero(np.isfinite(self.v)))
 
     @property
     def gaps(self) -> list[tuple[int, int]]:
-        """Stretches of missing samples: numbers of their first and of the sample after their last."""
+        """The gaps: index of the first missing sample and of the sample after the last one."""
         edges = np.flatnonzero(np.diff(np.concatenate(([False], ~np.isfinite(self.v), [False]))))
         return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
     def told(self) -> str:
-        """What is missing, and the note, in words; "" if there is neither."""
+        """Return the missing samples and the note, in words; "" if there is neither."""
         if not self.missing:
             return self.note
         longest = max(b - a for a, b in self.gaps)
@@ -70,7 +70,9 @@ class Series:
 
 
 def places(t_ns: Integers) -> Integers:
-    """Numbers of samples by their times [ns], the first 0: some may be missing, and times are rounded."""
+    """Return the index of each sample from its time [ns], the first being 0; samples may be missing, times are
+    rounded.
+    """
     gaps = np.diff(t_ns)
     if not gaps.size:
         return np.zeros(t_ns.size, np.int64)
@@ -79,13 +81,15 @@ def places(t_ns: Integers) -> Integers:
 
 
 def known(run: Run) -> dict[str, str]:
-    """Sensors and plant outputs of a recording by the name that finds them, with their units."""
+    """Return name and unit of every sensor and plant output of a recording."""
     found = {name: run.units.get(MEASURED + name, "") for name in run.measurements}
     return found | {TRUE * (name in found) + name: run.units.get(name, "") for name in run.signals}
 
 
 def vibration(run: Run) -> str:
-    """The signal that is looked at where none is named: a sensor if there is one. Raises UsageError without any."""
+    """Return the default signal: a sensor of a vibration if there is one, else an output. Raises UsageError without
+    any.
+    """
     drives = {name for name, reads in _reads(run).items() if reads in _DRIVES}
     for prefix, names in ((MEASURED, run.measurements), (TRUE, run.signals)):
         units = {name: run.units.get(name if prefix == TRUE else prefix + name, "") for name in names}
@@ -97,7 +101,7 @@ def vibration(run: Run) -> str:
 
 
 def drive(run: Run) -> str:
-    """The speed of the drive, as the plant tells it. Raises UsageError for a recording without one."""
+    """Return the output that holds the speed of the drive. Raises UsageError for a recording without one."""
     found = next((TRUE + name for name in _DRIVES if name in run.signals), "")
     if not found:
         raise UsageError(f"this recording has no {' or '.join(_DRIVES)}; name the signal: {_listed(run)}")
@@ -105,10 +109,10 @@ def drive(run: Run) -> str:
 
 
 def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) -> Series:
-    """Signal `name` of `run` from `first` to `last` [s]: a sensor, or an output of the plant.
+    """Return signal `name` of `run` from `first` to `last` [s]: a sensor, or an output of the plant.
 
-    Where both have that name it is the sensor; `truth/NAME` is the output. Raises UsageError for a name that is not
-    there, and for less than two samples.
+    If both have that name, the sensor is returned; `truth/NAME` selects the output. Raises UsageError for an unknown
+    name and for less than two samples.
     """
     plain, samples = _samples(run, name)
     t = samples.t_ns * 1e-9
@@ -125,7 +129,7 @@ def series(run: Run, name: str, first: float = 0.0, last: float = float("inf")) 
     note = ""
     if output and rate * run.step_ns * 1e-9 < _WHOLE:
         note = (f"{plain} is an output of the plant, recorded at {rate:.4g} Hz and not filtered: vibration above "
-                f"{0.5 * rate:.4g} Hz is folded down; a sensor has all of its samples")  # fmt: skip
+                f"{0.5 * rate:.4g} Hz is aliased; a sensor keeps all of its samples")  # fmt: skip
     else:
         note = _folded(run, plain, output, rate)
     return Series(
@@ -147,7 +151,7 @@ def _samples(run: Run, name: str) -> tuple[str, Samples]:
 
 
 def _folded(run: Run, name: str, output: bool, rate: float) -> str:
-    """A note where a plate rings above half of the rate, and nothing filters that; "" elsewhere."""
+    """A note if a plate vibrates above half of the rate without a filter; "" otherwise."""
     scene = read(run.scene)
     if scene is None or not (output or getattr(scene.sensors.get(name), "ideal", False)):
         return ""
@@ -156,7 +160,7 @@ def _folded(run: Run, name: str, output: bool, rate: float) -> str:
         return ""
     return (
         f"{name} is sampled at {rate:.6g} Hz and not filtered, and the plate's modes reach {highest:.6g} Hz: "
-        f"vibration above {0.5 * rate:.6g} Hz is folded down; raise the rate of a sensor of the scene"
+        f"vibration above {0.5 * rate:.6g} Hz is aliased; raise the rate of a sensor of the scene"
     )
 
 
@@ -176,7 +180,7 @@ def squared(unit: str) -> str:
 
 
 def scene_name(run: Run) -> str:
-    """Name or title of the scene; "recording" where damage took the scene away."""
+    """Return name or title of the scene; "recording" if damage removed the scene."""
     try:
         found = json.loads(run.scene)
     except ValueError:
@@ -185,7 +189,7 @@ def scene_name(run: Run) -> str:
 
 
 def _reads(run: Run) -> dict[str, str]:
-    """What each sensor of the scene reads; empty where the recording has lost its scene."""
+    """The quantity that each sensor of the scene reads; empty if the recording has lost its scene."""
     try:
         sections = json.loads(run.scene).get("sensors", {})
     except ValueError:

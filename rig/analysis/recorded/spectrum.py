@@ -24,13 +24,13 @@ from rig.record.run import Reals, Run
 FEWEST = 32
 """Samples in a window."""
 _BRIDGED = 4  # samples: the longest gap that a line bridges
-_OF_DENSITY, _OF_MAP = 8, 80  # windows in the recording, where nobody named one
+_OF_DENSITY, _OF_MAP = 8, 80  # default number of windows in the recording
 _PERIODS = 5.0
-"""Of the slowest strong vibration, at least, in a window of the spectrogram that nobody named."""
+"""Smallest number of periods of the slowest strong vibration in a default window of the spectrogram."""
 _COLUMNS = 1200  # of a spectrogram, at most
 _LOBE = 2  # lines to each side of the middle of a Hann window's main lobe
-_STANDS_OUT = 10.0  # dB above the dips beside it
-_MOST, _LEAST = 8, 1e-3  # lines that are told: how many, and RMS of the weakest over that of the signal
+_STANDS_OUT = 10.0  # dB above the minima beside it
+_MOST, _LEAST = 8, 1e-3  # lines in the report: how many, and RMS of the weakest over that of the signal
 
 
 class Line(NamedTuple):
@@ -51,12 +51,12 @@ class Density(NamedTuple):
 
     @property
     def step(self) -> float:
-        """From line to line."""
+        """Distance between lines."""
         return float(self.f[1])
 
     @property
     def rms(self) -> float:
-        """Of all lines together, in the unit of the signal."""
+        """RMS of all lines together, in the unit of the signal."""
         return math.sqrt(float(self.s.sum()) * self.step)
 
 
@@ -70,7 +70,7 @@ class Map(NamedTuple):
 
 @dataclass(frozen=True)
 class Spectrum:
-    """What `spectrum` finds: `window` [s] of the density, `map_window` [s] of the spectrogram; `bridged` samples."""
+    """The result of `spectrum`: `window` [s] of the density, `map_window` [s] of the spectrogram; `bridged` samples."""
 
     scene: str
     name: str
@@ -87,7 +87,7 @@ class Spectrum:
     gaps: str
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         d = self.density
         lines = [
             f"{self.scene}: spectrum of {self.name} [{self.unit}], {self.start:.5g} to "
@@ -101,7 +101,7 @@ class Spectrum:
         return "\n".join([*lines, "", *table(self.lines, d, "frequency Hz", self.unit, f"{squared(self.unit)}/Hz")])
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values; the density is in `csv`."""
+        """Return the fields as JSON values; the density is in `csv`."""
         return {
             "scene": self.scene,
             "signal": self.name,
@@ -120,7 +120,7 @@ class Spectrum:
         }
 
     def csv(self) -> Iterator[tuple[str, float, str, float, str]]:
-        """Rows: axis, place on it, its unit, density there, its unit."""
+        """Yield rows: axis, place on it, its unit, density there, its unit."""
         for f, s in zip(self.density.f.tolist(), self.density.s.tolist()):
             yield "frequency", f, "Hz", s, f"{squared(self.unit)}/Hz"
 
@@ -128,11 +128,11 @@ class Spectrum:
 def spectrum(
     run: Run, name: str = "", window: float | None = None, first: float = 0.0, last: float = math.inf
 ) -> Spectrum:
-    """The spectrum of signal `name` of `run`, a sensor that reads a vibration by default, from `first` to `last` [s].
+    """Compute the spectrum of signal `name` of `run`, by default a vibration sensor, from `first` to `last` [s].
 
     `window` [s]: by default an eighth of the recording for the density; for the spectrogram an eightieth, or five
-    periods of the slowest strong vibration. Raises UsageError for a name that is not there, and for a window that is
-    too short, too long, or has a gap everywhere.
+    periods of the slowest strong vibration. Raises UsageError for an unknown name, and for a window that is too short,
+    too long, or has a gap everywhere.
     """
     found = series(run, name or vibration(run), first, last)
     count = short = length(found, window)
@@ -144,8 +144,8 @@ def spectrum(
     density = welch(v, found.rate, count)
     if not density.windows:
         raise UsageError(
-            f"{found.name}: a gap is in every window of {count / found.rate:.4g} s; {found.told()}. A shorter window "
-            "or another stretch of time has less"
+            f"{found.name}: every window of {count / found.rate:.4g} s has gaps; {found.told()}. Take a shorter window "
+            "or another range of time"
         )
     return Spectrum(
         scene_name(run), found.name, found.unit, found.rate, found.start, found.seconds, count / found.rate, density,
@@ -154,7 +154,7 @@ def spectrum(
 
 
 def length(found: Series, window: float | None) -> int:
-    """Samples of a window of `window` [s], or of the usual one. Raises UsageError."""
+    """Return the samples of a window of `window` [s], or of the default window. Raises UsageError."""
     if window is None:
         return min(max(found.v.size // _OF_DENSITY, FEWEST), found.v.size)
     if not FEWEST / found.rate * (1.0 - 1e-9) <= window <= found.seconds * (1.0 + 1e-9):
@@ -166,7 +166,7 @@ def length(found: Series, window: float | None) -> int:
 
 
 def bridge(found: Series) -> tuple[Reals, int]:
-    """The samples with their short gaps bridged, and how many samples that are."""
+    """Interpolate short gaps linearly; return the samples and the number of interpolated ones."""
     v, bridged = found.v.copy(), 0
     known = np.flatnonzero(np.isfinite(v))
     for a, b in found.gaps:
@@ -177,7 +177,9 @@ def bridge(found: Series) -> tuple[Reals, int]:
 
 
 def welch(v: Reals, rate: float, count: int) -> Density:
-    """The density of `v`, of which NaN are missing, by windows of `count` samples; of no windows where none fits."""
+    """Return the density of `v` (missing samples are NaN) from windows of `count` samples; of no windows where none
+    fits.
+    """
     from scipy import signal
 
     hop = count - count // 2
@@ -196,7 +198,9 @@ def welch(v: Reals, rate: float, count: int) -> Density:
 
 
 def short_time(v: Reals, rate: float, count: int, start: float) -> Map:
-    """The short-time density of `v`, of which NaN are missing, by windows of `count` samples; `start` of the first."""
+    """Return the short-time density of `v` (missing: NaN) from windows of `count` samples; the first sample is at
+    `start`.
+    """
     from scipy.signal import ShortTimeFFT
     from scipy.signal.windows import hann
 
@@ -211,7 +215,9 @@ def short_time(v: Reals, rate: float, count: int, start: float) -> Map:
 
 
 def peaks(density: Density) -> tuple[Line, ...]:
-    """The strongest lines of a density, each placed between two lines of the transform by the higher neighbour."""
+    """Return the strongest lines of a density, each placed between two lines of the transform by the higher
+    neighbour.
+    """
     from scipy.signal import find_peaks
 
     s = density.s
@@ -224,7 +230,7 @@ def peaks(density: Density) -> tuple[Line, ...]:
         lobe = slice(max(top - _LOBE, 0), top + _LOBE + 1)
         side = 1 if s[top + 1] > s[top - 1] else -1
         near = math.sqrt(float(s[top + side] / s[top]))
-        aside = side * max((2.0 * near - 1.0) / (near + 1.0), 0.0)  # of a sine under a Hann window, exactly
+        aside = side * max((2.0 * near - 1.0) / (near + 1.0), 0.0)  # exact for a sine under a Hann window
         rms = math.sqrt(float(s[lobe].sum()) * density.step)
         found.append(Line(float(density.f[top]) + aside * density.step, rms, float(s[top])))
     strong = [line for line in found if line.rms > _LEAST * density.rms]
@@ -232,7 +238,7 @@ def peaks(density: Density) -> tuple[Line, ...]:
 
 
 def table(lines: tuple[Line, ...], density: Density, head: str, unit: str, of: str) -> Iterator[str]:
-    """The strongest lines as a table."""
+    """Yield the strongest lines as a table."""
     if not lines:
         yield f"  no line stands out by {_STANDS_OUT:g} dB and holds a millionth of the mean square"
         return
@@ -244,7 +250,7 @@ def table(lines: tuple[Line, ...], density: Density, head: str, unit: str, of: s
 
 
 def gaps_told(gaps: str, bridged: int, left_out: int) -> Iterator[str]:
-    """What is missing and what was done about it, in lines."""
+    """Yield lines on missing samples and their treatment."""
     if gaps:
         yield f"  {gaps}"
     if bridged or left_out:

@@ -1,4 +1,4 @@
-"""Moving windows over the samples of a recording, centred, with gaps; and how long the periods in them are."""
+"""Centred moving windows over the samples of a recording with gaps, and the longest period in the samples."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from rig.analysis.recorded.series import Series
 from rig.record.run import Reals
 
 PARTS, _MOST_PARTS = 16, 40
-"""A window follows the one before it by one of about so many parts of its length, which are whole samples."""
+"""Successive windows are offset by about this fraction of their length, a whole number of samples."""
 FEWEST = 4
-"""Samples in a window."""
-_KNOWN = 0.5  # of the samples of a window that must be there
+"""Fewest samples in a window."""
+_KNOWN = 0.5  # share of the samples of a window that must exist
 _DRIFT = 3  # lines of a spectrum
 _STRONG = 0.1  # of the mean square
 
 
 def moving_rms(signal: Series, length: float) -> tuple[Reals, Reals, float]:
-    """Middles [s] of windows of about `length` [s], the RMS about the mean in each, and their true length [s].
+    """Return middles [s] of windows of about `length` [s], the RMS about the mean in each, and their true length [s].
 
-    NaN where less than half of the samples of a window are there.
+    NaN where less than half of the samples of a window exist.
     """
     parts, hop = _divided(max(round(length * signal.rate), FEWEST))
     ok = np.isfinite(signal.v)
     if not ok.any() or ok.size < parts * hop:
         return np.empty(0), np.empty(0), parts * hop / signal.rate
-    v = np.where(ok, signal.v - np.nanmean(signal.v), 0.0)  # a large mean would cost digits
+    v = np.where(ok, signal.v - np.nanmean(signal.v), 0.0)  # subtract the mean: a large one costs digits
     cuts = np.arange(0, v.size - hop + 1, hop)
     whole = cuts.size * hop
     n, first, second = (
@@ -40,7 +40,7 @@ def moving_rms(signal: Series, length: float) -> tuple[Reals, Reals, float]:
 
 
 def moving_mean(t: Reals, v: Reals, at: Reals, length: float) -> Reals:
-    """The mean of v over windows of `length` [s] about `at`, from its integral by the trapezium rule."""
+    """Return the mean of v over windows of `length` [s] about `at`, from its integral by the trapezium rule."""
     whole = np.concatenate(([0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(t))))
     begin, end = np.clip(at - 0.5 * length, t[0], t[-1]), np.clip(at + 0.5 * length, t[0], t[-1])
     taken = np.maximum(end - begin, 1e-300)
@@ -48,9 +48,10 @@ def moving_mean(t: Reals, v: Reals, at: Reals, length: float) -> Reals:
 
 
 def slowest(signal: Series) -> float:
-    """The lowest frequency [Hz] of what vibrates strongly, 0 for nothing: a tenth of the mean square lies below it.
+    """Return the lowest frequency [Hz] of a strong vibration, 0 if nothing vibrates: a tenth of the mean square lies
+    below it.
 
-    The drift of the whole recording does not count. Gaps are bridged by the mean.
+    The drift over the whole recording does not count. Gaps are filled with the mean.
     """
     from scipy.signal import periodogram
 
@@ -65,7 +66,7 @@ def slowest(signal: Series) -> float:
 
 
 def _divided(count: int) -> tuple[int, int]:
-    """How many parts a window of about `count` samples has, and how many samples each part has."""
+    """Number of parts of a window of about `count` samples, and the samples in each part."""
     if count <= _MOST_PARTS:
         return count, 1
     near = (count + sign * shift for shift in range(count) for sign in (1, -1))

@@ -1,8 +1,8 @@
-"""One scene with many seeds: how far what is measured spreads where chance has a part in it.
+"""One scene simulated with many seeds: the spread of its numbers where randomness matters.
 
-random   what of a scene is random
+random   the random parts of a scene
 measure  the numbers of one run
-crew     the processes that simulate
+workers  the processes that simulate
 spread   the numbers of all runs: median and range
 figure   the same as a picture
 """
@@ -30,19 +30,19 @@ def repeat(
     progress: Callable[[int, int], object] = lambda done, total: None,
     stop: Callable[[], str] = lambda: "",
 ) -> Repeats:
-    """Simulate `scene` with `count` seeds, its own and those that follow it, and tell how its numbers spread.
+    """Simulate `scene` with `count` seeds, its own and the following ones, and return the spread of its numbers.
 
-    `duration` [s]: by default as long as the protocol takes. `workers`: processes, one for each core by default.
-    `stop`: asked ten times a second and more whether to end, and why; what is done by then is told. Raises UsageError
-    for fewer than two runs, and for a scene in which nothing is random; SceneError as a run does.
+    `duration` [s]: by default the length of the protocol. `workers`: processes, one for each core by default. `stop`:
+    called at least ten times a second; a text from it ends the work and is the reason. Finished runs are reported.
+    Raises UsageError for fewer than two runs, and for a scene in which nothing is random; SceneError as a run does.
     """
     if count < 2:
-        raise UsageError(f"{count} runs have no spread: at least 2")
+        raise UsageError(f"{count} runs have no spread: at least 2 are needed")
     found = sources(scene)
     if not found:
         raise UsageError(f"{scene.name}: nothing in it is random, so that all {count} runs are the same. {REMEDY}")
     if duration is None and scene.duration_ns is None:
-        raise UsageError(f"{scene.name} has no protocol that ends; say how long: --duration 10")
+        raise UsageError(f"{scene.name} has no protocol that ends; state a duration: --duration 10")
     with tempfile.TemporaryDirectory(prefix="rig-repeat-") as folder:
         job = crew.Job(scene, tuple(range(scene.seed, scene.seed + count)), duration)
         seen, ended = crew.work(job, Path(folder), workers, progress, stop)

@@ -1,4 +1,4 @@
-"""Spread of runs with different seeds as a picture: when a point opened, every number over its median, the spectrum."""
+"""The spread of runs with different seeds as a picture: openings, every number over its median, the spectrum."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from rig.view.save_figure import put
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_MOST = 24  # numbers that are drawn
+_MOST = 24  # numbers in the picture
 _COLOUR, _BAND = "#1d4f91", "#b9cce4"
 
 
 def draw(found: Repeats, path: Path) -> None:
-    """Draw the spread into the file `path` (PNG; other endings as matplotlib knows them)."""
+    """Draw the spread into the file `path` (PNG, or another format of matplotlib, by its suffix)."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -1,10 +1,10 @@
-"""The numbers of one run of many.
+"""The numbers of one of many runs.
 
-first opening                         of a contact of many points; the others are from there on, where there is one
+first opening                         of a contact of many points; if there is one, the other numbers begin there
 mean, least contact_fraction          range pressure_centre_x
 rms OUTPUT, rms meas/SENSOR           about the mean
 band meas/SENSOR                      RMS in octaves
-amplitude, frequency                  of outputs that repeat (rig.analysis.amplitude), of rigs without such points
+amplitude, frequency                  of periodic outputs (rig.analysis.amplitude), for rigs without such points
 """
 
 from __future__ import annotations
@@ -23,12 +23,12 @@ from rig.record.statistics import OPENINGS, first_opening, statistics, whole_sig
 
 ONSET = "first opening"
 _WINDOW = 1024  # samples of a window of the spectrum
-_WINDOWS = 4  # at least
-_STILL = 1e-9  # of the size of an output: it does not move
+_WINDOWS = 4  # fewest windows
+_STILL = 1e-9  # of the size of an output: below this it does not move
 
 
 class Number(NamedTuple):
-    """A measure and its unit."""
+    """A number and its unit."""
 
     value: float
     unit: str
@@ -36,7 +36,7 @@ class Number(NamedTuple):
 
 @dataclass(frozen=True)
 class Seen:
-    """One run: `numbers` by name; density `s` of signal `name` at `f` [Hz], empty where the run is too short."""
+    """The numbers of one run by name; density `s` of signal `name` at `f` [Hz], empty if the run is too short."""
 
     seed: int
     seconds: float
@@ -46,21 +46,21 @@ class Seen:
     f: tuple[float, ...] = ()
     s: tuple[float, ...] = ()
     fault: str = ""
-    """Why the numerics or a limit stopped it."""
+    """Why the run stopped: diverged numerics or a limit."""
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the fields as JSON values."""
         return asdict(self) | {"numbers": {name: list(one) for name, one in self.numbers.items()}}
 
     @classmethod
     def from_json(cls, raw: dict[str, Any]) -> Seen:
-        """Of `to_json`."""
+        """Return the run of `to_json`."""
         numbers = {name: Number(*one) for name, one in raw["numbers"].items()}
         return cls(**{**raw, "numbers": numbers, "f": tuple(raw["f"]), "s": tuple(raw["s"])})
 
 
 def measure(run: Run, seed: int) -> Seen:
-    """The numbers of a run."""
+    """Compute the numbers of a run."""
     numbers: dict[str, Number] = {}
     opened, begin = first_opening(run), 0.0
     if opened is not None:
@@ -79,7 +79,7 @@ def measure(run: Run, seed: int) -> Seen:
 
 
 def _density(run: Run, begin: float) -> tuple[str, str, tuple[float, ...], tuple[float, ...]]:
-    """Name, unit, frequencies [Hz] and power spectral density of the signal that tells most of the vibration."""
+    """Name, unit, frequencies [Hz] and power spectral density of the default vibration signal."""
     try:
         found = series(run, vibration(run), begin)
     except UsageError:  # nothing vibrates, or less than two samples are left

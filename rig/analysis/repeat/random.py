@@ -1,4 +1,4 @@
-"""What of a scene depends on its seed: process noise, noise of sensors, drop-outs."""
+"""The parts of a scene that depend on its seed: process noise, sensor noise, drop-outs."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ from rig.scenes.effects import optional
 from rig.scenes.scene import Scene
 
 REMEDY = (
-    "Process noise disturbs the rig where a knock would strike: -p noise.force=1e-6 (N/Hz^0.5); or give a sensor "
+    "Add process noise, a random force at the place of a knock: -p noise.force=1e-6 (N/Hz^0.5); or add sensor "
     "noise: -p sensors.NAME.noise=..."
 )
 
 
 def sources(scene: Scene) -> tuple[str, ...]:
-    """The random parts of `scene`; empty where runs with two seeds are the same."""
+    """Return the random parts of `scene`; empty if two seeds give the same run."""
     effects = [one for one in optional(scene.parameters) if one.given and one.about.random]
     found = [f"{one.key}.{one.about.random}" for one in effects]
     found = [key for key in found if scene.values()[key][0] > 0.0]

@@ -1,4 +1,4 @@
-"""How the numbers of runs with different seeds spread: median, least and greatest."""
+"""The spread of numbers over runs with different seeds: median, smallest and largest."""
 
 from __future__ import annotations
 
@@ -25,9 +25,10 @@ class Spread(NamedTuple):
 
 @dataclass(frozen=True)
 class Repeats:
-    """Runs of one scene with `seeds`: what of it is random, what each run has `seen`, why it `ended` before all were.
+    """Runs of one scene with `seeds`: its `random` parts, the numbers `seen` in each run, the reason why they `ended`
+    early.
 
-    `ended` is empty where every seed had its run.
+    `ended` is empty if every seed was simulated.
     """
 
     scene: str
@@ -38,7 +39,7 @@ class Repeats:
 
     @property
     def spreads(self) -> tuple[Spread, ...]:
-        """Every number that some run has, in the order of the first run that has it."""
+        """The spread of every number, in the order of the first run that has it."""
         found: dict[str, list[float]] = {}
         units: dict[str, str] = {}
         for one in self.seen:
@@ -50,16 +51,16 @@ class Repeats:
         )
 
     def values(self, name: str) -> list[float]:
-        """A number in every run that has it, in the order of the seeds."""
+        """Return a number of every run that has it, in the order of the seeds."""
         return [one.numbers[name].value for one in self.seen if name in one.numbers]
 
     @property
     def opened(self) -> int:
-        """Runs in which a contact point opened after all were closed."""
+        """Number of runs in which a contact point opened after all were closed."""
         return len(self.values(ONSET))
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         return "\n".join(self._lines())
 
     def _lines(self) -> Iterator[str]:
@@ -84,7 +85,7 @@ class Repeats:
         yield from columns(rows, "<>>><>")
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the fields as JSON values."""
         return {
             "scene": self.scene,
             "random": list(self.random),

@@ -1,4 +1,4 @@
-"""The processes that simulate one scene with many seeds: each takes the next seed until none is left."""
+"""Worker processes that simulate one scene with many seeds; each takes the next seed until none is left."""
 
 from __future__ import annotations
 
@@ -21,19 +21,19 @@ _LOOK = 0.05  # s
 
 @dataclass(frozen=True)
 class Job:
-    """`scene` with each of `seeds`, for `duration` [s] or as long as its protocol takes."""
+    """`scene` with each of `seeds`, for `duration` [s] or the length of its protocol."""
 
     scene: Scene
     seeds: tuple[int, ...]
     duration: float | None
 
     def to_json(self) -> str:
-        """As JSON text."""
+        """Return the job as JSON text."""
         return json.dumps({"scene": self.scene.to_json(), "seeds": self.seeds, "duration": self.duration})
 
     @classmethod
     def from_json(cls, text: str) -> Job:
-        """Of `to_json`."""
+        """Return the job of a text by `to_json`."""
         raw = json.loads(text)
         return cls(Scene.from_json(raw["scene"]), tuple(raw["seeds"]), raw["duration"])
 
@@ -46,10 +46,10 @@ class Job:
 def work(
     job: Job, folder: Path, workers: int | None, progress: Callable[[int, int], object], stop: Callable[[], str]
 ) -> tuple[list[Seen], str]:
-    """What each run has come to, and why not all of them have; results go through `folder`.
+    """Simulate all seeds; return the numbers of each run and, if the work ended early, the reason.
 
-    The first run is made here: it compiles what all need, and builds what is kept. Raises WorkerError when a process is
-    lost.
+    Results go through `folder`. This process simulates the first run, which compiles the kernels and builds the models
+    that all runs need. Raises WorkerError if a process is lost.
     """
     total = len(job.seeds)
     progress(0, total)
@@ -74,7 +74,7 @@ def work(
 
 
 def main() -> None:
-    """A worker: `python -m rig.analysis.repeat.workers FOLDER`."""
+    """Run one worker: `python -m rig.analysis.repeat.workers FOLDER`."""
     folder, parent = Path(sys.argv[1]), os.getppid()
     job = Job.from_json((folder / "job.json").read_text())
     try:
@@ -83,7 +83,7 @@ def main() -> None:
                 return
             try:
                 os.close(os.open(folder / f"{seed}.claim", os.O_CREAT | os.O_EXCL))
-            except FileExistsError:  # another one has it
+            except FileExistsError:  # another worker has this seed
                 continue
             draft = folder / f"{seed}.draft"
             draft.write_text(json.dumps(job.run(seed).to_json()))

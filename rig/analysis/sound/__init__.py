@@ -1,7 +1,7 @@
-"""What a microphone heard: how loud, at which frequencies, when it squealed; as numbers, a picture and a WAV file.
+"""The sound at a microphone: level, spectrum and squeals, as numbers, a picture and a WAV file.
 
 hearing    level, short-time spectrum, squeals
-wav        a file to listen to
+wav        an audio file
 figure     a picture
 """
 

@@ -18,7 +18,7 @@ _RANGE = 70.0  # dB of the spectrum that are shown
 
 
 def draw(sound: Sound, run: Run, path: Path) -> None:
-    """Draw `sound` of `run` into the file `path` (PNG; other endings as matplotlib knows them), directories too."""
+    """Draw `sound` of `run` into the file `path` (PNG, or another matplotlib format); make directories."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -35,7 +35,7 @@ def draw(sound: Sound, run: Run, path: Path) -> None:
         signal.fill_between(t, low, high, color=_LINE, lw=0.5)
         signal.set_ylabel(f"{sound.channel} [{sound.unit}]")
         for span in timeline.controlled(run):
-            if span.begin > 0.0 or span.end < timeline.end_of(run):  # who works throughout changes nothing to be heard
+            if span.begin > 0.0 or span.end < timeline.end_of(run):  # a controller that works throughout needs no mark
                 for axes in (signal, level):
                     axes.axvspan(span.begin, span.end, color=_WORK, alpha=0.12, lw=0)
                 signal.annotate(span.text, (span.begin, 1.01), xycoords=("data", "axes fraction"), color=_WORK)
@@ -48,7 +48,7 @@ def draw(sound: Sound, run: Run, path: Path) -> None:
         spectrum.set_ylabel("frequency [kHz]")
         bar = figure.colorbar(mesh, ax=spectrum, label=sound.reference, pad=0.01)
         bar.outline.set_visible(False)  # type: ignore[operator]
-        level.plot(sound.times, sound.level, color=_LINE, label="all of it")
+        level.plot(sound.times, sound.level, color=_LINE, label="total")
         level.plot(sound.times, sound.tone, color=_TONE, label="loudest tone above 1 kHz")
         level.axhline(sound.threshold, color="#5a5a5a", lw=0.8, ls=":", label="squeal above")
         level.set(ylabel=f"level [{sound.reference}]", xlabel="time [s]", xlim=(sound.times[0], sound.times[-1]))

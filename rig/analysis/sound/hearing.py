@@ -1,11 +1,11 @@
-"""Level and short-time spectrum of a sensor that samples fast, and the squeals in it.
+"""Level, short-time spectrum and squeals of a sensor that samples fast.
 
-    level = 20 dB lg(rms / reference)      20 uPa, ISO 1683 for what moves
+    level = 20 dB lg(rms / reference)      20 uPa for sound pressure, ISO 1683 for motion
 
-A window of 40 ms (Hann) is taken every 10 ms. Its loudest tone above 1 kHz is followed: a squeal lasts while that tone
-stands above a threshold. Sound pressure squeals above 60 dB; of a motion nobody said how much of it is heard, there it
-is 20 dB below the loudest. Growth and decay are slopes of the tone's level up to 6 dB below its top;
-a window blurs what is faster than 50 1/s or so.
+A window of 40 ms (Hann) is taken every 10 ms. A squeal lasts while the loudest tone above 1 kHz exceeds a threshold.
+The threshold is 60 dB for sound pressure. For motion no threshold of hearing is known, so that it is 20 dB below the
+loudest window. Growth and decay are slopes of the tone's level up to 6 dB below its maximum; a window blurs rates above
+about 50 1/s.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, section 3c (60 dB, 1 kHz), figure 29.
 """
 
@@ -26,24 +26,24 @@ from rig.record.run import Run
 Reals = NDArray[np.float64]
 
 REFERENCE = {"Pa": 20e-6, "m/s": 1e-9, "m/s^2": 1e-6, "m": 1e-12}
-"""By unit: what 0 dB is."""
+"""By unit: the reference value of 0 dB."""
 _SHOWN = {"Pa": "20 uPa", "m/s": "1 nm/s", "m/s^2": "1 um/s^2", "m": "1 pm"}
 WINDOW, HOP = 0.040, 0.010  # s
 LOWEST = 1000.0  # Hz
 LOUD = 60.0  # dB, of sound pressure
 BELOW = 20.0  # dB
 _SETTLED = 3.0  # dB by which a tone falls below the threshold before its squeal is over
-_TOP = 6.0  # dB below the loudest, where growth ends and decay begins
+_TOP = 6.0  # dB below the maximum, where growth ends and decay begins
 _FEWEST = 3  # windows
 _NEPER = 20.0 / math.log(10.0)  # dB
-_SILENCE = 1e-12  # of the reference: the level of nothing
+_SILENCE = 1e-12  # of the reference: the level of zero
 
 
 @dataclass(frozen=True)
 class Squeal:
     """From `begin` to `end` [s]: mean, lowest and highest `frequency` [Hz], loudest tone `level` [dB].
 
-    `growth`, `decay` [1/s] of the amplitude as it comes and goes; NaN where that was not heard.
+    `growth`, `decay` [1/s] of the amplitude at its begin and end; NaN if the recording does not contain them.
     """
 
     begin: float
@@ -65,10 +65,10 @@ class Squeal:
 
 @dataclass(frozen=True)
 class Sound:
-    """What `channel` heard: samples `v` [n] in `unit` at `rate` [Hz] from `start` [s] on.
+    """The sound at sensor `channel`: samples `v` [n] in `unit` at `rate` [Hz] from `start` [s] on.
 
     Of each window [k]: `times` [s] of its middle, `level` and level of its loudest tone above 1 kHz `tone` [dB],
-    `frequency` [Hz] of that. `spectrum` [k, f] in dB at `frequencies` [f]. `threshold` [dB] of a squeal; `missing`
+    `frequency` [Hz] of that tone. `spectrum` [k, f] in dB at `frequencies` [f]. `threshold` [dB] of a squeal; `missing`
     samples count as silence.
     """
 
@@ -90,21 +90,21 @@ class Sound:
 
     @property
     def reference(self) -> str:
-        """What 0 dB is, in words."""
+        """The reference of 0 dB, in words."""
         return f"dB re {_SHOWN[self.unit]}"
 
     @property
     def overall(self) -> float:
-        """The level of all of it [dB]."""
+        """The level of the whole signal [dB]."""
         return float(_decibel(float(np.sqrt(np.mean(self.v**2))), self.unit))
 
     @property
     def peak(self) -> float:
-        """The largest sample, its sign left out, in `unit`."""
+        """The largest absolute sample, in `unit`."""
         return float(np.abs(self.v).max())
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         lines = [
             f"{self.scene}: {self.channel}, {len(self.v) / self.rate:.2f} s at {self.rate:g} Hz",
             f"  level {self.overall:.1f} {self.reference}, in {1e3 * WINDOW:g} ms from {self.level.min():.1f} to "
@@ -112,11 +112,11 @@ class Sound:
         ]
         lines += [f"  {self.missing} samples are missing and count as silence"] if self.missing else []
         lines += [f"  squeal {squeal}" for squeal in self.squeals]
-        silent = f"  no squeal: no tone above {LOWEST / 1e3:g} kHz stands above {self.threshold:.1f} dB"
+        silent = f"  no squeal: no tone above {LOWEST / 1e3:g} kHz exceeds {self.threshold:.1f} dB"
         return "\n".join(lines if self.squeals else [*lines, silent])
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values; samples and spectrum are left out."""
+        """Return the fields as JSON values; samples and spectrum are left out."""
         return {
             "scene": self.scene,
             "channel": self.channel,
@@ -139,9 +139,9 @@ class Sound:
 
 
 def hear(run: Run, channel: str = "") -> Sound:
-    """What sensor `channel` of `run` heard; the first one that reads sound pressure by default.
+    """Analyse the sound at sensor `channel` of `run`, by default the first one that reads sound pressure.
 
-    Raises UsageError where there is none, or none that samples fast and long enough.
+    Raises UsageError if there is no such sensor, or none that samples fast and long enough.
     """
     channel = channel or _microphone(run)
     unit = _unit(run, channel)
@@ -150,11 +150,11 @@ def hear(run: Run, channel: str = "") -> Sound:
     rate = 1e9 * int(at[-1]) / int(t_ns[-1] - t_ns[0]) if t_ns.size > 1 else 0.0
     length = round(WINDOW * rate)
     if rate < 4.0 * LOWEST:
-        raise UsageError(f"{channel} samples at {rate:g} Hz: to hear a squeal it takes {4.0 * LOWEST:g} Hz or more")
+        raise UsageError(f"{channel} samples at {rate:g} Hz; a squeal needs {4.0 * LOWEST:g} Hz or more")
     v = np.zeros(int(at[-1]) + 1)
     v[at] = np.nan_to_num(raw)
     if v.size < length:
-        raise UsageError(f"{channel} recorded {v.size / rate:.3g} s; it takes {WINDOW:g} s or more")
+        raise UsageError(f"{channel} recorded {v.size / rate:.3g} s; at least {WINDOW:g} s are needed")
     begins = np.arange(0, v.size - length + 1, round(HOP * rate))
     frequencies, sizes, rms = _windows(v, begins, length, rate)
     frequency, tone = _loudest(frequencies, sizes)
@@ -199,7 +199,9 @@ def _unit(run: Run, channel: str) -> str:
         raise UsageError(f"no sensor {channel!r} in this recording; known: {', '.join(run.measurements) or 'none'}")
     unit = run.units.get(f"meas/{channel}", "")
     if unit not in REFERENCE:
-        raise UsageError(f"{channel} reads {unit or 'a number'}: no sound and no vibration ({', '.join(REFERENCE)})")
+        raise UsageError(
+            f"{channel} reads {unit or 'a number'}: neither sound pressure nor a vibration ({', '.join(REFERENCE)})"
+        )
     return unit
 
 
@@ -262,5 +264,5 @@ def _squeal(times: Reals, tone: Reals, frequency: Reals, goes_on: bool) -> Squea
 
 
 def _slope(times: Reals, tone: Reals) -> float:
-    """Of the amplitude's logarithm [1/s]; NaN over too few windows."""
+    """Slope of the amplitude's logarithm [1/s]; NaN over too few windows."""
     return float(np.polyfit(times, tone, 1)[0]) / _NEPER if times.size >= _FEWEST else math.nan

@@ -14,7 +14,7 @@ _FULL = 2**23 - 1
 
 
 def write(sound: Sound, path: Path) -> float:
-    """Write `sound` to `path`; the value, in its unit, that the file's full scale stands for. Directories are made."""
+    """Write `sound` to `path` and return the value, in its unit, of the file's full scale. Directories are made."""
     full = sound.peak / _HEADROOM or 1.0
     whole = np.rint(sound.v / full * _FULL).astype("<i4")
     path.parent.mkdir(parents=True, exist_ok=True)

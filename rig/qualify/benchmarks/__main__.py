@@ -1,8 +1,8 @@
-"""`make bench`: every figure of docs/benchmarks.md, on this machine.
+"""`make bench`: measures every number of docs/benchmarks.md on this machine.
 
-`--json FILE` keeps them, `--quick` takes less time, `--map` measures maps alone, `--loop SECONDS` the loop over the bus
-alone, with a paced run of so many seconds, `--against COMMIT` compares the speed with that of another version of the
-sources and nothing else.
+`--json FILE` keeps them, `--quick` takes less time, `--map` measures maps alone. `--loop SECONDS` measures the loop
+over the bus alone, with a paced run of that length. `--against COMMIT` only compares the speed with that of another
+version of the sources.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ FLOORS = {
 
 
 def main() -> int:
-    """Measure, print, and leave with 1 where a floor was missed."""
+    """Measure, print, and return 1 if a floor was missed."""
     quick = "--quick" in sys.argv
     found: dict[str, Any] = {"machine": provenance(0, tuple(sys.argv)), "python": platform.python_version()}
     missed: list[str] = []
@@ -69,7 +69,7 @@ def main() -> int:
             f"efficiency {m['efficiency']:.2f} {verdict}")  # fmt: skip
 
     def looped(seconds: float) -> None:
-        say("\nloop over the bus: controller and recorder, paced also viewer bridge; in turns with bare round trips")
+        say("\nloop over the bus: controller and recorder, paced also viewer bridge; alternating with bare round trips")
         try:
             found["bus"] = b = loop.beside_bare(2 if quick else loop.ROUNDS)
         except BusError as error:
@@ -118,7 +118,7 @@ def main() -> int:
     say(f"machine: {found['machine']}")
     if "--against" in sys.argv:
         commit = sys.argv[sys.argv.index("--against") + 1]
-        say(f"\nspeed over that of {commit}: processor time, {against.ROUNDS} rounds in turns, floor {against.FLOOR:g}")
+        say(f"\nspeed over that of {commit}: processor time, {against.ROUNDS} rounds, floor {against.FLOOR:g}")
         try:
             found["against"] = speeds = against.compared(commit, say)
         except UsageError as error:
@@ -164,18 +164,18 @@ def main() -> int:
             f"error of event times {stiff['error']:.1e} of a period")  # fmt: skip
     found["absent"] = a = absent_effect.cost()
     verdict = judged("absent effects", a["ratio"], "absent", at_most=True)
-    say(f"  forces without products: {a['ns']:.1f} ns, of a source that never knew of them {a['ns_without']:.1f}: "
+    say(f"  forces without products: {a['ns']:.1f} ns, compiled without their source {a['ns_without']:.1f}: "
         f"ratio {a['ratio']:.3f} {verdict}")  # fmt: skip
     found["scipy"] = versus = kernels.scipy_ratio()
     verdict = judged("scipy", versus["ratio"], "scipy")
     say(f"  exact over scipy solve_ivp (DOP853, rtol 1e-9, events): {versus['ratio']:.0f} x faster {verdict}; "
         f"scipy's event error {versus['scipy_event_error']:.1e} s")  # fmt: skip
 
-    say("\nwhole rig simulate pendulum: sensors, controller, protocol, truth kept")
+    say("\nwhole rig simulate pendulum: sensors, controller, protocol, outputs kept")
     found["whole"] = w = whole_runs.simulate(3 if quick else 7)
     verdict = judged("whole", w["rtf"], "whole_rtf")
     say(f"  {w['seconds']:.0f} s in {w['wall']:.3f} s: {w['rtf']:.0f} x real time {verdict}")
-    say("  a further second of a run, in turns, processor time:")
+    say("  a further second of a run, alternating, processor time:")
     found["marginal"] = further = whole_runs.marginal(2 if quick else 5)
     for name, rtf in further.items():
         say(f"  {whole_runs.CASES[name].told}: {rtf:.3g} x real time {judged(name, rtf, name)}")
@@ -190,7 +190,7 @@ def main() -> int:
     best = max((r["rtf"] for r in growing if r["error"] <= 1e-4), default=0.0)
     say(f"  at 1e-4 of the growth rate: {best:.0f} x real time {judged('disc', best, 'disc')}")
 
-    say("\nrigs of one contact, kernel without energy ledger, in turns, processor time")
+    say("\nrigs of one contact, kernel without energy balance, alternating, processor time")
     found["rubbing"] = quick_ones = one_contact.speed(5 if quick else 10)
     for name, rtf in quick_ones.items():
         say(f"  {one_contact.CASES[name].told}: {rtf:.3g} x real time {judged(name, rtf, name)}")

@@ -1,8 +1,8 @@
-"""What an effect costs that is not there: the hot leaf of the forces beside a twin whose source never knew of it.
+"""The cost of an absent effect: the inner force function beside a twin compiled without the effect's source.
 
-Products of states (geometry that bends, moving contacts) are the one kind of effect that leaves have code for; all
-others are rows of tables. The twin is `rig.solve.forces.rate` without the word of products, compiled the same way; a
-rig without products must not be able to tell one from the other.
+Products of states (nonlinear geometry, moving contacts) are the only kind of effect with code of its own in the inner
+functions; all others are rows of tables. The twin is `rig.solve.forces.rate` without the source line of products,
+compiled the same way. For a rig without products both must take the same time.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def repeated(shape, t, w, state, log, seg, plan, ticks):
 
 
 def leaves() -> tuple[Any, Any]:
-    """`rate` called again and again, as a leaf (rig.solve.specialised), and its twin."""
+    """Return a loop over `rate` as a compiled function (rig.solve.specialised), and its twin."""
     rate: Any = forces.rate
     source = textwrap.dedent(inspect.getsource(rate.py_func))
     bare = source.replace("multiplies(shape) or ", "")
@@ -49,7 +49,7 @@ def leaves() -> tuple[Any, Any]:
 
 
 def _compiled(name: str, source: str) -> Any:
-    """A leaf that calls the `rate` of this source; from a file of its own, because the cache wants one."""
+    """A compiled loop over the `rate` of this source; in a file of its own, because the compiler's cache needs one."""
     path = Path(mkdtemp()) / f"{name}.py"
     path.write_text(f"{source}\n{_REPEATED}")
     known = {key: value for key, value in vars(forces).items() if not key.startswith("__")}
@@ -59,7 +59,7 @@ def _compiled(name: str, source: str) -> Any:
 
 
 def slipping() -> Motion:
-    """A mass on a belt under a falling law, in slip."""
+    """Return a mass on a belt with falling friction, in slip."""
     motion = Motion(load("belt").assemble().system(), 1_000_000, "dopri5")
     key = motion.system.key([SLIP_PLUS], [CLOSED], [])
     if motion.mode_sets.tables.mode_set_of[key] < 0:
@@ -70,7 +70,7 @@ def slipping() -> Motion:
 
 
 def kinds(motion: Motion) -> tuple[Any, ...]:
-    """The types of the arguments of a leaf for this motion."""
+    """Return the argument types of the compiled function for this motion."""
     typed: Any = numba.typeof
     parts = (motion.mode_sets.tables, motion.work, motion.state, motion.log, motion.segments, motion.plan)
     shape = Shape(motion.system.n, products=False, bends=True)
@@ -78,7 +78,7 @@ def kinds(motion: Motion) -> tuple[Any, ...]:
 
 
 def instructions(leaf: Any, *kinds: Any) -> list[str]:
-    """The instructions of a leaf compiled for arguments of these types, names of symbols left out."""
+    """Return the machine instructions for arguments of these types, without symbol names."""
     leaf.compile(kinds)
     [text] = leaf.inspect_asm().values()
     lines = [line.split("#")[0].strip() for line in text.partition("cpython")[0].splitlines()]
@@ -92,7 +92,7 @@ def _run(address, tables, loan, times):  # type: ignore[no-untyped-def]
 
 
 def cost() -> dict[str, float]:
-    """Ns of a call of both, in turns, best of rounds, and their ratio."""
+    """Measure ns per call of both, alternating, best of rounds, and their ratio."""
     motion = slipping()
     pair, run = leaves(), entry(_run, 0, motion.mode_sets.handle, motion.loan, 1)
     addresses = []

@@ -1,7 +1,8 @@
-"""`make bench AGAINST=COMMIT`: the speed of this version over that of another, both in turns on this machine.
+"""`make bench AGAINST=COMMIT`: the speed of this version over that of another, measured alternately on this machine.
 
-The other version is unpacked from git into the user's cache, once, and compiles its own kernels there. Each case takes
-so many rounds, one of each version in a round and each first in every other one; told is the median of the ratios.
+The other version is unpacked from git into the user's cache, once, and compiles its own kernels there. Each case is run
+for several rounds with one run of each version; the version that runs first alternates. The result is the median of the
+ratios.
 """
 
 from __future__ import annotations
@@ -24,12 +25,12 @@ from rig.qualify.benchmarks.one_version import CASES
 
 ROUNDS = 21
 FLOOR = 0.95
-"""Of the speed of the other version, for kernels; whole runs are told."""
+"""Smallest speed over that of the other version, for kernels; whole runs have no floor."""
 ROOT = Path(__file__).resolve().parents[3]
 
 
 class Version:
-    """A process that runs the cases with the sources of a checkout."""
+    """A process that runs the cases with the sources of one checkout."""
 
     def __init__(self, checkout: Path) -> None:
         command = [sys.executable, str(Path(__file__).with_name("contender.py"))]
@@ -40,7 +41,7 @@ class Version:
         )  # fmt: skip
 
     def round(self, case: str) -> tuple[float, str]:
-        """Processor time [s] and digest of one round; infinite, and no digest, where this version cannot run it."""
+        """Return processor time [s] and digest of one round; infinite and no digest if this version cannot run it."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         try:
@@ -52,17 +53,18 @@ class Version:
         return (float(spent), digest.strip()) if spent else (float("inf"), "")
 
     def end(self) -> None:
-        """Let it go."""
+        """End the process."""
         self._process.communicate()
 
 
 def compared(commit: str, say: Callable[[str], object], rounds: int = ROUNDS) -> dict[str, dict[str, Any]]:
-    """Of each case: `speed` over that of `commit`, times [s] of both, and whether they come to the `same` bits.
+    """Return for each case `speed` over that of `commit`, times [s] of both, and whether the results have the `same`
+    bits.
 
-    Raises UsageError where there is no such commit.
+    Raises UsageError for an unknown commit.
     """
     there, found = unpacked(commit), {}
-    for case in CASES:  # a process each: one version's fault ends one case
+    for case in CASES:  # one process each: a failure of one version ends one case only
         versions = [Version(ROOT), Version(there)]
         for version in versions:
             version.round(case)  # compiles
@@ -81,7 +83,7 @@ def compared(commit: str, say: Callable[[str], object], rounds: int = ROUNDS) ->
 
 
 def unpacked(commit: str) -> Path:
-    """A folder with the sources of `commit`. Raises UsageError where git does not know it."""
+    """Return a folder with the sources of `commit`. Raises UsageError if git does not know it."""
     name = _git("rev-parse", "--verify", "--end-of-options", f"{commit}^{{commit}}").decode().strip()
     place = platformdirs.user_cache_path("friction-rig") / "versions" / name
     if not place.exists():
@@ -114,11 +116,11 @@ def _told(times: list[tuple[float, float]], same: bool) -> dict[str, Any]:
 def _line(case: str, one: dict[str, Any]) -> str:
     if one["speed"] != one["speed"]:
         return f"  {case:30} one of the versions cannot run it"
-    bits = "the same bits" if one["same"] else "other bits"
+    bits = "the same bits" if one["same"] else "different bits"
     return f"  {case:30} {one['seconds'] * 1e3:8.2f} ms, there {one['seconds_there'] * 1e3:8.2f} ms: " \
            f"speed {one['speed']:.2f}, {bits}"  # fmt: skip
 
 
 def missed(found: dict[str, dict[str, Any]]) -> list[str]:
-    """The kernels that are slower than they may be."""
+    """Return the kernels below the floor."""
     return [case for case, one in found.items() if CASES[case][1] and one["speed"] < FLOOR]

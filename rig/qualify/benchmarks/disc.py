@@ -1,7 +1,7 @@
-"""The slider on a flexible disc with its seven modes: how fast it runs at a stated error of its growth rate.
+"""Benchmark of the slider on a flexible disc with seven modes: speed over the error of the simulated growth rate.
 
-Sliding is pushed along its least stable motion; what of that motion is there after a second, by its left eigenvector,
-tells the growth rate of the simulation, which the eigenvalue knows.
+Sliding is displaced along its least stable mode. The part of that mode after one second, from its left eigenvector,
+gives the growth rate of the simulation, and the eigenvalue gives the exact one.
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ import numpy as np
 SCENE = "disc_slider"
 SECONDS = 1.0
 PUSH = 1e-4
-"""Swing of the slip speed at the start, over the speed of the surface; growth changes with its square."""
+"""Amplitude of the slip speed at the start, over the speed of the surface; the growth rate changes with its square."""
 ROUNDS = 5
 
 
 def growth(tolerances: tuple[float, ...] = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10)) -> list[dict[str, Any]]:
-    """Of each tolerance of dopri5: relative error of the growth rate, and times real time (best of rounds)."""
+    """Return for each tolerance of dopri5 the relative error of the growth rate, and the real-time factor (best of
+    rounds).
+    """
     from rig import load
     from rig.motion.motion import Motion
     from rig.stability.linearisation import sliding_key, steady

@@ -1,4 +1,4 @@
-"""A film of points under a slider that travels: step of the kernel (rig.solve.film_steps) beside its C twin
+"""Benchmark of a film of points under a moving slider: the kernel's step (rig.solve.film_steps) beside its C twin
 (film.c).
 """
 
@@ -18,14 +18,14 @@ from rig.solve.film_sums import SUMS
 
 SCENE = "plate"
 SLIDING = {"drive.speed": 0.01, "load.force": 108.79}
-"""The slider is let down at full load and speed: its points open and close from the start."""
+"""The slider starts at full load and speed, so that its points open and close from the start."""
 TICKS = 2000
 _TABLES = ("alike", "against", "which_alike", "which_against", "kick", "turn", "loss", "column", "push", "signal",
            "riders", "advance")  # fmt: skip
 
 
 class _Film(ctypes.Structure):
-    """The tables as the twin reads them."""
+    """The tables in the layout of the twin."""
 
     _fields_ = [
         *((name, ctypes.c_void_p) for name in _TABLES),
@@ -35,9 +35,10 @@ class _Film(ctypes.Structure):
 
 
 def ratio(compiled: Callable[[str, dict[str, int]], Any], ticks: int = TICKS) -> dict[str, Any]:
-    """Time of the kernel over that of the twin, with energy ledger; how far places and velocities are apart at the end.
+    """Return the time of the kernel over that of the twin, with energy balance, and the final differences of the
+    states.
 
-    `compiled`: a library of a C file of this folder, with constants by name.
+    `compiled`: a function that returns the library of a C file of this folder, with constants by name.
     """
     scene = load(SCENE, SLIDING)
     substeps = scene.clock.substeps(scene.step_ns)

@@ -1,4 +1,4 @@
-"""The kernels at work and against scipy, interleaved: each contender once a round, the best kept."""
+"""Benchmarks of the kernels, also against scipy: one run of each per round, alternating; the best run counts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ FALLING = {"drive": {"speed": 0.3}, "start": {"displacement": 0.0, "velocity": 0
 
 
 def pendulum(changes: dict[str, Any]) -> Any:
-    """The pendulum's matrices with constant speed and load and other values in its tables."""
+    """Return the pendulum's matrices at constant speed and load, with other values in its tables."""
     scene = load("pendulum")
     raw = scene.parameters.model_dump(exclude_none=True)
     raw["load"] = {"force": raw["load"]["force"]}
@@ -37,7 +37,7 @@ def pendulum(changes: dict[str, Any]) -> Any:
 
 
 def interleaved(contenders: dict[str, Callable[[], object]], rounds: int = ROUNDS) -> dict[str, float]:
-    """Best time of each [s], one call of each in turn."""
+    """Return the best time of each [s], with one call of each per round."""
     best = dict.fromkeys(contenders, np.inf)
     for _ in range(rounds):
         for name, call in contenders.items():
@@ -48,7 +48,7 @@ def interleaved(contenders: dict[str, Callable[[], object]], rounds: int = ROUND
 
 
 def run(system: Any, method: str, tolerance: float = 1e-7, substeps: int = 1, step_ns: int = STEP_NS) -> Any:
-    """A motion that has visited its mode sets and has room for SECONDS."""
+    """Return a motion that has visited its mode sets and has room for SECONDS."""
     ticks = round(SECONDS * 1e9 / step_ns)
     motion = Motion(system, step_ns, method, tolerance=tolerance, substeps=substeps, with_energy=False, longest=ticks)
     motion.advance(ticks)
@@ -56,13 +56,13 @@ def run(system: Any, method: str, tolerance: float = 1e-7, substeps: int = 1, st
 
 
 def event_times(system: Any, method: str, tolerance: float, substeps: int) -> Array:
-    """Event times [s] of the first SECONDS."""
+    """Return the event times [s] of the first SECONDS."""
     motion, _ = run(system, method, tolerance, substeps)
     return np.array([(e.tick + e.place) * STEP_NS * 1e-9 for e in motion.events()])
 
 
 def precision() -> list[dict[str, Any]]:
-    """Real-time factor at 1 ms samples of each method that meets an event-time error (of a period)."""
+    """Return the real-time factor at 1 ms samples of each method, with its event-time error (of a period)."""
     rows: list[dict[str, Any]] = []
     falling, coulomb = pendulum(FALLING), pendulum(COULOMB)
     cases: list[tuple[str, Any, str, float, int]] = [("coulomb", coulomb, "exact", 1e-7, 1)]
@@ -91,7 +91,7 @@ def precision() -> list[dict[str, Any]]:
 
 
 def scipy_ratio() -> dict[str, Any]:
-    """Time of scipy's DOP853 with events over that of `exact`, for the same Coulomb pendulum and the same samples."""
+    """Return the time of scipy's DOP853 with events over that of `exact`, for the same Coulomb pendulum and samples."""
     from scipy.integrate import solve_ivp
 
     system = pendulum(COULOMB)

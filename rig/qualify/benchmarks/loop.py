@@ -1,9 +1,9 @@
-"""The loop over the bus, beside bare round trips measured in turns with it.
+"""Benchmark of the loop over the bus, beside bare round trips measured alternately.
 
-Plant at 1 kHz with the vibrometer at 10 kHz in blocks, one controller, recorder, viewer bridge. In a paced run: what is
-lost, how old commands are when they take effect, and how long they take from the plant's put to its queue. In lockstep:
-the time of a tick. Both are compared with a bare round trip over the bus, to a process that only answers, scheduled
-alike; the bare round trip through a unix socket tells what the system takes of that.
+Plant at 1 kHz with the vibrometer at 10 kHz in blocks, one controller, recorder, viewer bridge. A paced run gives
+losses, the age of commands when they take effect, and the time from the plant's put to the command in its queue. A
+lockstep run gives the time of a tick. Both are compared with a bare round trip over the bus to a process that only
+answers, with the same scheduling. A bare round trip through a unix socket shows the share of the operating system.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ ROUNDS = 5
 
 
 def paced(seconds: float = 60.0) -> dict[str, Any]:
-    """The summary of a paced run and, a hundred times a second beside it, bare round trips through a unix socket."""
+    """Return the summary of a paced run, with bare round trips through a unix socket a hundred times a second."""
     bare = Bare()
     bare.begin()
     try:
@@ -48,11 +48,11 @@ def paced(seconds: float = 60.0) -> dict[str, Any]:
 
 
 def beside_bare(rounds: int = ROUNDS, lockstep_s: float = 3.0, paced_s: float = 6.0) -> dict[str, Any]:
-    """Short runs in lockstep and paced, in turns with bare round trips over the bus; times in us.
+    """Measure short runs in lockstep and paced, alternating with bare round trips over the bus; times in us.
 
-    Of each round a tick in lockstep and the paced run's median from put to command, over the mean of the bare medians
-    before and after; `lockstep_ratio` and `paced_ratio` are the medians of these ratios. `publish`: mean of the time
-    that a frame of the paced runs spent publishing. Raises BusError where no bare round trip can be measured.
+    In each round, a tick in lockstep and the paced run's median from put to command are divided by the mean of the bare
+    medians before and after; `lockstep_ratio` and `paced_ratio` are the medians of these ratios. `publish`: mean
+    publishing time of a frame in the paced runs. Raises BusError if bare round trips cannot be measured.
     """
     rows: dict[str, list[float]] = {"lockstep": [], "paced": [], "publish": []}
     bare: dict[str, list[float]] = {"lockstep": [_bare(paced=False)], "paced": [_bare(paced=True)]}
@@ -77,7 +77,9 @@ def over_bare(rows: list[float], around: list[float]) -> list[float]:
 
 
 def plate() -> dict[str, Any]:
-    """The summary of a paced run of the plate under a slider, to the end of its protocol, with recorder and viewer."""
+    """Return the summary of a paced run of the plate under a slider, over its whole protocol, with recorder and
+    viewer.
+    """
     return _carried("plate", {}, None, web=True)
 
 
@@ -97,7 +99,7 @@ def _carried(name: str, changes: dict[str, Any], seconds: float | None, **how: A
 
 
 def _bare(*, paced: bool) -> float:
-    """The median of bare round trips over the bus [us]."""
+    """Median of bare round trips over the bus [us]."""
     from rig.qualify.round_trip import round_trips
 
     trips, _, fault = round_trips(1.0, paced=paced)
@@ -107,7 +109,7 @@ def _bare(*, paced: bool) -> float:
 
 
 class Bare:
-    """64 bytes to another process and back through a unix socket, every 10 ms."""
+    """Round trips of 64 bytes to another process through a unix socket, every 10 ms."""
 
     def begin(self) -> None:
         """Start the other process and the round trips."""
@@ -134,7 +136,7 @@ class Bare:
             self.trips.append(time.perf_counter() - begin)
 
     def end(self) -> list[float]:
-        """End both; the round trips [s]."""
+        """End both; return the round trips [s]."""
         self._stop.set()
         self._thread.join(10.0)
         self._peer.close()

@@ -1,4 +1,4 @@
-"""A map of 100 x 100 points, run-up and run-down: its time, and what a second core brings."""
+"""Benchmark of a map of 100 x 100 points with run-up and run-down: its time, and the gain by a second core."""
 
 from __future__ import annotations
 
@@ -12,7 +12,9 @@ X, Y = "drive.speed=0.5 rpm:8 rpm:{}", "load.force=10 N:30 N:{}"
 
 
 def efficiency(points: int, scene: str = SCENE, x: str = X, y: str = Y) -> dict[str, Any]:
-    """Wall times [s] of a map of `points` x `points` with one worker and with two, kernels compiled; efficiency."""
+    """Return wall times [s] of a map of `points` x `points` with one and two workers, kernels compiled, and the
+    efficiency.
+    """
     from rig import load
     from rig.analysis.map import chart, job
 

@@ -1,4 +1,4 @@
-"""Rigs of one contact that were made for one question each, in stick-slip or growing: kernel, without energy ledger."""
+"""Benchmark of rigs with one contact, in stick-slip or growing: the kernel without energy balance."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rig.scenes.loader import load
 
 
 class Case(NamedTuple):
-    """A scene with `changes`, carried on by `seconds` at a time with the method that it takes by itself."""
+    """A scene with `changes`, simulated for `seconds` at a time with its default method."""
 
     told: str
     scene: str
@@ -29,7 +29,7 @@ CASES = {
 
 
 def speed(rounds: int = 10) -> dict[str, float]:
-    """Times real time of each case, processor time, the cases in turns, best of `rounds`."""
+    """Return the real-time factor of each case in processor time, the cases alternating, best of `rounds`."""
     motions = {name: _motion(case) for name, case in CASES.items()}
     best = dict.fromkeys(CASES, float("inf"))
     for _ in range(rounds):
@@ -41,7 +41,7 @@ def speed(rounds: int = 10) -> dict[str, float]:
 
 
 def _motion(case: Case) -> tuple[Motion, int]:
-    """What has begun to move, its mode sets and compiled code at hand, and the ticks of a round."""
+    """A motion that already moves, with its mode sets and compiled code ready, and the ticks of a round."""
     scene = load(case.scene, dict(case.changes))
     system, ticks = scene.assemble().system(), round(case.seconds * 1e9 / scene.step_ns)
     method = chosen(scene.clock.method, system)

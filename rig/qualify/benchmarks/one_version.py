@@ -1,8 +1,8 @@
-"""What a version of the project takes for each of `CASES`; run as a file, with the checkout of that version first in
-PYTHONPATH (rig.qualify.benchmarks.against). So it uses nothing but what all versions to be compared have.
+"""The time that one version of the project needs for each of `CASES`, run as a file by rig.qualify.benchmarks.against.
 
-A line with the name of a case comes in; processor time [s] of one round of it and a digest of where it has come to go
-out.
+PYTHONPATH begins with the checkout of that version. Therefore this file uses nothing that an older version to be
+compared does not have. A line with the name of a case comes in; processor time [s] of one round and a digest of its
+result go out.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ CASES: dict[str, tuple[str, str, int, int, dict[str, Any]]] = {
 
 
 def kernel(name: str, method: str, ticks: int, options: dict[str, Any]) -> Callable[[], Any]:
-    """A motion that is carried on by each call, and given."""
+    """Return a function that advances a motion and returns it."""
     from rig.motion.motion import Motion
     from rig.scenes import load
 
@@ -56,7 +56,7 @@ def kernel(name: str, method: str, ticks: int, options: dict[str, Any]) -> Calla
 
 
 def whole(name: str, frames: int) -> Callable[[], Any]:
-    """A stand that goes on by so many frames with each call; its motion."""
+    """Return a function that advances a plant runner by `frames` frames and returns its motion."""
     from rig.bench.runner import PlantRunner
     from rig.scenes import load
 
@@ -72,7 +72,7 @@ def whole(name: str, frames: int) -> Callable[[], Any]:
 
 
 def main() -> None:
-    """Answer until nobody asks."""
+    """Answer each line until the input ends."""
     ready: dict[str, Callable[[], Any]] = {}
     for line in sys.stdin:
         scene, method, count, calls, options = CASES[line.strip()]

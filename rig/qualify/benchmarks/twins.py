@@ -1,4 +1,4 @@
-"""The kernels against their C twins (twins.c, film.c), interleaved: each contender once a round, the best kept."""
+"""Benchmark of the kernels against their C twins (twins.c, film.c): one run of each per round, the best run counts."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ def _quiet_loop(tables, loan, ticks):  # type: ignore[no-untyped-def]
 
 
 def twins() -> dict[str, Any]:
-    """Time of the kernels over that of their C twins, and whether results and events are the same."""
+    """Return the time of the kernels over that of their C twins, and whether results and events are the same."""
     compiler = shutil.which("gcc")
     if compiler is None:
-        return {"skipped": "no gcc here: the ratio to C is left out"}
+        return {"skipped": "gcc is not installed: the ratio to C is left out"}
     system = pendulum(COULOMB)
     stack = stiff()
     with tempfile.TemporaryDirectory() as folder:
@@ -54,13 +54,13 @@ def twins() -> dict[str, Any]:
 
 
 def stiff() -> Any:
-    """Problem P4: a mass on a belt with a stack whose shunt rings at 3400 Hz, as matrices."""
+    """Return problem P4 as matrices: a mass on a belt with a piezo stack whose shunt resonates at 3400 Hz."""
     scene = load("belt_shunt")
     return PLANTS[scene.plant].assemble(scene.parameters, {}).system()
 
 
 def compiled(compiler: str, folder: str, source: str, constants: dict[str, int]) -> Any:
-    """The library of a C file of this room, made in `folder` with constants by name."""
+    """Return the library of a C file of this folder, compiled in `folder` with constants by name."""
     named = [f"-D{name}={value}" for name, value in constants.items()]
     library = Path(folder) / f"{source}{''.join(named)}.so"
     options = ["-O3", "-march=native", *named, "-shared", "-fPIC"]
@@ -157,7 +157,7 @@ def _rk4(system: Any, c: Any) -> dict[str, Any]:
 
 
 class _Tables(ctypes.Structure):
-    """The tables of the three mode sets, as the twin reads them."""
+    """The tables of the three mode sets in the layout of the twin."""
 
     _fields_ = [
         *((name, ctypes.c_void_p) for name in ("E", "A", "G", "GA", "B", "BA", "landing", "slip", "need", "load")),
@@ -169,7 +169,7 @@ class _Tables(ctypes.Structure):
 
 
 def _exact(system: Any, c: Any) -> dict[str, Any]:
-    """The whole exact run of P4 at 1 ms, and the event times that it is to meet."""
+    """The whole exact run of P4 at 1 ms, and the event times that it must reproduce."""
     motion, ticks = run(system, "exact")
     found = event_times(system, "exact", 1e-7, 1)
     for key in range(3):
@@ -220,6 +220,6 @@ def _exact(system: Any, c: Any) -> dict[str, Any]:
 
 
 def _finer(system: Any) -> Array:
-    """Event times [s] of the first SECONDS at a twentieth of the step."""
+    """Event times [s] of the first SECONDS with a twentieth of the step."""
     motion, _ = run(system, "exact", step_ns=STEP_NS // 20)
     return np.array([(e.tick + e.place) * STEP_NS / 20 * 1e-9 for e in motion.events()])

@@ -1,4 +1,6 @@
-"""The whole of `rig simulate`: sensors, controller, protocol, exchange, truth kept; and the start of a process."""
+"""Benchmark of whole runs of `rig simulate` with sensors, controller, protocol and outputs, and of the process
+start.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,7 @@ SQUEAL = {
 
 
 class Case(NamedTuple):
-    """Runs of `short` and `long` seconds, whose difference leaves out what a run begins and ends with."""
+    """Runs of `short` and `long` seconds; their difference excludes the cost of start and end."""
 
     told: str
     scene: str
@@ -31,7 +33,7 @@ class Case(NamedTuple):
     short: float
     long: float
     compiled: bool = False
-    """Controllers are compiled, however short the run is."""
+    """Whether controllers are compiled, however short the run is."""
 
 
 LOOP = {"controllers.nf.enable_at": 0.0}
@@ -53,7 +55,7 @@ CASES = {
 
 
 def simulate(rounds: int = 5) -> dict[str, Any]:
-    """Real-time factor of the pendulum with sensors and controller, in this process, kernels compiled."""
+    """Return the real-time factor of the pendulum with sensors and controller, in this process, kernels compiled."""
     scene = rig.load("pendulum")
     rig.simulate(scene, 1.0)
     best, length = float("inf"), 0.0
@@ -65,7 +67,7 @@ def simulate(rounds: int = 5) -> dict[str, Any]:
 
 
 def marginal(rounds: int = 5) -> dict[str, float]:
-    """What a further second of each case costs: times real time, processor time, the cases in turns."""
+    """Return the real-time factor of a further second of each case, in processor time, the cases alternating."""
     scenes = {name: rig.load(case.scene, dict(case.changes)) for name, case in CASES.items()}
     best: dict[tuple[str, float], float] = {}
     for turn in range(rounds + 1):  # the first one compiles
@@ -92,7 +94,7 @@ def _taken(scene: Scene, seconds: float, compiled: bool) -> float:
 
 
 def start(rounds: int = 5) -> dict[str, Any]:
-    """Wall time of `rig simulate pendulum --duration 10` as a new process, after `rig warmup`."""
+    """Return the wall time of `rig simulate pendulum --duration 10` as a new process, after `rig warmup`."""
     warmup(names=["pendulum"])
     command = [sys.executable, "-m", "rig", "simulate", "pendulum", "--duration", "10"]
     times = []

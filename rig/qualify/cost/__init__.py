@@ -1,9 +1,9 @@
-"""What accuracy costs in time, for any scene, on this machine: `rig cost`.
+"""Error against compute time, for any scene, on this machine: `rig cost`.
 
-problem    what is measured of a scene              settings   methods with their steps and tolerances
-measures   what a run comes to, physically          reference  what is taken for true
-timing     what a setting costs                     table      rows, kept as CSV and Parquet
-front      which setting to take                    order      order of errors, beside theory
+problem    the simulation problem of a scene        settings   methods with their steps and tolerances
+measures   physical measures of a run               reference  the reference solution
+timing     the compute time of a setting            table      rows, kept as CSV and Parquet
+pareto     the recommended setting                  order      order of errors, beside theory
 """
 
 from rig.qualify.cost.choice import chosen

@@ -1,4 +1,4 @@
-"""What differs between the motions of two plants, by measure: with an effect and without it."""
+"""The difference between the motions of two plants, by measure: with an effect and without it."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from rig.qualify.cost.measures import SLOW, Seen, observe
 from rig.qualify.cost.problem import Problem
 from rig.qualify.cost.settings import of
 
-_NUDGE = 1e-9  # share by which a start is moved to see whether its motion is irregular
+_NUDGE = 1e-9  # relative change of a start that reveals an irregular motion
 _LEAST_NUDGE = 1e-12
 _LEAST = 1e-9  # share of a measure that no run resolves
-_TOLD = 2.0  # times what an irregular motion differs from itself: a change that can be told
+_TOLD = 2.0  # a change counts above this multiple of the difference between two runs of an irregular motion
 _UNITS = {
     "period": "s",
     "energy per cycle": "J",
@@ -26,10 +26,10 @@ KINDS = {"cycle": "a limit cycle", "vibration": "a vibration that does not repea
 
 @dataclass(frozen=True)
 class Change:
-    """A measure of the plant with an effect and without it, in `unit`; None where there is no such measure.
+    """A measure of the plant with an effect and without it, in `unit`; None if the measure does not exist.
 
-    `size`: their difference as a share of the larger of both (of stick shares the difference), 1 where only one plant
-    has the measure, 0 below what the runs resolve (their tolerance, 1e-9 without one). `floor`: the same for two runs
+    `size`: their difference as a share of the larger of both (for stick shares the difference), 1 if only one plant has
+    the measure, 0 below the resolution of the runs (their tolerance, 1e-9 without one). `floor`: the same for two runs
     of the plant with the effect whose starts differ by rounding.
     """
 
@@ -42,11 +42,11 @@ class Change:
 
     @property
     def told(self) -> bool:
-        """Whether it is a change: neither none nor the irregularity of the motion itself."""
+        """Whether the change is significant: neither zero nor the irregularity of the motion itself."""
         return self.size > _TOLD * self.floor
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         unit = "" if self.unit == "1" else f" {self.unit}"
         if self.whole is None or self.less is None:
             only = self.less if self.whole is None else self.whole
@@ -56,7 +56,7 @@ class Change:
         return f"{self.measure} {whole}, without it {less} ({_percent(self.size)} %)"
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the fields as JSON values."""
         return {**vars(self), "told": self.told}
 
 
@@ -65,7 +65,7 @@ def _percent(size: float) -> str:
 
 
 def changed(whole: Problem, less: Problem) -> tuple[tuple[Change, ...], str]:
-    """The measures of `whole` beside those of `less`, and what else is to be known of the two motions."""
+    """Compare the measures of `whole` and `less`; return changes, and notes on the two motions."""
     notes = [] if whole.kind == less.kind else [f"{KINDS[whole.kind]} with it, {KINDS[less.kind]} without it"]
     notes += [f"{which} it {one.leaves}" for which, one in (("with", whole), ("without", less)) if one.leaves]
     if not (whole.kind == less.kind == "cycle"):
@@ -89,7 +89,7 @@ def changed(whole: Problem, less: Problem) -> tuple[tuple[Change, ...], str]:
 
 
 def _alike(whole: Problem, less: Problem) -> tuple[Problem, Problem]:
-    """Both as motions that do not repeat, over the same time."""
+    """Both treated as motions that do not repeat, over the same time."""
     frame = whole.scene.frame_ns // whole.scene.step_ns
     length = (min if whole.leaves or less.leaves else max)(whole.length, less.length)
     window = max(min(length, whole.window), min(length, less.window), length // 3) // frame * frame
@@ -97,7 +97,7 @@ def _alike(whole: Problem, less: Problem) -> tuple[Problem, Problem]:
 
 
 def _apart(name: str, one: Seen, other: Seen) -> float:
-    """How far a measure of two runs is apart (see `Change`)."""
+    """Difference of a measure between two runs (see `Change`)."""
     a, b = one.values.get(name), other.values.get(name)
     if a is None or b is None:
         return 1.0
@@ -110,7 +110,9 @@ def _apart(name: str, one: Seen, other: Seen) -> float:
 
 
 def _irregular(problem: Problem, seen: Seen) -> dict[str, float]:
-    """By measure, how far a run is from one whose start is moved by rounding: far, where the motion is chaotic."""
+    """By measure, the difference between a run and one whose start differs by rounding: large if the motion is
+    chaotic.
+    """
     structure = 2 * len(problem.system.coordinates)
     start = problem.system.start.copy()
     start[:structure] += _NUDGE * start[:structure] + _LEAST_NUDGE

@@ -1,4 +1,4 @@
-"""The setting that a run takes, from the table of this machine; measured first where there is none."""
+"""The integrator setting of a run, chosen from the cost table of this machine, which is measured first if necessary."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ def chosen(
     root: Path = FOLDER,
     report: Report | None = None,
 ) -> Scene:
-    """`scene`, integrated as the table recommends; `say` gets a line about what is given up.
+    """Return `scene` with the recommended method and step; `say` gets a line about any compromise.
 
-    `accuracy`: largest error of any measure; `budget`: largest share of a frame at p99. Raises UsageError where no
-    setting meets both.
+    `accuracy`: largest relative error of any measure; `budget`: largest share of a frame at p99. Raises UsageError if
+    no setting meets both.
     """
     pick = recommended(table(scene, say, root, report).rows, WORST, accuracy, budget)
     say(pick.told(WORST))
@@ -34,7 +34,7 @@ def chosen(
 
 
 def table(scene: Scene, say: Callable[[str], object], root: Path = FOLDER, report: Report | None = None) -> Table:
-    """The table of `scene` on this machine, read or measured."""
+    """Return the cost table of `scene` on this machine, read or measured."""
     folder = folder_of(scene, root)
     here = provenance(scene.seed)
     try:
@@ -43,5 +43,5 @@ def table(scene: Scene, say: Callable[[str], object], root: Path = FOLDER, repor
             return found
     except UsageError:
         pass
-    say(f"{scene.name}: no costs are known on this machine; measuring them, as rig cost does, into {folder}")
+    say(f"{scene.name}: this machine has no cost table of it yet; measuring one, as rig cost does, into {folder}")
     return cost(scene, root, report)

@@ -1,8 +1,9 @@
-"""What the loop costs in accuracy: error of its decay rate over its delay and its sample period, beside the solver's.
+"""The error that a control loop causes: the change of its decay rate over delay and sample period, beside solver
+errors.
 
-The decay rate of a closed loop is that of rig.analysis.control_loop, exact for the loop as it runs: sampled, held,
-delayed. The ideal it is compared with has no delay and samples every microsecond. Solver errors are those of the table,
-drawn over the step, so that one sees on one pair of axes where time is better spent.
+The decay rate of a closed loop comes from rig.analysis.control_loop, exact for the loop as it runs: sampled, held,
+delayed. It is compared with an ideal loop without delay that samples every microsecond. Solver errors are those of the
+table, drawn over the step, so that one diagram shows where a shorter time helps most.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from rig.qualify.cost.order import step
 from rig.qualify.cost.table import WORST, Table
 from rig.scenes.scene import Scene
 
-IDEAL = 1_000  # ns, the sample period that stands for none
-FINE = 20  # samples in a delay: as many commands under way are states of the loop
+IDEAL = 1_000  # ns, the sample period of the ideal loop
+FINE = 20  # samples in a delay: so many pending commands are states of the loop
 TIMES = tuple(round(m * 10.0**k) for k in range(4, 8) for m in (1, 2, 5))  # ns: 10 us to 50 ms
 
 
@@ -29,8 +30,8 @@ TIMES = tuple(round(m * 10.0**k) for k in range(4, 8) for m in (1, 2, 5))  # ns:
 class Delayed:
     """One loop. `ideal`: its growth rate [1/s] without delay; (time [s], relative error of the rate) over both.
 
-    An error is infinite where there is no such loop. `own`: delay and sample period [s] of the scene, and the error
-    that they make.
+    An error is infinite if the loop cannot exist. `own`: delay and sample period [s] of the scene, and the error that
+    they cause.
     """
 
     controller: str
@@ -40,7 +41,7 @@ class Delayed:
     own: tuple[float, float, float]
 
     def text(self) -> str:
-        """For a reader."""
+        """Return the report as text."""
         delay, period, error = self.own
         text = (
             f"loop {self.controller}: a delay of {1e3 * delay:g} ms and samples every {1e3 * period:g} ms change its "
@@ -53,7 +54,7 @@ class Delayed:
 
 
 def delayed(scene: Scene) -> list[Delayed]:
-    """Every loop of the scene that is a linear feedback; others have no decay rate of their own."""
+    """Return every loop of the scene that is a linear feedback; others have no decay rate of their own."""
     found = []
     for name, section in scene.controllers.items():
         try:
@@ -69,14 +70,14 @@ def delayed(scene: Scene) -> list[Delayed]:
 
 
 def _of_delay(scene: Scene, name: str, delay: int) -> float:
-    """What a delay [ns] changes, relative: with and without it, in a loop that samples `FINE` times as fast."""
+    """Relative change by a delay [ns]: with and without it, in a loop that samples `FINE` times as fast."""
     period = delay // FINE
     late, prompt = (_growth(scene, name, period, one) for one in (delay, 0))
     return abs(late / prompt - 1.0) if math.isfinite(prompt) else math.inf
 
 
 def _growth(scene: Scene, name: str, period: int, delay: int) -> float:
-    """The growth rate [1/s] of a loop; infinite where its controller cannot be designed."""
+    """The growth rate [1/s] of a loop; infinite if its controller cannot be designed."""
     try:
         return loop(_with(scene, name, period, delay), name).growth
     except SceneError:
@@ -84,7 +85,7 @@ def _growth(scene: Scene, name: str, period: int, delay: int) -> float:
 
 
 def _with(scene: Scene, name: str, period: int, delay: int) -> Scene:
-    """The scene with another sample period and delay [ns] of one loop and of what it reads."""
+    """The scene with another sample period and delay [ns] of one loop and of its sensor."""
     section = scene.controllers[name].model_copy(update={"period": period, "delay": delay})
     clock = scene.clock.model_copy(update={"frame": min(period, scene.frame_ns)})
     sensors = {key: one.model_copy(update={"rate": 1e9 / period}) for key, one in scene.sensors.items()}
@@ -92,7 +93,7 @@ def _with(scene: Scene, name: str, period: int, delay: int) -> Scene:
 
 
 def write(found: Sequence[Delayed], path: Path) -> None:
-    """As CSV."""
+    """Write the errors as CSV."""
     with path.open("w", newline="") as file:
         out = csv.writer(file)
         out.writerow(["controller", "varied", "time_s", "error"])
@@ -102,7 +103,7 @@ def write(found: Sequence[Delayed], path: Path) -> None:
 
 
 def draw(found: Sequence[Delayed], table: Table, path: Path) -> None:
-    """Errors over time: delay, sample period, and integration step."""
+    """Draw errors over time: delay, sample period, and integration step."""
     with sheet(f"{table.title}: where accuracy is lost", table.machine, path) as figure:
         axes = figure.add_subplot()
         styles = (("delay of the loop", "#d1802f", "-"), ("sample period of the loop", "#7a5fb0", "--"))

@@ -1,16 +1,16 @@
-"""What each effect of a scene costs, and what its absence changes: paired runs of the plant with and without it.
+"""Cost of each effect of a scene, and the change without it: paired runs of the plant with and without the effect.
 
-Controllers and protocol are left out of both, actuators are held where the protocol holds them longest. An effect with
+Controllers and protocol are left out of both, and actuators stay where the protocol holds them longest. An effect with
 a switch that is open there (a shunt, dither) is measured closed as well.
 
-Cost: all plants take turns, round after round, the plant with every effect twice in each. An effect's cost is the
-difference of what rounds come to (rig.qualify.cost.timing). The noise floor is what the plant differs from itself by,
-or the 95 % interval of the difference where that is wider; rounds are repeated while it is coarse.
+Cost: all plants alternate, round by round, and the plant with every effect runs twice in each round. The cost of an
+effect is the difference of the compute times (rig.qualify.cost.timing). The noise floor is the difference of the plant
+from itself, or the 95 % interval of the cost if that is wider. Rounds are repeated while the noise floor is too coarse.
 
 Change: each measure (rig.qualify.cost.measures) with the effect and without it, and their difference as a share of the
 larger of both. Where one plant repeats and the other does not, both are compared as motions that do not repeat. Such a
-motion may be irregular: then it is run twice, from starts that differ by rounding, and what these two differ by cannot
-be told.
+motion may be irregular: then it is run twice, from starts that differ by rounding, and smaller changes than the
+difference of these two runs are not significant.
 """
 
 from __future__ import annotations
@@ -35,22 +35,23 @@ from rig.scenes.variants import SWITCHED, dropped, opened, without
 
 ROUNDS = 9
 UNKNOWN = Spread(math.nan, math.nan, math.nan)
-_BATCHES = 6  # of rounds, at most
-_FINE = 0.02  # of a step: a noise floor that is fine enough
-_BUSY = 0.5  # of a step: a noise floor above which nothing can be told
+_BATCHES = 6  # most batches of rounds
+_FINE = 0.02  # of a step: a noise floor below this is fine enough
+_BUSY = 0.5  # of a step: above this noise floor nothing is measurable
 
 
-NO_CHANCE = "is random: compared runs are without it; runs of other seeds tell what it changes"
+NO_CHANCE = "is random: compared runs leave it out; run other seeds to see its influence"
 
 
 @dataclass(frozen=True)
 class Paired:
-    """One effect: `states` it adds, `tick` [ns] it adds to a sample step, `changes` if it is left out.
+    """The measurement of one effect: `states` it adds, `tick` [ns] it adds to a sample step, `changes` if it is left
+    out.
 
-    `whole` [ns]: a step of the plant with every effect. `noise` [ns]: costs below it cannot be told here and now.
-    `note`: what else is to be known of the two motions. `fault`: why there is no other plant. `switch`: who closes it,
-    of an effect that starts open; `closed`: the same effect measured closed, where it has been measured open. `on`: the
-    scene names it and the other plant is without it; else the other plant has it added.
+    `whole` [ns]: a step of the plant with every effect. `noise` [ns]: smaller costs are not measurable now. `note`:
+    remarks on the two motions. `fault`: why there is no plant without it. `switch`: who closes an effect that starts
+    open; `closed`: the same effect measured closed, if it was measured open. `on`: the scene has the effect and the
+    other plant is without it; else the other plant has it added.
     """
 
     name: str
@@ -72,22 +73,22 @@ class Paired:
 
     @property
     def worst(self) -> Change | None:
-        """The largest change that can be told; None where there is none."""
+        """The largest significant change; None if there is none."""
         told = [one for one in self.changes if one.told]
         return max(told, key=lambda one: one.size, default=None)
 
     @property
     def measurable(self) -> bool:
-        """Whether a cost can be told from the noise of the machine at all."""
+        """Whether a cost can be separated from the noise of the machine at all."""
         return self.noise <= _BUSY * self.whole
 
     @property
     def told(self) -> Spread:
-        """What a figure shows as the cost: nothing where it cannot be measured."""
+        """The cost in a figure: zero if it is not measurable."""
         return self.tick if self.measurable else Spread(0.0, 0.0, 0.0)
 
     def cost(self) -> str:
-        """What it costs, in words."""
+        """Return the cost in words."""
         if math.isnan(self.whole) or math.isnan(self.tick.value):
             return "not measured"
         if not self.measurable:
@@ -97,16 +98,16 @@ class Paired:
         return f"{self.tick.value:+.0f} ns of {self.whole:.0f} ns"
 
     def change(self) -> str:
-        """What its absence changes, in words."""
+        """Return the change without the effect in words."""
         if self.fault:
             return f"cannot be {'left out alone' if self.on else 'added'}: {self.fault}"
         worst = self.worst
         if worst is not None:
             said = worst.text()
         elif not self.changes:
-            said = "" if self.note else "nothing moves with it or without it: there is no measure to compare"
+            said = "" if self.note else "nothing moves with or without it, so that nothing can be compared"
         elif any(one.size > 0.0 for one in self.changes):
-            said = "nothing that can be told: the motion is irregular and differs as much from itself"
+            said = "no significant change: the motion is irregular, and two runs of it differ as much"
         else:
             said = "nothing"
         said = "; ".join(filter(None, (said, self.note)))
@@ -115,7 +116,7 @@ class Paired:
         return f"{self.switch}; measured closed: {self.closed.cost()}, {self.closed.change()}"
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values; what is not known is None."""
+        """Return the fields as JSON values; unknown values are None."""
         tick = {name: _known(value) for name, value in vars(self.tick).items()}
         return {
             **vars(self),
@@ -140,7 +141,7 @@ def _known(value: float) -> float | None:
 
 
 def effects(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], object] | None = None) -> list[Paired]:
-    """Every effect that `scene` names and that its plant can do without."""
+    """Measure every effect that `scene` names and that its plant can do without."""
     values = held(scene, scene.assemble())
     base = bare(scene)
     names, about = dropped(base), declared(scene.parameters)
@@ -168,7 +169,7 @@ def effects(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], obj
 
 
 def bare(scene: Scene) -> Scene:
-    """The scene without controllers and protocol."""
+    """Return the scene without controllers and protocol."""
     return replace(scene, controllers={}, protocol=())
 
 
@@ -179,9 +180,9 @@ def compared(
     rounds: int = ROUNDS,
     report: Callable[[int, int], object] | None = None,
 ) -> Iterator[Paired]:
-    """`base` beside each of `others`, by name: what base has more costs, and what its absence changes.
+    """Compare `base` with each of `others`, by name: the additional cost of base, and the change without it.
 
-    `values`: of the actuators, where they have them.
+    `values`: of the actuators, if the plants have them.
     """
     say = report or (lambda done, total: None)
     try:
@@ -213,7 +214,7 @@ _AGAIN = "\0again"  # no effect has this name
 def timed(
     contenders: Mapping[str, Contender], rounds: int, say: Callable[[int, int], object]
 ) -> dict[str, list[float]]:
-    """Time [ns] of a step of each contender, by round; of the first, named "", a second time as `_AGAIN`."""
+    """Time [ns] of a step of each contender, by round; the first, named "", is timed a second time as `_AGAIN`."""
     turns = {**contenders, _AGAIN: contenders[""]}
     ticks: dict[str, list[float]] = {name: [] for name in turns}
     with pace.no_garbage():
@@ -232,7 +233,9 @@ def _fine(tick: Spread, noise: float, whole: float) -> bool:
 
 
 def cost_of(ticks: Mapping[str, list[float]], name: str) -> dict[str, Any]:
-    """`tick`, `noise` and `whole` of an effect; the noise is that of the plant beside itself, or of the difference."""
+    """Return `tick`, `noise` and `whole` of an effect; the noise is that of the plant against itself, or of the
+    difference.
+    """
     mine = np.array(ticks[""])
 
     def difference(other: str) -> Spread:

@@ -1,4 +1,4 @@
-"""What accuracy costs, as pictures for a researcher."""
+"""Figures of error against compute time."""
 
 from __future__ import annotations
 
@@ -34,18 +34,18 @@ STYLE: dict[str, Any] = {
     "legend.frameon": False,
     "legend.fontsize": 9.5,
 }
-LEAST = 1e-16  # errors of zero are drawn here
+LEAST = 1e-16  # errors of zero are drawn at this value
 
 
 def draw(found: Table, metric: str, pick: Row | None, budget: float | None, path: Path) -> None:
-    """Error over compute, with the Pareto front, the budget and the setting recommended (PNG, or as `path` ends).
+    """Draw error over compute time, with Pareto front, budget and recommended setting (PNG, or as `path` ends).
 
-    On the left frames with sensors, as a run carries them; on the right the plant alone, in one piece. Nothing is drawn
-    where no setting has both an error and a cost.
+    Left: frames with sensors, as in a run. Right: the plant alone, without interruption. Nothing is drawn if no setting
+    has both an error and a cost.
     """
     if not front(found.rows, metric):
         return
-    with sheet(f"{found.title}: what accuracy costs", found.machine, path) as figure:
+    with sheet(f"{found.title}: error against compute time", found.machine, path) as figure:
         left, right = figure.subplots(1, 2, sharey=True)
         _frames(left, found, metric, budget)
         _alone(right, found, metric)
@@ -55,7 +55,7 @@ def draw(found: Table, metric: str, pick: Row | None, budget: float | None, path
                 axes.plot(at(pick), _shown(pick, metric), "o", ms=17, mfc="none", mec="black", mew=1.6, label=label)
             axes.set(xscale="log", yscale="log")
         _second(left, _percent, "share of a frame [%]")
-        _second(right, _factor, "times real time")
+        _second(right, _factor, "real-time factor")
         left.set_ylabel("largest relative error of all measures" if metric == WORST else f"error of {metric}")
         labels = dict(zip(*reversed(left.get_legend_handles_labels())))
         figure.legend(labels.values(), labels.keys(), loc="outside lower left", ncols=3)
@@ -63,7 +63,7 @@ def draw(found: Table, metric: str, pick: Row | None, budget: float | None, path
 
 @contextlib.contextmanager
 def sheet(title: str, machine: dict[str, str], path: Path) -> Iterator[Figure]:
-    """An empty figure with a title and the machine; saved at the end."""
+    """Yield an empty figure with a title and the machine; it is saved at the end."""
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -131,14 +131,14 @@ def _curves(axes: Axes, found: Table, metric: str, at: At, spread: Sequence[tupl
             style |= {"ms": 5.5, "lw": 1.2, "elinewidth": 0.8, "capsize": 2}
             axes.errorbar(x, y, xerr=(low, high), label=_label(found, method), **style)
     if LEAST < floor < math.inf:
-        axes.axhspan(LEAST, floor, color="#f0f0f0", lw=0, label="less than the references tell apart", zorder=0)
+        axes.axhspan(LEAST, floor, color="#f0f0f0", lw=0, label="below the resolution of the references", zorder=0)
     shown = [_shown(row, metric) for row in found.rows if np.isfinite(row.error(metric))]
     top = 5.0 * max([10.0 * LEAST, *shown])
     axes.set_ylim(min(max(0.2 * min([floor, *shown]), LEAST), 0.1 * top), top)
 
 
 def _second(axes: Axes, told: Callable[[float], float], label: str) -> None:
-    """A second axis of abscissae, on top: the same in other words."""
+    """Draw a second horizontal axis on top: the same values in another unit."""
     top = axes.twiny()
     low, high = axes.get_xlim()
     top.set(xscale="log", xlim=(told(low), told(high)), xlabel=label)
@@ -154,12 +154,12 @@ def _some(value: float, _: float) -> str:
 
 
 def _percent(compute: float) -> float:
-    """Of 1 ms, of compute [us]."""
+    """Compute time [us] as percent of 1 ms."""
     return 0.1 * compute
 
 
 def _factor(compute: float) -> float:
-    """Times real time, of compute [us] in 1 ms."""
+    """Real-time factor of a compute time [us] for 1 ms."""
     return 1e3 / compute
 
 

@@ -1,10 +1,10 @@
-"""Whether what is recommended holds: rigs with parameters drawn by a seed, each judged anew after its table was made.
+"""Validation of the recommended settings on randomly drawn rigs, each measured again after its table was made.
 
     python -m rig.qualify.cost.holdout [--rigs N] [--seed S]
 
-The settings that the tables recommend are run against references at half their step and timed again beside every other
-setting. Wanted: the error asked for in 95 % of the rigs, and a cost within 1.3 times that of the cheapest setting that
-meets it. A motion that is chaotic has no setting where its references part: that is said, and nothing is recommended.
+The recommended settings are compared with references at half their step and timed again beside every other setting.
+Goal: the target error in 95 % of the rigs, and a cost within 1.3 times that of the cheapest setting that meets it. A
+chaotic motion whose references diverge has no valid setting: this is reported, and nothing is recommended.
 """
 
 from __future__ import annotations
@@ -36,12 +36,14 @@ SCENES = (
     "belt_tuned_mass",
 )  # fmt: skip
 DRAWN = ("mass", "inertia", "stiffness", "damping", "force", "speed")
-SPREAD = 0.1  # decades, to both sides
+SPREAD = 0.1  # decades, in both directions
 
 
 @dataclass(frozen=True)
 class HeldOutRig:
-    """One rig: the error asked for, that of the setting taken when judged anew; `ratio`: its cost over the cheapest."""
+    """The result for one rig: target error, error of the recommended setting measured again; `ratio`: its cost over the
+    cheapest.
+    """
 
     rig: str
     setting: str
@@ -51,7 +53,7 @@ class HeldOutRig:
 
 
 def drawn(count: int, seed: int) -> Iterator[tuple[Scene, float]]:
-    """Rigs, and the error asked of each: what `DRAWN` names of a scene, each value up to a quarter off."""
+    """Yield rigs and their target errors: the parameters named in `DRAWN`, each changed by up to a quarter."""
     draw = np.random.default_rng(seed)
     for i in range(count):
         name = SCENES[i % len(SCENES)]
@@ -75,7 +77,7 @@ def _numbers(raw: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, float
 
 
 def judged(scene: Scene, target: float, rounds: int = ROUNDS) -> HeldOutRig:
-    """Make the table, take its recommendation, judge it anew."""
+    """Make the table, take its recommendation, and measure it again."""
     first = cost(scene, None, rounds=rounds)
     pick = recommended(first.rows, WORST, target, None)
     asked = problem(scene)
@@ -88,7 +90,7 @@ def judged(scene: Scene, target: float, rounds: int = ROUNDS) -> HeldOutRig:
 
 
 def main() -> int:
-    """Judge, print, and leave with 1 where the wanted is missed."""
+    """Measure, print, and return 1 if the goal is missed."""
     parser = argparse.ArgumentParser(prog="python -m rig.qualify.cost.holdout", description=__doc__.partition("\n")[0])
     parser.add_argument("--rigs", type=int, default=RIGS)
     parser.add_argument("--seed", type=int, default=SEED)
@@ -97,7 +99,7 @@ def main() -> int:
     for scene, target in drawn(given.rigs, given.seed):
         try:
             one = judged(scene, target)
-        except UsageError as error:  # nothing is recommended, and the reason said
+        except UsageError as error:  # no recommendation; the error has the reason
             sys.stdout.write(f"{scene.name:16} {error}\n")
             continue
         found.append(one)
@@ -106,13 +108,13 @@ def main() -> int:
                          f"{one.ratio:.2f} of the cheapest\n")  # fmt: skip
         sys.stdout.flush()
     meets, within = share(found)
-    sys.stdout.write(f"{len(found)} of {given.rigs} rigs have a setting for what is asked; error met in {meets:.0%} of "
-                     f"these (wanted {MEETS:.0%}), cost within {WITHIN:g} in {within:.0%}\n")  # fmt: skip
+    sys.stdout.write(f"{len(found)} of {given.rigs} rigs have a setting for the target; error met in {meets:.0%} of "
+                     f"these (goal {MEETS:.0%}), cost within {WITHIN:g} in {within:.0%}\n")  # fmt: skip
     return 0 if meets >= MEETS and within >= MEETS else 1
 
 
 def share(found: list[HeldOutRig]) -> tuple[float, float]:
-    """Shares of the rigs that meet their error, and whose cost is within `WITHIN` of the cheapest."""
+    """Return the shares of the rigs that meet their target error, and whose cost is within `WITHIN` of the cheapest."""
     return (
         float(np.mean([one.error <= one.target for one in found])),
         float(np.mean([one.ratio <= WITHIN for one in found])),

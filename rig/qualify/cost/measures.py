@@ -1,4 +1,4 @@
-"""What a run comes to, in physical measures, and how far two runs are apart in them.
+"""Physical measures of a run, and the differences between two runs in them.
 
     every kind   event times: of the first mode changes, as a share of the mean time of a cycle (or between two changes)
     cycle        period, stick share, energy in a cycle; amplitude (half of peak to peak) of every quantity
@@ -6,8 +6,8 @@
     smooth       frequency, growth rate; rms about the mean of every quantity
 
 Quantities are the displacement, or the first output of the plant, and every output that a sensor of the scene reads.
-Pointwise differences are no measure: phases of two stick-slip motions drift apart while everything that one wants to
-know of them agrees.
+Pointwise differences are not used: the phases of two stick-slip motions drift apart while all properties of interest
+agree.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from rig.qualify.cost.problem import ROUNDS, Problem, lift
 from rig.qualify.cost.settings import Setting
 
 Array = NDArray[np.float64]
-FIRST = 12  # mode changes whose times count, of a motion that does not repeat
-_STILL = 1e-9  # of the size of a quantity: it does not move
-SLOW = 1e-2  # of the angular frequency: growth is judged against this at least
+FIRST = 12  # mode changes whose times are compared, for a motion that does not repeat
+_STILL = 1e-9  # of the size of a quantity: below this it does not move
+SLOW = 1e-2  # of the angular frequency: smallest scale of an error of growth
 
 
 @dataclass(frozen=True)
 class Seen:
     """Measures of one run: name -> value; `events`: (time [s], what) of the first mode changes, `count` of all.
 
-    `mean`: time [s] of a cycle, or between two changes. `lifts`: how many of all are contacts that open or close; None
-    by a method that tells none of these. `steps`: integration steps taken, 0 where a method does not tell. `fault`:
-    why the run had to stop, if it had.
+    `mean`: time [s] of a cycle, or between two changes. `lifts`: number of those that open or close a contact; None for
+    a method that does not report them. `steps`: integration steps, 0 if a method does not report them. `fault`: why the
+    run had to stop, "" if it did not.
     """
 
     values: dict[str, float]
@@ -51,16 +51,18 @@ class Seen:
     fault: str = ""
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the fields as JSON values."""
         return asdict(self)
 
     @classmethod
     def from_json(cls, raw: dict[str, Any]) -> Seen:
-        """Of `to_json`."""
+        """Return the measures of `to_json`."""
         return cls(**{**raw, "events": tuple((float(t), str(what)) for t, what in raw["events"])})
 
     def slips(self, repeats: bool) -> Seen:
-        """Without the contacts that open and close; `repeats`: `mean` is the time of a cycle, and stays."""
+        """Return the measures without opening and closing contacts; `repeats`: `mean` is the time of a cycle, and
+        stays.
+        """
         kept = tuple(event for event in self.events if not lift(event[1]))
         count = self.count - (self.lifts or 0)
         mean = self.mean if repeats else self.mean * max(self.count - 1, 1) / max(count - 1, 1)
@@ -68,7 +70,7 @@ class Seen:
 
 
 def observe(problem: Problem, setting: Setting, framed: bool = True) -> Seen:
-    """Run `problem` by `setting` and read its measures; `framed`: step by step as a run with this setting."""
+    """Run `problem` with `setting` and compute its measures; `framed`: step by step as in a run with this setting."""
     try:
         return _observed(problem, setting, framed)
     except NumericsError as error:
@@ -96,7 +98,7 @@ def _observed(problem: Problem, setting: Setting, framed: bool) -> Seen:
 
 
 def _first(problem: Problem, events: list[Event]) -> list[Event]:
-    """The events whose times count: so many of all, and so many of those that are no lift-offs."""
+    """The events whose times are compared: the first of all, and the first of those without lift-offs."""
     all_of, slips_of = (ROUNDS * problem.count, ROUNDS * problem.slips) if problem.count else (FIRST, FIRST)
     slips = itertools.accumulate(not lift(e.what) for e in events)
     return [
@@ -105,7 +107,7 @@ def _first(problem: Problem, events: list[Event]) -> list[Event]:
 
 
 def _cycle(problem: Problem, orbit: Orbit, events: list[Event], count: int) -> dict[str, float]:
-    """Measures of a limit cycle of `count` mode changes: of its last rounds, and of one more that is written down."""
+    """Measures of a limit cycle of `count` mode changes, from its last rounds and one more recorded round."""
     step = problem.step
     if not count or len(events) <= ROUNDS * count:
         return {}
@@ -126,12 +128,12 @@ def _cycle(problem: Problem, orbit: Orbit, events: list[Event], count: int) -> d
 
 
 def moves(low: float, high: float) -> bool:
-    """Whether a quantity between two extremes moves at all."""
+    """Return whether a quantity with these extremes moves at all."""
     return high - low > _STILL * max(abs(low), abs(high))
 
 
 def _stretch(problem: Problem, orbit: Orbit) -> tuple[dict[str, float], list[Event]]:
-    """Measures of the last stretch of a motion that does not repeat, and the events in it."""
+    """Measures of the last part of a motion that does not repeat, and the events in it."""
     length = problem.window * problem.step
     one = orbit.round(length)
     events = [event for _, event in one.events]
@@ -160,9 +162,9 @@ def _stretch(problem: Problem, orbit: Orbit) -> tuple[dict[str, float], list[Eve
 
 
 def errors(problem: Problem, seen: Seen, truth: Seen) -> dict[str, float]:
-    """How far `seen` is from `truth`, by measure: relative; shares as they are; times as shares of a cycle.
+    """Return the difference of `seen` from `truth`, by measure: relative; shares absolute; times as shares of a cycle.
 
-    Infinite where a measure is not there, because mode changes were missed, made up, or the run stopped.
+    Infinite for a missing measure: mode changes were missed or invented, or the run stopped.
     """
     found: dict[str, float] = {}
     if seen.lifts is None:
@@ -185,14 +187,14 @@ def errors(problem: Problem, seen: Seen, truth: Seen) -> dict[str, float]:
 
 
 def rms(dense: Dense, output: int, begin: float, end: float) -> float:
-    """Root of the mean square about the mean of an output between two times [s]."""
+    """Return the root mean square about the mean of an output between two times [s]."""
     weights, values = _nodes(dense, output, begin, end)
     middle = float(weights @ values / weights.sum())
     return math.sqrt(float(weights @ (values - middle) ** 2 / weights.sum()))
 
 
 def mean(dense: Dense, output: int, begin: float, end: float) -> float:
-    """Mean of an output between two times [s]."""
+    """Return the mean of an output between two times [s]."""
     weights, values = _nodes(dense, output, begin, end)
     return float(weights @ values / weights.sum())
 
@@ -208,7 +210,7 @@ def _nodes(dense: Dense, output: int, begin: float, end: float) -> tuple[NDArray
 
 
 def crossings(dense: Dense, output: int, level: float) -> list[float]:
-    """Times [s] at which an output rises through `level`."""
+    """Return the times [s] at which an output rises through `level`."""
     from scipy.optimize import brentq
 
     start, length, coef = dense.segments(output)

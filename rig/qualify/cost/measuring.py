@@ -1,4 +1,4 @@
-"""`rig cost`: the table of a scene, measured."""
+"""Measurement of the cost table of a scene, for `rig cost`."""
 
 from __future__ import annotations
 
@@ -25,16 +25,16 @@ FOLDER = Path("cost")
 
 
 def folder_of(scene: Scene, root: Path = FOLDER) -> Path:
-    """Where the table of a scene is."""
+    """Return the folder of a scene's table."""
     return root / f"{scene.name}-{digest(scene)[:8]}"
 
 
 def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None, rounds: int = timing.ROUNDS) -> Table:
-    """Measure what accuracy costs in `scene` on this machine.
+    """Measure error against compute time of `scene` on this machine.
 
-    `root`: where its folder is made; None keeps nothing. What is measured is written as it comes: a run that is broken
-    off keeps the errors, and its references are used again. Raises rig.errors.NumericsError where the first run stops,
-    UsageError for a film of points.
+    `root`: parent of its folder; None keeps nothing. Results are written as they come: an interrupted measurement keeps
+    its errors, and its references are used again. Raises rig.errors.NumericsError if the first run stops, UsageError
+    for a film of points.
     """
     refuse(scene, "the error of single runs")
     say = report or (lambda done, total: None)
@@ -56,8 +56,8 @@ def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None,
     truths = references(asked, rate, "exact" if "exact" in methods else "dopri5", folder)
     if not truths.best.seen.fault and not any(truths.best.seen.values.values()):
         raise UsageError(
-            f"{scene.name}: nothing moves from its start with all actuators held, so there is no error to compare: "
-            "give it a start that moves (the protocol is left out)"
+            f"{scene.name}: nothing moves from its initial state with actuators held, so there is no error to compare: "
+            "give the scene an initial state that moves (the protocol is left out)"
         )
     step()
     found = Table(
@@ -74,9 +74,7 @@ def cost(scene: Scene, root: Path | None = FOLDER, report: Report | None = None,
     )
     for setting in settings:
         seen, truth = observe(asked, setting), truths.of(setting.method)
-        fault = seen.fault or (
-            truth.seen.fault and f"nothing to judge it by: {truth.setting} stops, {truth.seen.fault}"
-        )
+        fault = seen.fault or (truth.seen.fault and f"no reference: {truth.setting} stops, {truth.seen.fault}")
         told = {} if fault else errors(asked, seen, truth.seen)
         found.rows.append(Row(setting, told, truths.floor, _unknown(), math.nan, seen.steps, fault))
         step()
@@ -97,7 +95,9 @@ def _unknown() -> Cost:
 def timed(
     asked: Problem, rows: Sequence[Row], rounds: int = timing.ROUNDS, step: Callable[[], object] = lambda: None
 ) -> list[Row]:
-    """The rows with the cost of every setting that gets through, all in turns; of others with what stopped them."""
+    """Return the rows with the cost of every setting that completes, all alternating; others with the reason for their
+    stop.
+    """
     ready = [i for i, row in enumerate(rows) if not row.fault]
     found = list(rows)
     if not ready:

@@ -1,4 +1,4 @@
-"""The order at which errors fall with the step, as observed, of each method that has one."""
+"""The observed order of convergence of each method with a fixed step."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ import numpy as np
 from rig.qualify.cost.settings import THEORY
 from rig.qualify.cost.table import WORST, Row
 
-_CLEAR = 30.0  # times the least error that can be told
+_CLEAR = 30.0  # multiple of the resolution above which an error is used
 _LARGEST = 0.1
-_RANGE = 1.5  # times the finest step: steps that differ less, as where frames cut them all, tell no order
+_RANGE = 1.5  # smallest ratio of steps: similar steps, as where frames cut them all, give no order
 
 
 def orders(rows: Sequence[Row], seconds: float) -> dict[str, float]:
-    """Method -> slope of the largest error over the step (its mean, where it varies), between the finest clear points.
+    """Return method -> slope of the largest error over the step (its mean, if it varies), between the finest clear
+    points.
 
     Methods with fewer than two clear points are left out.
     """
@@ -31,7 +32,7 @@ def orders(rows: Sequence[Row], seconds: float) -> dict[str, float]:
 
 
 def step(row: Row, seconds: float) -> float:
-    """The step of a setting [s]; of one that adapts it, the mean."""
+    """Return the step of a setting [s]; the mean if the method adapts it."""
     return row.setting.step_ns * 1e-9 if row.setting.step_ns else seconds / max(row.steps, 1)
 
 

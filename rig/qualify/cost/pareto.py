@@ -1,8 +1,8 @@
-"""Which settings are worth having, and which one to take.
+"""Pareto front of the settings, and the recommended setting.
 
-A setting is on the Pareto front where no other is both cheaper and more accurate. Taken is, of those that are accurate
-enough and fit the budget, the cheapest at p99; those that cost up to a tenth more are held to cost the same, and of
-them the most accurate one is taken.
+A setting is on the Pareto front if no other setting is both cheaper and has a smaller error. The recommended setting is
+the cheapest at p99 of those that meet the target error and the budget. Costs up to a tenth higher count as equal, and
+among these the setting with the smallest error is taken.
 """
 
 from __future__ import annotations
@@ -13,12 +13,12 @@ from collections.abc import Sequence
 from rig.errors import UsageError
 from rig.qualify.cost.table import WORST, Row
 
-SAME = 1.1  # times the cost: the same
-_TOLD = 2.0  # times what the references are apart: a setting that is nearer cannot be told from them
+SAME = 1.1  # ratio of costs that count as equal
+_TOLD = 2.0  # an error below this multiple of the difference between the references is not resolved
 
 
 def front(rows: Sequence[Row], metric: str) -> list[Row]:
-    """The settings that no other beats in both error and cost, cheapest first."""
+    """Return the settings that no other beats in both error and cost, cheapest first."""
     best, found = math.inf, []
     timed = [row for row in rows if row.p99 > 0.0]
     for row in sorted(timed, key=lambda row: (row.p99, row.error(metric))):
@@ -29,9 +29,10 @@ def front(rows: Sequence[Row], metric: str) -> list[Row]:
 
 
 def recommended(rows: Sequence[Row], metric: str, target: float | None, budget: float | None) -> Row:
-    """The setting to take. `target`: largest error; `budget`: largest share of a frame at p99.
+    """Return the recommended setting. `target`: largest error; `budget`: largest share of a frame at p99.
 
-    Without a target the most accurate one that fits. Raises UsageError where none does, with what there is.
+    Without a target: the one with the smallest error that fits the budget. Raises UsageError if none does, with the
+    best available one.
     """
     able = [row for row in rows if row.p99 > 0.0 and math.isfinite(row.error(metric))]
     fitting = [row for row in able if budget is None or row.share <= budget]
@@ -47,7 +48,7 @@ def recommended(rows: Sequence[Row], metric: str, target: float | None, budget: 
 
 def _why(able: list[Row], fitting: list[Row], metric: str, target: float | None, budget: float | None) -> str:
     if not able:
-        return "no setting gets through this scene; the table says why"
+        return "no setting completes this scene; the table has the reasons"
     if not fitting:
         least = min(able, key=lambda row: row.share)
         took = f"the cheapest, {least.setting}, takes {least.share:.1%}"
@@ -58,10 +59,11 @@ def _why(able: list[Row], fitting: list[Row], metric: str, target: float | None,
     error, floor = best.error(metric), best.floor(name)
     if error <= _TOLD * floor:
         return (
-            f"no setting can be told to be accurate to {target:.0e}{within}: the references agree to {floor:.0e} in "
-            f"{name} only, and {best.setting} is as near to them"
+            f"no setting provably reaches a relative error of {target:.0e}{within}: the references agree only to "
+            f"{floor:.0e} in {name}, and the error of {best.setting} is as small"
         )
-    return f"no setting is accurate to {target:.0e}{within}; the best, {best.setting}, has {error:.1e} in {name}"
+    has = f"the best, {best.setting}, has {error:.1e} in {name}"
+    return f"no setting reaches a relative error of {target:.0e}{within}; {has}"
 
 
 def _percent(share: float | None) -> str:

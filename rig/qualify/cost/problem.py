@@ -1,15 +1,15 @@
-"""What is measured of a scene: its plant with every actuator held, from a start, for a length of time.
+"""The simulation problem of a cost measurement: a scene's plant with every actuator held, a start, and a duration.
 
-Actuators have the values that the protocol of the scene holds for the longest. A rig that starts with other values
-starts stuck to its surface, outside of a limit cycle; else as the scene says. A first run, by the method of the scene,
-tells what kind of motion it is and how long it has to be watched:
+Actuators have the values that the protocol of the scene holds for the longest. If these differ from the initial values,
+the rig starts stuck to its surface, outside of a limit cycle; otherwise it starts as the scene states. A first run with
+the method of the scene decides the kind of motion and the duration:
 
-    cycle       mode changes repeat: watched until some rounds after they do; over a surface that is not alike all
-                round they must do so over a whole turn of it
+    cycle       mode changes repeat: simulated until some rounds after they do; on an uneven surface they must
+                repeat over a whole turn of it
     vibration   mode changes that do not repeat (yet)
     smooth      none in the last third: growth, decay, forced motion
 
-What leaves a limit of the scene is watched until then. The window that is read is a whole number of frames.
+A motion that leaves a limit of the scene is simulated until then. The evaluated window is a whole number of frames.
 """
 
 from __future__ import annotations
@@ -41,22 +41,22 @@ from rig.scenes.scene import Scene
 from rig.stability.linearisation import sliding_key, steady
 
 Array = NDArray[np.float64]
-ROUNDS = 4  # cycles that are watched
+ROUNDS = 4  # simulated cycles after repetition
 TIGHT = 1e-10  # tolerance of the first run
-_REPEATS = 1e-6  # of a period: it repeats
+_REPEATS = 1e-6  # of a period: it counts as repeating
 _LONGEST = 60.0  # s, simulated
 _WALL = 3.0  # s, for the first run
 _EVENTS = 4000
-_TIMED = 2000  # sample steps in one turn, at least
-_FALL = 7.0  # e to the power of it: the fall of a motion that is watched
+_TIMED = 2000  # fewest sample steps in one timed run
+_FALL = 7.0  # natural logarithm of the decay over which a motion is simulated
 
 
 @dataclass(frozen=True)
 class Problem:
-    """A scene's plant on a stretch of time. `length` and `window` in ticks: the whole run, and its end that is read.
+    """A scene's plant over a range of time. `length` and `window` in ticks: the whole run, and its evaluated end.
 
-    `count`: mode changes in one cycle, 0 where there is none; `slips`: those of them that are no lift-offs. `values`:
-    what actuators are held at. `leaves`: which limit of the scene the motion leaves, where it ends.
+    `count`: mode changes in one cycle, 0 without a cycle; `slips`: those of them that are not lift-offs. `values`: of
+    the held actuators. `leaves`: the limit of the scene that the motion leaves, where it ends.
     """
 
     scene: Scene
@@ -82,7 +82,7 @@ class Problem:
 
     @property
     def quantities(self) -> list[str]:
-        """Names of the outputs that are watched."""
+        """Names of the compared outputs."""
         outputs = list(self.assembly.outputs)
         first = "displacement" if "displacement" in outputs else outputs[0]
         read = [name for section in self.scene.sensors.values() for name in [section.reads] if name in outputs]
@@ -90,29 +90,29 @@ class Problem:
 
     @property
     def digest(self) -> str:
-        """Hash (16 hex digits) of scene, sources and problem; the setting of the scene itself left out."""
+        """Hash (16 hex digits) of scene, sources and problem, without the scene's own integrator setting."""
         return digest(self.scene)
 
     @property
     def timed(self) -> int:
-        """Ticks that are timed: those of the window, and so many more that a turn is not over at once."""
+        """Number of timed ticks: those of the window, and more if it is too short to time."""
         return self.window if self.leaves else max(self.window, _TIMED)
 
     def orbit(self, setting: Setting, framed: bool = True) -> Orbit:
-        """The plant from the start on, carried by `setting`; `framed`: step by step as a run with it."""
+        """Return the plant at its start with `setting`; `framed`: step by step as in a run with this setting."""
         scene = setting.applied(self.scene)
         tolerance, start = scene.clock.tolerance, self.system.start
         return Orbit(scene, self.assembly, start, setting.method, tolerance, self.quantities, framed)
 
     def later(self, setting: Setting) -> Array:
-        """The state where the window begins."""
+        """Return the state where the window begins."""
         orbit, begin = self.orbit(setting), self.length - self.window
         while orbit.motion.tick < begin:
             orbit.block(begin - orbit.motion.tick)
         return orbit.motion.x.copy()
 
     def runner(self, setting: Setting) -> PlantRunner:
-        """The plant with its sensors, as a run carries it, actuators in force."""
+        """Return the plant runner with sensors, as in a run, with the actuator values set."""
         runner = PlantRunner(_tolerant(setting.applied(self.scene)))
         for name, value in self.values.items():
             runner.apply(name, value)
@@ -120,12 +120,12 @@ class Problem:
 
 
 def _tolerant(scene: Scene) -> Scene:
-    """The scene, run even where it grows."""
+    """The scene with the permission to run if it is unstable."""
     return replace(scene, clock=scene.clock.model_copy(update={"unstable": "run"}))
 
 
 def digest(scene: Scene) -> str:
-    """Hash (16 hex digits) of everything that a table of costs depends on, the machine left out."""
+    """Return a hash (16 hex digits) of everything that a cost table depends on, except the machine."""
     told = json.loads(Setting("exact", 1e-7, 100_000).applied(scene).to_json())
     kept = {key: told[key] for key in told.keys() - {"name", "title", "about", "origins"}}
     text = json.dumps(kept, sort_keys=True) + kernel.source_key() + _own_sources()
@@ -134,7 +134,7 @@ def digest(scene: Scene) -> str:
 
 @cache
 def _own_sources() -> str:
-    """The sources that say what is measured."""
+    """The sources that define the measurement."""
     rooms = Path(__file__).parents[2]
     names = [f"qualify/cost/{name}" for name in ("problem", "measures", "reference")]
     names += [f"analysis/{name}" for name in ("output_polynomials", "orbit", "repetition")]
@@ -142,15 +142,15 @@ def _own_sources() -> str:
 
 
 def problem(scene: Scene, values: Mapping[str, float] | None = None) -> Problem:
-    """Find out what to measure of `scene`. Raises rig.errors.NumericsError where the motion has to stop.
+    """Determine the problem to measure for `scene`. Raises rig.errors.NumericsError if the simulation has to stop.
 
-    `values`: of actuators, where it has them; by default those that its protocol holds for the longest.
+    `values`: of actuators that the rig has; by default those that the protocol holds for the longest.
     """
     assembly = scene.assemble()
     values = held(scene, assembly) if values is None else {k: v for k, v in values.items() if k in assembly.inputs}
     for name, value in values.items():
         one = assembly.inputs[name]
-        if one.write is None and not one.state:  # nothing commands it: it is a parameter
+        if one.write is None and not one.state:  # no command reaches it: it is a parameter
             scene = replace(scene, parameters=with_values(scene.parameters, {name: value}))
     assembly = scene.assemble()
     values = {name: value for name, value in values.items() if value != assembly.inputs[name].value}
@@ -167,7 +167,7 @@ def problem(scene: Scene, values: Mapping[str, float] | None = None) -> Problem:
 
 
 def held(scene: Scene, assembly: Assembly) -> dict[str, float]:
-    """The values that the protocol holds actuators at for the longest, those that differ from the start."""
+    """Return the actuator values that the protocol holds for the longest, those that differ from the start."""
     now = {name: one.value for name, one in assembly.inputs.items()}
     start, times = dict(now), {tuple(now.values()): 0}
     for step in flat(scene.protocol):
@@ -183,12 +183,12 @@ def held(scene: Scene, assembly: Assembly) -> dict[str, float]:
 
 
 def lift(what: str) -> bool:
-    """Whether a mode change is that of a contact which opens or closes."""
+    """Return whether a mode change opens or closes a contact."""
     return what.endswith((" opens", " closes"))
 
 
 def _watched(first: Problem) -> Problem:
-    """Run it once: what kind of motion it is, and how long it has to be watched."""
+    """Simulate it once to find the kind of motion and the duration."""
     scene, step = first.scene, first.step
     setting = of(scene, first.system)
     orbit = first.orbit(replace(setting, tolerance=TIGHT) if setting.tolerance else setting)
@@ -227,7 +227,7 @@ def _watched(first: Problem) -> Problem:
 
 
 def _turns(turn: float) -> int:
-    """Time [ns] of as many turns of `turn` [s] as it takes for the last third to be a whole one; 0 without turns."""
+    """Time [ns] of enough turns of `turn` [s] that the last third is a whole one; 0 without turns."""
     return 0 if math.isinf(turn) else int(3.1e9 * turn)
 
 
@@ -237,7 +237,7 @@ def _third(length: int, whole: int) -> int:
 
 
 def _dies(system: System) -> float:
-    """Time [s] after which a small motion about steady sliding is too small to be watched; a long one if it lasts."""
+    """Time [s] after which a small motion about steady sliding has decayed; a long one if it does not decay."""
     sliding = steady(system, sliding_key(system))
     rate = -float(sliding.eigenvalues()[0].real) if sliding.exists else 0.0
     return _FALL / rate if rate > _FALL / _LONGEST else _LONGEST

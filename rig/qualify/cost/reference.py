@@ -1,11 +1,12 @@
-"""What is taken for true: each method is judged by another, at its finest, and that one by itself at half the step.
+"""Reference solutions: each method is compared with another one at its finest setting.
 
-    exact            is judged by rk4, whose two finest steps are extrapolated to zero (Richardson, order 4)
+    exact            compared with rk4, whose two finest steps are extrapolated to zero (Richardson, order 4)
     dopri5           the same
-    everything else  by exact, or where the rig is not linear by dopri5 at 1e-12
+    all others       compared with exact, or with dopri5 at 1e-12 if the rig is not linear
 
-How far the two references are apart is the least error that can be told. Both are kept in the folder of the scene,
-named by a hash of scene, sources, method and its dial, and used again.
+Each reference is also compared with itself at twice the step. The difference of the two references is the smallest
+error that can be resolved. Both are stored in the folder of the scene, named by a hash of scene, sources, method and
+its step or tolerance, and used again.
 """
 
 from __future__ import annotations
@@ -24,15 +25,15 @@ from rig.qualify.cost.problem import Problem
 from rig.qualify.cost.settings import TIGHTEST, Setting, ladder
 
 WALL = 4.0  # s, for one run of a reference
-_UNSURE = 1e-3  # a reference that is so far from itself at half the step is not yet one
-_FURTHER, _FINER = 2, 2.5  # so often its step is then made so much finer
+_UNSURE = 1e-3  # a reference that differs so much from itself at twice the step is refined
+_FURTHER, _FINER = 2, 2.5  # most refinements, and the factor of each
 _FINEST = 5e-4  # |lambda| h of the finest step
-_ROOM = SEGMENTS // 4  # steps in a tick; half of them in the run that is judged by
+_ROOM = SEGMENTS // 4  # steps in a tick; half of them in the run for comparison
 
 
 @dataclass(frozen=True)
 class Reference:
-    """A run that others are judged by. `apart`: by measure, how far it is from itself at half the dial (Richardson)."""
+    """A reference run. `apart`: by measure, its difference from itself at half the resolution (Richardson)."""
 
     setting: Setting
     seen: Seen
@@ -40,30 +41,32 @@ class Reference:
     hash: str
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the fields as JSON values."""
         return {"setting": vars(self.setting), "seen": self.seen.to_json(), "apart": self.apart, "hash": self.hash}
 
     @classmethod
     def from_json(cls, raw: dict[str, Any]) -> Reference:
-        """Of `to_json`."""
+        """Return the reference of `to_json`."""
         return cls(Setting(**raw["setting"]), Seen.from_json(raw["seen"]), raw["apart"], raw["hash"])
 
 
 @dataclass(frozen=True)
 class References:
-    """The two references of a problem: `best` by the rig's own best method, `other` by rk4. `floor`: their distance."""
+    """The two references of a problem: `best` by the rig's own best method, `other` by rk4. `floor`: their
+    difference.
+    """
 
     best: Reference
     other: Reference
     floor: dict[str, float]
 
     def of(self, method: str) -> Reference:
-        """The one that a method is judged by."""
+        """Return the reference for a method."""
         return self.other if method == self.best.setting.method else self.best
 
 
 def references(problem: Problem, rate: float, best: str, folder: Path | None) -> References:
-    """Both references, computed or read. `rate` [1/s]: of the fastest motion; `best`: "exact" or "dopri5"."""
+    """Return both references, computed or read. `rate` [1/s]: of the fastest mode; `best`: "exact" or "dopri5"."""
     first = Setting(best, TIGHTEST if best == "dopri5" else 0.0)
     judged = _kept(problem, folder, (first,) if best == "exact" else (replace(first, tolerance=1e-11), first), 0)
     fine = _affordable(problem, ladder("rk4", problem.scene, rate)[-1].step_ns, rate)
@@ -85,7 +88,7 @@ def _halved(problem: Problem, folder: Path | None, step_ns: int) -> Reference:
 
 
 def _affordable(problem: Problem, step_ns: int, rate: float) -> int:
-    """The finest rk4 step of which a run takes no longer than `WALL` and for which there is room in a tick."""
+    """The finest rk4 step with which a run takes at most `WALL` and that fits into a tick."""
     begin = time.perf_counter()
     observe(problem, Setting("rk4", step_ns=step_ns), framed=False)
     spent = max(time.perf_counter() - begin, 1e-3)
@@ -94,14 +97,14 @@ def _affordable(problem: Problem, step_ns: int, rate: float) -> int:
 
 
 def _finer(problem: Problem, step_ns: int, factor: float) -> int:
-    """A part of the sample step that is `factor` finer than `step_ns`, or somewhat coarser than that."""
+    """A divisor of the sample step that is `factor` finer than `step_ns`, or slightly coarser than that."""
     whole = problem.scene.step_ns
     parts = [h for h in range(1, step_ns + 1) if whole % h == 0 and h * factor >= step_ns] if step_ns > 1 else [1]
     return min(parts)
 
 
 def _kept(problem: Problem, folder: Path | None, runs: tuple[Setting, ...], order: int) -> Reference:
-    """The last of `runs`, with its distance from the one before; extrapolated where both are of an order."""
+    """The last of `runs`, with its difference from the one before; extrapolated if the method has an order."""
     last = runs[-1]
     name = hashlib.sha256(f"{problem.digest} {problem.kind} {problem.length} {last}".encode()).hexdigest()[:16]
     path = None if folder is None else folder / f"reference-{last.method}-{name}.json"
@@ -118,7 +121,7 @@ def _kept(problem: Problem, folder: Path | None, runs: tuple[Setting, ...], orde
 
 
 def extrapolated(coarse: Seen, fine: Seen, ratio: float) -> Seen:
-    """Two runs as one of step zero, where the error of the coarse one is `ratio` times that of the fine one."""
+    """Extrapolate two runs to step zero; the error of the coarse one is `ratio` times that of the fine one."""
 
     def zero(a: float, b: float) -> float:
         return b + (b - a) / (ratio - 1.0)

@@ -1,4 +1,4 @@
-"""A table of costs in words."""
+"""A cost table as text."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from rig.qualify.cost.pareto import front
 from rig.qualify.cost.settings import THEORY
 from rig.qualify.cost.table import Row, Table
 
-COLUMNS = ("method", "dial", "error", "of", "p50 [us/ms]", "p99 [us/ms]", "95 %", "of a frame", "x real time", "")
+COLUMNS = ("method", "setting", "error", "of", "p50 [us/ms]", "p99 [us/ms]", "95 %", "of a frame", "rt factor", "")
 
 
 def lines(found: Table, metric: str, pick: Row | None) -> list[tuple[str, ...]]:
-    """The rows of the table on the screen."""
+    """Return the rows of the table as text."""
     best = front(found.rows, metric)
     told = []
     for row in found.rows:
@@ -34,7 +34,7 @@ def _times(factor: float) -> str:
 
 
 def _agreement(row: Row, metric: str) -> str:
-    """How far the references are apart, in words."""
+    """The difference of the references, in words."""
     apart = row.floor(metric)
     if math.isfinite(apart):
         return f"the references agree to {apart:.0e}"
@@ -43,11 +43,13 @@ def _agreement(row: Row, metric: str) -> str:
 
 
 def notes(found: Table, metric: str) -> list[str]:
-    """What belongs to the table."""
+    """Return the notes on the table."""
     out = [f"{found.kind}, {found.seconds:.4g} s simulated; {_agreement(found.rows[0], metric)}"]
     out += [f"{m}: error falls with the step to the power {o:.2f}, theory {THEORY[m]}" for m, o in found.orders.items()]
     if any(row.setting.method == "kick" for row in found.rows):
-        out.append("kick locates no contact that opens or closes: slip and stick are judged, which go on in the air")
+        out.append(
+            "kick does not locate opening and closing of contacts: slip and stick are compared, also of open contacts"
+        )
     if any(math.isinf(error) for row in found.rows for error in row.errors.values()):
-        out.append("inf: its mode changes are not those of the reference, so that their times cannot be compared")
+        out.append("inf: the mode changes differ from those of the reference, so that their times cannot be compared")
     return out + [f"{method} left out: {why}" for method, why in found.left_out.items()]

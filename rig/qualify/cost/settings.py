@@ -1,6 +1,7 @@
-"""Settings of the integration: a method with its step or tolerance, and the ladder of them that a rig is measured with.
+"""Settings of the integration: a method with its step or tolerance, and the series of settings that `rig cost`
+measures.
 
-exact    no dial: its step is the sample step of the scene
+exact    no setting: its step is the sample step of the scene
 dopri5   tolerance                rk4   step
 """
 
@@ -23,20 +24,20 @@ from rig.stability.report import RK4_LIMIT, mode_sets
 
 TIGHTEST = 1e-12  # tolerance
 THEORY = {"dopri5": 5, "rk4": 4, "kick": 2}  # order of the error in the step
-_FINE = 2e-3  # |lambda| h of the finest rk4 step of a ladder
-_RUNG = 2.0  # between two steps of a ladder, at least
+_FINE = 2e-3  # |lambda| h of the finest rk4 step of a series
+_RUNG = 2.0  # smallest ratio of two steps of a series
 
 
 @dataclass(frozen=True, order=True)
 class Setting:
-    """A method with its dial: `tolerance` of dopri5, `step_ns` [ns] of rk4 and kick; 0 where the method has none."""
+    """A method with its setting: `tolerance` of dopri5, `step_ns` [ns] of rk4 and kick; 0 if the method has none."""
 
     method: str
     tolerance: float = 0.0
     step_ns: int = 0
 
     def applied(self, scene: Scene) -> Scene:
-        """The scene, integrated so."""
+        """Return the scene with this setting."""
         changes: dict[str, Any] = {"method": self.method}
         changes |= {"tolerance": self.tolerance} if self.tolerance else {}
         changes |= {"rk4_step": self.step_ns} if self.step_ns else {}
@@ -44,7 +45,7 @@ class Setting:
 
     @property
     def adapts(self) -> bool:
-        """Whether its steps are as long as its error allows, but for the last one of each frame, which is cut."""
+        """Whether the error determines its steps, except for the last one of each frame, which is cut."""
         return self.method == "dopri5"
 
     def __str__(self) -> str:
@@ -54,7 +55,7 @@ class Setting:
 
 
 def of(scene: Scene, system: System) -> Setting:
-    """The setting that a scene states."""
+    """Return the setting of a scene."""
     method = chosen(scene.clock.method, system)
     return _with_dial(method, scene.clock.tolerance, int(scene.clock.rk4_step))
 
@@ -66,7 +67,7 @@ def _with_dial(method: str, tolerance: float, step_ns: int) -> Setting:
 
 
 def eligible(system: System, step_ns: int) -> dict[str, str]:
-    """Every method of the rig -> why it cannot serve this system, "" where it can."""
+    """Return for every method of the rig why it cannot be used for this system, "" if it can."""
     found = {}
     for method in METHODS:
         if method == "smooth":
@@ -76,7 +77,7 @@ def eligible(system: System, step_ns: int) -> dict[str, str]:
         else:
             found[method] = _refused(system, step_ns, method)
     if system.linear and not found.get("exact", "exact"):
-        found["dopri5"] = "every mode set is linear: dopri5 leaves them to the exact propagator"
+        found["dopri5"] = "every mode set is linear: dopri5 would use the exact propagator"
     return found
 
 
@@ -89,22 +90,24 @@ def _refused(system: System, step_ns: int, method: str) -> str:
 
 
 def fastest(system: System) -> float:
-    """The largest eigenvalue [1/s] of the mode sets that are looked at before a run."""
+    """Return the largest eigenvalue [1/s] of the mode sets that the stability report examines."""
     return max(float(np.abs(np.linalg.eigvals(assembled(system, key).A)).max()) for key in mode_sets(system))
 
 
 def ladder(method: str, scene: Scene, rate: float) -> list[Setting]:
-    """The settings of a method to be measured, coarse to fine. `rate` [1/s]: of the fastest motion."""
+    """Return the settings of a method to be measured, coarse to fine. `rate` [1/s]: of the fastest mode."""
     if method == "dopri5":
         return [Setting(method, 10.0**-p) for p in range(2, 12)]
     if method in ("rk4", "kick"):
-        shortest = scene.frame_ns / (SEGMENTS // 2)  # finer ones make frames that need more room than most
+        shortest = scene.frame_ns / (SEGMENTS // 2)  # finer ones would exceed the room of a frame
         return [Setting(method, step_ns=h) for h in _steps(scene.step_ns, rate, _FINE) if h >= shortest]
     return [Setting(method)]
 
 
 def _steps(step_ns: int, rate: float, finest: float) -> Iterator[int]:
-    """Parts of the sample step [ns], coarse to fine, each at most half of the one before, on which rk4 is stable."""
+    """Divisors of the sample step [ns], coarse to fine, each at most half of the one before, with which rk4 is
+    stable.
+    """
     last = math.inf
     for count in range(1, step_ns + 1):
         h, rest = divmod(step_ns, count)

@@ -1,4 +1,4 @@
-"""The table of a scene: a row for each setting, kept as CSV and Parquet beside machine and versions."""
+"""The cost table of a scene: a row for each setting, stored as CSV and Parquet with machine and versions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ WORST = "worst"
 
 @dataclass(frozen=True)
 class Row:
-    """One setting: its errors by measure, the least that can be told of each, its cost, its share of a frame at p99."""
+    """One setting: its errors by measure, the resolution of each, its cost, its share of a frame at p99."""
 
     setting: Setting
     errors: dict[str, float]
@@ -31,12 +31,12 @@ class Row:
 
     @property
     def p99(self) -> float:
-        """Compute at p99 [us in 1 ms of simulated time]."""
+        """Compute time at p99 [us per 1 ms of simulated time]."""
         return self.cost.p99.value
 
     @property
     def timed(self) -> bool:
-        """Whether its cost is known, or it need not be."""
+        """Whether its cost is known or not needed."""
         return bool(self.fault) or self.p99 > 0.0
 
     @property
@@ -45,22 +45,22 @@ class Row:
         return max(self.errors, key=lambda name: self.errors[name]) if self.errors else ""
 
     def error(self, metric: str) -> float:
-        """The error of a measure; the largest of all for "worst"."""
+        """Return the error of a measure; the largest of all for "worst"."""
         if self.fault or not self.errors:
             return math.inf
         return self.errors[self.worst if metric == WORST else metric]
 
     def floor(self, metric: str) -> float:
-        """The least error that can be told, of a measure or of the worst one."""
+        """Return the smallest resolved error of a measure, or of the worst one."""
         return max(self.floors.values(), default=0.0) if metric == WORST else self.floors.get(metric, 0.0)
 
     def told(self, metric: str) -> str:
-        """What is given up with this setting, in words."""
+        """Return error and cost of this setting in words."""
         name = self.worst if metric == WORST else metric
         return f"{self.setting}: {name} error {self.error(metric):.0e}, {self.share:.2%} of a frame at p99"
 
     def flat(self) -> dict[str, Any]:
-        """As one line of a table."""
+        """Return the row as a flat record."""
         out: dict[str, Any] = vars(self.setting) | {"fault": self.fault, "steps": self.steps, "share_p99": self.share}
         for name, spread in vars(self.cost).items():
             out |= {name: spread.value, f"{name}_low": spread.low, f"{name}_high": spread.high}
@@ -69,7 +69,7 @@ class Row:
 
     @classmethod
     def of_flat(cls, raw: dict[str, Any]) -> Row:
-        """Of a line of a table."""
+        """Return the row of a flat record."""
 
         def under(prefix: str) -> dict[str, float]:
             named = {name: v for name, v in raw.items() if name.startswith(prefix) and v not in (None, "")}
@@ -91,7 +91,7 @@ class Row:
 
 @dataclass
 class Table:
-    """What accuracy costs in a scene, on a machine. `left_out`: methods that cannot serve, and why."""
+    """Error and compute time of a scene on a machine. `left_out`: methods that cannot be used, and why."""
 
     scene: str
     title: str
@@ -108,11 +108,11 @@ class Table:
 
     @property
     def metrics(self) -> list[str]:
-        """Measures that errors are told of."""
+        """The measures that have errors."""
         return list(dict.fromkeys(name for row in self.rows for name in row.errors))
 
     def metric(self, asked: str) -> str:
-        """A measure by its name, or by the beginning of it. Raises UsageError with those that there are."""
+        """Return a measure by its name or the begin of it. Raises UsageError with the existing ones."""
         known = (WORST, *self.metrics)
         found = asked if asked in known else next((name for name in known if asked and name.startswith(asked)), None)
         if found is None:
@@ -120,7 +120,7 @@ class Table:
         return found
 
     def write(self, folder: Path) -> None:
-        """cost.csv, cost.parquet and machine.json, put in place whole."""
+        """Write cost.csv, cost.parquet and machine.json atomically."""
         rows = [row.flat() for row in self.rows]
         columns = list(dict.fromkeys(name for row in rows for name in row))
         lines = [[row.get(name) for name in columns] for row in rows]
@@ -134,18 +134,18 @@ class Table:
 
     @classmethod
     def read(cls, folder: Path) -> Table:
-        """The table of a folder. Raises UsageError where there is none that can be read."""
+        """Return the table of a folder. Raises UsageError if there is no readable one."""
         try:
             about = json.loads((folder / "machine.json").read_text())
             with (folder / "cost.csv").open(newline="") as file:
                 rows = [Row.of_flat(raw) for raw in csv.DictReader(file)]
             return cls(**about, rows=rows)
         except (OSError, ValueError, KeyError, TypeError) as error:
-            raise UsageError(f"{folder}: no table of costs that can be read ({error})") from None
+            raise UsageError(f"{folder}: no readable cost table ({error})") from None
 
 
 def write_parquet(path: Path, columns: dict[str, Sequence[Any]]) -> None:
-    """Columns by name as a Parquet file."""
+    """Write columns by name as a Parquet file."""
     import pyarrow as pa
     from pyarrow import parquet
 

@@ -1,9 +1,9 @@
-"""What a setting costs: frames of plant and sensors as a run carries them, and the plant alone in one piece.
+"""Compute time of a setting: frames of plant and sensors as in a run, and the plant alone without interruption.
 
-All settings take turns, round after round, so that a busy machine slows all of them. Each round begins from the same
-state and carries the same frames, so that every frame has one time from each round. Their lower quartile is what the
-frame costs to compute; p50 and p99 are over the frames. What the system adds now and then (`rig doctor`) is not in
-them. With them stands the 95 % interval over the rounds (bootstrap).
+All settings alternate, round by round, so that a busy machine slows all of them. Each round begins from the same state
+and simulates the same frames, so that every frame has one time per round. The lower quartile of these is the frame's
+compute time; p50 and p99 are over the frames. Occasional delays by the operating system (`rig doctor`) are not
+included. The 95 % interval is over the rounds (bootstrap).
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rig.qualify.cost.settings import Setting
 Array = NDArray[np.float64]
 ROUNDS = 7
 _WALL = 0.15  # s, for the frames of one setting in one round
-_FRAMES = 150  # at least: p99 wants them
+_FRAMES = 150  # fewest frames, for a valid p99
 _DRAWS = 100
 
 
@@ -40,10 +40,10 @@ class Spread:
 
 @dataclass(frozen=True)
 class Cost:
-    """Compute of a setting. `p50`, `p99` [us] in 1 ms of simulated time, frame by frame with the sensors.
+    """Compute time of a setting. `p50`, `p99` [us] per 1 ms of simulated time, frame by frame with the sensors.
 
-    `factor`: real-time factor of the plant alone, in one piece with a state at every sample step; a method that adapts
-    its steps ends one with each frame, as in a run. `tick` [ns] the same for one sample step.
+    `factor`: real-time factor of the plant alone, without interruption and with a state at every sample step; a method
+    with adaptive steps ends one with each frame, as in a run. `tick` [ns]: the same for one sample step.
     """
 
     p50: Spread
@@ -53,7 +53,7 @@ class Cost:
 
 
 class Contender:
-    """One setting, ready to run again and again from state `x`, over `ticks` sample steps."""
+    """One setting, ready to run repeatedly from state `x`, over `ticks` sample steps."""
 
     def __init__(self, problem: Problem, setting: Setting, x: Array) -> None:
         self._runner = problem.runner(setting)
@@ -63,7 +63,7 @@ class Contender:
         clock = setting.applied(problem.scene).clock
         step_ns = problem.scene.step_ns
         self._motion = Motion(
-            replace(problem.assembly.system(), start=x),  # not as a method has changed it: kick would not know it again
+            replace(problem.assembly.system(), start=x),  # the original: kick would not recognise a modified one
             step_ns,
             setting.method,
             tolerance=clock.tolerance,
@@ -81,7 +81,7 @@ class Contender:
         self.run()
 
     def _frames(self, count: int) -> Array:
-        """Time of each of the first frames from `x` on [us in 1 ms of simulated time]."""
+        """Time of each of the first frames from `x` on [us per 1 ms of simulated time]."""
         runner = self._runner
         for i, value in enumerate(self._x.tolist()):
             runner.motion.write(i, value)
@@ -93,11 +93,11 @@ class Contender:
         return found / self._frame * 1e3
 
     def round(self) -> tuple[Array, float]:
-        """Time of each frame, and the wall time [s] of the plant alone."""
+        """Return the time of each frame, and the wall time [s] of the plant alone."""
         return self._frames(self.frames), self.run()
 
     def run(self) -> float:
-        """Wall time [s] of the plant alone over `ticks`."""
+        """Return the wall time [s] of the plant alone over `ticks`."""
         for i, value in enumerate(self._x.tolist()):
             self._motion.write(i, value)
         begin = time.perf_counter()
@@ -107,7 +107,7 @@ class Contender:
         return time.perf_counter() - begin
 
     def cost(self, rounds: Sequence[tuple[Array, float]]) -> Cost:
-        """Of what `round` told."""
+        """Return the cost from the results of `round`."""
         frames = np.array([one for one, _ in rounds])
         wall = np.array([one for _, one in rounds])
         return Cost(
@@ -119,19 +119,19 @@ class Contender:
 
 
 def spread(rounds: Array, told: Callable[[Array], float]) -> Spread:
-    """`told` of what the rounds come to, and its interval: that of rounds drawn again and again from these."""
+    """Return `told` of the rounds with its interval, by resampling the rounds."""
     draws = np.random.default_rng(0).integers(len(rounds), size=(_DRAWS, len(rounds)))
     found = [told(_quiet(rounds[draw])) for draw in draws]
     return Spread(told(_quiet(rounds)), *np.quantile(found, (0.025, 0.975)).tolist())
 
 
 def _quiet(rounds: Array) -> Array:
-    """The lower quartile over the rounds: what others do on the machine makes some rounds longer, none shorter."""
+    """The lower quartile over the rounds: other work on the machine makes rounds longer, never shorter."""
     return np.sort(rounds, axis=0)[(len(rounds) - 1) // 4]  # type: ignore[no-any-return]
 
 
 def measured(contenders: Sequence[Contender], rounds: int, report: Callable[[], object]) -> list[Cost | str]:
-    """The cost of each, interleaved; of one that has to stop, why."""
+    """Return the cost of each, interleaved; for one that has to stop, the reason."""
     found: list[list[tuple[Array, float]]] = [[] for _ in contenders]
     faults = [""] * len(contenders)
     with pace.no_garbage():

@@ -1,4 +1,4 @@
-"""Effects as a picture and as CSV: what each adds to a step, and what error its absence makes."""
+"""Effects as a picture and as CSV: the cost of each per step, and the change without it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from rig.qualify.cost.table import Table
 
 
 def write(found: Sequence[Paired], path: Path) -> None:
-    """One line for each effect and measure."""
+    """Write one line for each effect and measure."""
     with path.open("w", newline="") as file:
         out = csv.writer(file)
         out.writerow(
@@ -30,14 +30,14 @@ def write(found: Sequence[Paired], path: Path) -> None:
 
 
 def text(one: Paired) -> str:
-    """For a reader."""
+    """Return the report as text."""
     if one.fault:
         return f"effect {one.name}: {one.change()}"
     return f"effect {one.name}: {one.states} states, {one.cost()} per step; change if left out: {one.change()}"
 
 
 def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
-    """Bars: ns per step on the left, errors by measure on the right."""
+    """Draw bars: ns per step on the left, changes by measure on the right."""
     shown = [one.closed or one for one in found if not math.isnan((one.closed or one).tick.value)]
     if not shown:
         return
@@ -73,6 +73,6 @@ def draw(found: Sequence[Paired], table: Table, path: Path) -> None:
 
 
 def _range(errors: Sequence[float]) -> tuple[float, float]:
-    """Where the errors lie, with some room beside them."""
+    """The range of the errors with a margin."""
     seen = [error for error in errors if error > 0.0] or [1e-3]
     return 0.1 * min(seen), 10.0 * max(seen)

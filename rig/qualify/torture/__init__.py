@@ -1,17 +1,18 @@
-"""Hard cases by methods by steps: each cell green, amber or red with one reason.
+"""The torture test: a matrix of hard cases by methods by steps; each cell is green, amber or red with one reason.
 
-case      a case: a TOML file in `cases`
-rigs      small rigs that no scene has
-watched   the scene of a case, its contacts told by their own names
-found     what a run has come to
-points    points of a film, looked at
-trial     one run, every step looked at
-sign      Runge-Kutta across the sign of the slip speed: for comparison
-verdict   what a run is worth
-cells     what is run, and what came of it
-figure    the matrix as a picture
-report    JSON and JUnit
-search    random search over the boxes of the cases
+case                  a case: a TOML file in `cases`
+rigs                  small rigs that no scene has
+case_scene            the scene of a case, with outputs of each contact
+outcome               the result of a run
+film_checks           checks of the points of a film
+trial                 one run with a check of every step
+rk4_without_events    Runge-Kutta across the sign of the slip speed: for comparison
+wrong_methods         contact forces by other failing methods: for comparison
+test_result           green, amber or red
+cells                 the cells and their results
+figure                the matrix as a picture
+report                JSON and JUnit
+search                random search over the boxes of the cases
 """
 
 from rig.qualify.torture.cells import Cell, matrix

@@ -1,4 +1,4 @@
-"""Cases of the torture test: a rig with a start, what is done to it while it runs, and what must hold."""
+"""Cases of the torture test: a rig with a start, actions while it runs, and the expected results."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ Share = Annotated[float, Gt(0.0)]
 
 
 class Act(Section):
-    """Something that is done to the running rig at time `at`.
+    """An action on the running rig at time `at`.
 
-    set      actuator `target` takes `to`; `over` a time: it runs there
-    command  a controller commands `target`, "*" for all: `values` one after another, `every` so long
-    follow   `target` is put to `to` + `gain` times the output `of`, `every` so long, up to the end
+    set      actuator `target` takes `to`; with a time `over` it is ramped there
+    command  a controller commands `target`, "*" for all: `values` one after another, one per period `every`
+    follow   `target` is set to `to` + `gain` times the output `of` in every period `every`, up to the end
     change   parameter `target` takes `to`
     knock    an impulse `to` [N s] along the sliding direction
-    blocks   from here on the plant is carried in blocks of `values` ticks, in turn
-    pause    the paced loop stands still for `to` seconds of the clock and goes on
+    blocks   from here on the plant is advanced in blocks of `values` ticks, in turn
+    pause    the paced loop stops for `to` seconds of the clock and continues
     """
 
     do: Literal["set", "command", "follow", "change", "knock", "blocks", "pause"]
@@ -43,17 +43,17 @@ class Act(Section):
 
 
 class Expect(Section):
-    """What must be found beside the invariants of every case; numbers come from `source`.
+    """The expected results in addition to the invariants of every case; numbers come from `source`.
 
     events   number of contact events of the reference
     still    outputs that keep their first value to the last bit
-    growth   rate [1/s] with which physics makes it run away: the stability report must name it
+    growth   growth rate [1/s] of an unstable rig: the stability report must name it
     jams     the stability report must name jamming
-    refused  what the stability report must say
-    stops    what the run must say when it comes to its end before its time
-    ends     output -> the most it may be at the end, in size
-    largest  output -> the most it may ever be, in size
-    stuck    whether it must be stuck at the end
+    refused  text that the stability report must contain
+    stops    text that the run must give when it ends early
+    ends     output -> largest absolute value at the end
+    largest  output -> largest absolute value at any time
+    stuck    whether the rig must be stuck at the end
     """
 
     events: int | None = None
@@ -71,11 +71,11 @@ class Expect(Section):
 class Case(Section):
     """One case. `scene`: a shipped one, "*" for each, or `rig`: one of rig.qualify.torture.rigs; `set` changes it.
 
-    `steps`: sample steps to try. `frame`: loop period, at whose begin modes are settled; a step where it is not given.
-    `wrong`: ways of rig.qualify.torture.wrong_methods that this case shows to fail.
-    `limited`: the run ends where the motion leaves a limit of its scene, as every run does.
-    `box`: ranges in which a random search looks for values that break it. `quick`: part of the quick matrix, then over
-    `quick_duration` if that is given. `seconds`: time box of a cell, of processor time.
+    `steps`: sample steps to try. `frame`: loop period, at whose begin modes are settled; by default a step. `wrong`:
+    methods of rig.qualify.torture.wrong_methods that must fail in this case. `limited`: the run ends where the motion
+    leaves a limit of its scene, as every run does. `box`: ranges in which a random search looks for failures. `quick`:
+    part of the quick matrix, then over `quick_duration` if that is given. `seconds`: time limit of a cell, in processor
+    time.
     """
 
     name: str
@@ -99,12 +99,12 @@ class Case(Section):
     @model_validator(mode="after")
     def _frames(self) -> Self:
         if self.frame and any(act.do not in ("set", "knock", "blocks") or act.over for act in self.acts):
-            raise ValueError("acts that count frames go with frames of one step: leave `frame` out")
+            raise ValueError("actions that count frames need frames of one step: leave `frame` out")
         return self
 
 
 def read(path: Path, overrides: Mapping[str, Any] | None = None) -> Case:
-    """The case of a file. Raises SceneError with every fault."""
+    """Return the case of a file. Raises SceneError with every fault."""
     raw = source.tree(path)
     raw["set"] = raw.get("set", {}) | dict(overrides or {})
     raw["acts"] = raw.pop("act", [])
@@ -119,7 +119,7 @@ def read(path: Path, overrides: Mapping[str, Any] | None = None) -> Case:
 
 
 def each(case: Case, quick: bool) -> list[Case]:
-    """The case; for one of every scene as many cases, of their own steps. The quick ones are of few states."""
+    """Return the case; for scene "*" a case for each scene, with its own step. The quick ones have few states."""
     if case.scene != "*":
         return [case]
     found = []
@@ -133,12 +133,12 @@ def each(case: Case, quick: bool) -> list[Case]:
 
 
 def names() -> list[str]:
-    """Names of the cases."""
+    """Return the names of the cases."""
     return sorted(path.stem for path in FOLDER.glob("*.toml"))
 
 
 def load(name: str) -> Case:
-    """A case by its name, or by its file. Raises UsageError for an unknown one."""
+    """Return a case by its name or file. Raises UsageError for an unknown one."""
     if name.endswith(".toml"):
         return read(Path(name))
     if name not in names():

@@ -1,4 +1,4 @@
-"""The scene of a case as the runner wants it: no instruments, one step, and contacts told by their own names."""
+"""The scene of a case for the torture test: no sensors, a given step, and outputs of each contact."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rig.scenes.scene import Clock, Scene
 
 @dataclass(frozen=True)
 class Watched(Scene):
-    """A scene whose outputs tell of every contact its friction (T:), slip speed (w:) and normal forces (N:)."""
+    """A scene with outputs for every contact: friction (T:), slip speed (w:) and normal forces (N:)."""
 
     rig: str = ""
     drives: tuple[tuple[str, str], ...] = ()
@@ -28,19 +28,19 @@ class Watched(Scene):
 
     @cached_property
     def step_ns(self) -> int:
-        """Sample step [ns]: that of the case, there are no sensors that would ask for one."""
+        """Sample step [ns]: that of the case, because no sensor requires one."""
         return self.step
 
     @cached_property
     def moved(self) -> dict[str, str]:
-        """Actuators that the case moves, beside those of the scene."""
+        """Actuators that the case moves, in addition to those of the scene."""
         known = {} if self.rig else super().moved
         return known | dict(self.drives)
 
     def assemble(self, parameters: Section | None = None) -> Any:
-        """The rig, with the outputs that the invariants need."""
+        """Return the rig with the outputs that the invariants need."""
         a = RIGS[self.rig][1](parameters or self.parameters, self.moved) if self.rig else super().assemble(parameters)
-        if a.film is not None:  # what its points do are states, which `Trial` looks at
+        if a.film is not None:  # its points are states, which `Trial` checks
             return a
         for name, *_ in a.patches:
             a.outputs |= {f"T:{name}": Output({f"T:{name}": 1.0}, "N"), f"w:{name}": Output({f"w:{name}": 1.0}, "m/s")}
@@ -56,7 +56,7 @@ def _loaded(name: str, changes: str) -> Scene:
 
 
 def watched(case: Case, method: str, step_ns: int, tolerance: float | None = None, unstable: str = "run") -> Watched:
-    """The scene of a case under a method and a step. Raises SceneError where the case asks for what cannot be."""
+    """Return the scene of a case with a method and a step. Raises SceneError if the case is inconsistent."""
     clock: dict[str, Any] = {
         "frame": max((case.frame or 0) // step_ns, 1) * step_ns * 1e-9,
         "method": method,
@@ -86,7 +86,7 @@ def watched(case: Case, method: str, step_ns: int, tolerance: float | None = Non
         }
     else:
         scene = _loaded(case.scene, json.dumps(case.set))
-        if scene.assemble().film is not None:  # a tick has steps of its own
+        if scene.assemble().film is not None:  # a tick has its own steps
             clock["rk4_step"] = min(step_ns, int(scene.clock.rk4_step)) * 1e-9
         clock = scene.clock.model_dump(mode="json") | clock
         limits = scene.limits if case.limited else {}

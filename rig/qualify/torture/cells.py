@@ -1,4 +1,4 @@
-"""Hard cases by methods by steps: what is run, and what came of it."""
+"""The cells of the torture test: which runs there are, and their results."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from rig.qualify.torture.wrong_methods import WRONG
 from rig.stability.report import stability_report
 
 METHODS = ("exact", "dopri5", "rk4", "kick", "smooth", "sign", *WRONG)
-"""Of the solver, and those that are here for comparison: no scene can ask for these."""
+"""Methods of the solver, and those for comparison, which no scene can select."""
 COMPARED: dict[str, Callable[[Case, Watched, int, float], Found]] = {"sign": rk4_without_events.run, **WRONG}
-FINER = 4  # times: the step of the reference
+FINER = 4  # refinement of the step of the reference
 TIGHT = 1e-10  # tolerance of the reference
-NEAR = 0.01  # of a growth rate: as well as sources state them
+NEAR = 0.01  # relative tolerance of a growth rate: the precision of the sources
 QUICK = {
     "rk4": (Shape(3, False, True, False), Shape(3, True, True, False), Shape(5, False, True, False)),
     "smooth": (Shape(3, True, False, False), Shape(5, True, False, False)),
@@ -35,7 +35,7 @@ QUICK = {
 
 @dataclass(frozen=True)
 class Cell:
-    """One case under one method and step. `default`: the method that a scene gets if it asks for none."""
+    """One case with one method and step. `default`: the method of a scene that selects none."""
 
     case: str
     method: str
@@ -47,20 +47,20 @@ class Cell:
 
     @property
     def good(self) -> bool:
-        """Whether the default does what it should; other methods may fail."""
+        """Whether the default is green; other methods may fail."""
         return not self.default or self.result.colour == "green"
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """Return the fields as JSON values."""
         raw = {**asdict(self), **asdict(self.result), "verdict": None}  # the field of earlier versions
         del raw["result"]
         return raw
 
 
 def matrix(names: Iterable[str], quick: bool, report: Callable[[str], object] | None = None) -> list[Cell]:
-    """All cells of the cases `names`, the reference of each run first; `report` gets a line for each case.
+    """Compute all cells of the cases `names`, the reference of each run first; `report` gets a line for each case.
 
-    Kernels that are missing are compiled before the first of them.
+    Missing kernels are compiled before the first cell.
     """
     say = report or (lambda _: None)
     chosen_cases = [one for name in names for one in cases.each(cases.load(name), quick)]
@@ -73,7 +73,7 @@ def matrix(names: Iterable[str], quick: bool, report: Callable[[str], object] | 
 
 
 def needed() -> Iterator[Watched]:
-    """Scenes that have all the kernels of the quick matrix between them."""
+    """Yield scenes that together need all kernels of the quick matrix."""
     for name in cases.names():
         case = cases.load(name)
         if case.quick:
@@ -93,7 +93,7 @@ def _kernels(case: Case, quick: bool) -> Iterator[Watched]:
 
 
 def _planned(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator[tuple[str, Watched]]:
-    """The methods of a case, each with its scene, step by step; the default is always among them."""
+    """The methods of a case, each with its scene, step by step; the default is always included."""
     if _by_name(case):
         return
     for step in case.steps[: 2 if quick else None]:
@@ -115,7 +115,7 @@ def _planned(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Itera
 
 
 def _quickly(method: str, scene: Watched) -> bool:
-    """Whether a method has its kernel for the quick matrix: the number of compiled variants is bounded."""
+    """Whether a method has its kernel in the quick matrix: the number of compiled variants is bounded."""
     return method not in QUICK or shape(scene) in QUICK[method]
 
 
@@ -124,7 +124,7 @@ def _by_name(case: Case) -> bool:
 
 
 def cells(case: Case, quick: bool, methods: Sequence[str] = METHODS) -> Iterator[Cell]:
-    """The cells of one case, of the default and of `methods`."""
+    """Compute the cells of one case, with the default method and with `methods`."""
     until = case.quick_duration if quick and case.quick_duration is not None else case.duration
     seconds = case.seconds if quick else 20.0 * case.seconds
     if _by_name(case):
@@ -148,7 +148,7 @@ def _named(case: Case) -> CellResult:
         one for one in stability_report(system, chosen("auto", system), scene.step_ns * 1e-9) if one.level == "error"
     ]
     if not told:
-        return red("missed event", "physics makes this unstable, and nobody is told")
+        return red("missed event", "this is physically unstable, and the stability report does not say so")
     for one in told:
         named = expect.refused or ("jam" if expect.jams else "")
         right = named in one.what if named else abs(one.number / (expect.growth or 1.0) - 1.0) < NEAR
@@ -159,19 +159,19 @@ def _named(case: Case) -> CellResult:
 
 
 def _stops(case: Case, until: int, seconds: float) -> CellResult:
-    """Where a run cannot go on to its end: whether it stops with a word on why."""
+    """The result of a case that must end early: green if the run stops with the expected reason."""
     try:
         Trial(case, watched(case, "auto", case.steps[0]), until, seconds).run()
     except NumericsError as error:
         found = stopped(error)
         return CellResult("green", "", f"stopped {found.told}") if case.expect.stops in error.what else found
     except OutOfTime:
-        return amber("cost", f"longer than its time box of {seconds:g} s")
-    return red("missed event", f"goes on where it should stop: {case.expect.stops}")
+        return amber("cost", f"exceeds its time limit of {seconds:g} s")
+    return red("missed event", f"continues where it should stop: {case.expect.stops}")
 
 
 def _reference(case: Case, until: int, seconds: float) -> tuple[Found | None, CellResult | None]:
-    """A run at a finer step and a tight tolerance, and what is wrong with it, if anything is."""
+    """A run with a finer step and a tight tolerance, and its fault, if it has one."""
     finest = min(case.steps)
     step = finest // FINER if finest % FINER == 0 else finest
     try:
@@ -179,12 +179,12 @@ def _reference(case: Case, until: int, seconds: float) -> tuple[Found | None, Ce
     except NumericsError as error:
         return None, stopped(error)
     except OutOfTime:
-        return None, amber("cost", "the reference takes longer than its time box")
+        return None, amber("cost", "the reference exceeds its time limit")
     except (SceneError, ValueError) as error:
         return None, red("refused", _line(error))
     if case.expect.events is not None and until == case.duration and found.count != case.expect.events:
         few = found.count < case.expect.events
-        told = f"the reference itself has {found.count} events; {case.expect.source} says {case.expect.events}"
+        told = f"the reference has {found.count} events; {case.expect.source} gives {case.expect.events}"
         return found, red("missed event" if few else "chatter", told)
     return found, None
 
@@ -214,7 +214,7 @@ def _cell(
             counts = {"events": found.count, "ticks": found.ticks, "opened": found.opened, "trials": found.trials}
             counts |= {"energy": found.energy, "stuck": found.stuck}
     except OutOfTime:
-        found_is, spent = amber("cost", f"longer than its time box of {seconds:g} s"), seconds
+        found_is, spent = amber("cost", f"exceeds its time limit of {seconds:g} s"), seconds
     except NumericsError as error:
         found_is = stopped(error)
     except UsageError as error:
@@ -225,7 +225,7 @@ def _cell(
 
 
 def _told(reference: Found | None, method: str) -> Found | None:
-    """The reference as far as a method tells of it: under kick, contacts open and close without an event."""
+    """The reference reduced to what a method reports: under kick, contacts open and close without an event."""
     if reference is None or method != "kick":
         return reference
     events = [event for event in reference.events if not event[1].endswith(" open")]
@@ -233,6 +233,6 @@ def _told(reference: Found | None, method: str) -> Found | None:
 
 
 def _line(error: Exception) -> str:
-    """What an error says, in one line."""
+    """The message of an error, as one line."""
     lines = error.faults if isinstance(error, SceneError) else str(error).splitlines()
     return str(lines[0]) if lines else str(error)

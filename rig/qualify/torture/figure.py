@@ -10,13 +10,15 @@ from rig.qualify.torture.cells import METHODS, Cell
 from rig.view.save_figure import put
 
 COLOURS = {"green": "#bfe0cb", "amber": "#f6dfae", "red": "#e59c90"}
-TOLD = "Steps stand side by side, the coarsest first. Blank: not run, being the default or not of the quick matrix."
+TOLD = "Steps are side by side, the coarsest first. Blank: not run (it is the default, or not in the quick matrix)."
 _STYLE: dict[str, Any] = {"font.size": 9.0, "axes.titlelocation": "left"}
 _ROW, _COLUMN, _NAMES, _ABOVE, _BELOW = 0.24, 1.2, 2.75, 1.0, 0.55  # inches
 
 
 def draw(cells: Sequence[Cell], path: Path, machine: str) -> None:
-    """Draw the matrix (PNG, SVG, or as `path` ends); cases first, then the shipped scenes that a case was run with."""
+    """Draw the matrix (PNG, SVG, or as `path` ends); cases first, then the shipped scenes of the case for every
+    scene.
+    """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -54,7 +56,7 @@ def draw(cells: Sequence[Cell], path: Path, machine: str) -> None:
 
 
 def _rows(cells: Sequence[Cell]) -> list[tuple[str, str]]:
-    """Cases in their order, each with the name of its row; one of every scene below a heading, which has no case."""
+    """Cases in order, each with the name of its row; cases of every scene follow a heading, which has no case."""
     cases = list(dict.fromkeys(cell.case for cell in cells))
     rows = [(case, case.replace("_", " ")) for case in cases if ":" not in case]
     for group in dict.fromkeys(case.split(":")[0] for case in cases if ":" in case):
@@ -64,7 +66,7 @@ def _rows(cells: Sequence[Cell]) -> list[tuple[str, str]]:
 
 
 def _columns(cell: Cell) -> tuple[str, ...]:
-    """The columns a cell stands in: the default by that name alone."""
+    """The columns of a cell: the default has one column."""
     return ("default",) if cell.default else (cell.method,)
 
 

@@ -1,4 +1,4 @@
-"""The points of a film: they press, and bear friction within their cone."""
+"""Checks of the points of a film: they press, and friction stays within its cone."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 
 
 def look(system: System, states: Array, found: Found) -> None:
-    """Note in `found` how far a point pulls or leaves its cone at `states` [state, n], over the largest force."""
+    """Record in `found` how far a point pulls or leaves its cone at `states` [state, n], over the largest force."""
     film = system.film
     assert film is not None
     normal, *others = (

@@ -1,4 +1,4 @@
-"""What a run of a case has come to."""
+"""The outcome of a run of a case."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ Array = NDArray[np.float64]
 
 
 class OutOfTime(Exception):
-    """The cell has used up its time box."""
+    """The cell has reached its time limit."""
 
 
 @dataclass
 class Found:
-    """What a run came to. Events: (time [s], what). `stuck`: share of the ticks in which every contact sticks."""
+    """The outcome of a run. Events: (time [s], what). `stuck`: share of the ticks in which every contact sticks."""
 
     events: list[tuple[float, str]] = field(default_factory=list)
     count: int = 0
@@ -27,14 +27,14 @@ class Found:
     outside_cone: float = 0.0
     pulling: float = 0.0
     held: float = 0.0
-    """Largest pull [N] of a contact that cannot open: of a rig whose scene leaves separation out."""
+    """Largest pull [N] of a contact that cannot open, in a scene without separation."""
     creep: float = 0.0
     not_finite: int = 0
     energy: float = 0.0
     ridden: bool = False
-    """The rig is a film of points: its energy closes by the square of the step."""
+    """The rig is a film of points: the residual of its energy balance falls with the square of the step."""
     pace: float = 1.0
-    """Share of the clock's pace that the scene asks for."""
+    """Pace of the clock that the scene states."""
     most_events: int = 0
     burst: int = 0
     """Frames run without a wait after a pause."""
@@ -44,9 +44,9 @@ class Found:
     trials: int = 0
     opened: int = 0
     seconds: float = 0.0
-    """Of processor time, all in all."""
+    """Processor time in total [s]."""
     carrying: float = 0.0
-    """Of these, what the plant has taken; the others built it and looked at what it did."""
+    """Processor time of the plant alone [s], without building and checking."""
     notes: list[str] = field(default_factory=list)
     slips: list[Array] = field(default_factory=list)
-    """Of methods that have no mode for sticking: the largest slip speed of any contact at every step."""
+    """For methods without a mode for stick: the largest slip speed of any contact at every step."""

@@ -1,4 +1,4 @@
-"""What the matrix leaves behind: JSON for a program, JUnit for a build server."""
+"""The results of the matrix as files: JSON for programs, JUnit for a build server."""
 
 from __future__ import annotations
 
@@ -25,7 +25,9 @@ def keep(cells: Sequence[Cell], folder: Path, quick: bool) -> None:
 
 
 def junit(cells: Sequence[Cell], path: Path) -> None:
-    """A test for each cell. Only the default can fail; what another method came to is told where it is skipped."""
+    """Write a test for each cell. Only the default can fail; other methods that are not green are skipped with the
+    reason.
+    """
     suite = ElementTree.Element("testsuite", name="rig torture")
     failures = skipped = 0
     for cell in cells:

@@ -1,6 +1,6 @@
-"""Small rigs that no scene has: what the torture test needs to make one difficulty stand alone.
+"""Small rigs that no scene has: each isolates one difficulty for the torture test.
 
-Each is written as a plant is: `Parameters` and `assemble`, so that cases change them by the same keys.
+Each is written like a plant, with `Parameters` and `assemble`, so that cases change them by the same keys.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from rig.quantities import Section
 
 
 class Ball(Section):
-    """A mass that falls on a stiff, damped contact with a belt; sideways a spring and a damper, `sway`, hold it.
+    """A mass that falls on a stiff, damped contact with a belt; a spring and a damper, `sway`, hold it sideways.
 
-    Without the damper it would, once at rest, just touch the belt speed in every period, with a margin of nothing.
+    Without the damper it would, once at rest, just reach the belt speed in every period, with zero margin.
     """
 
     mass: float = 1.0
@@ -31,7 +31,7 @@ class Ball(Section):
 
 
 def ball(p: Ball, moved: Mapping[str, str]) -> Assembly:
-    """N = -k z - d z' of the height z, opens where it would pull."""
+    """Assemble N = -k z - d z' of the height z; the contact opens where it would pull."""
     a = Assembly("ball")
     a.coordinate("x", p.mass, p.sway, p.spring)
     a.coordinate("z", p.mass)
@@ -44,7 +44,7 @@ def ball(p: Ball, moved: Mapping[str, str]) -> Assembly:
 
 
 class Twins(Section):
-    """Two masses side by side on one belt, alike but for `apart`, by which the second begins later."""
+    """Two masses side by side on one belt, equal except for `apart`, by which the second starts later."""
 
     mass: float = 1.0
     stiffness: float = 1000.0
@@ -57,7 +57,7 @@ class Twins(Section):
 
 
 def twins(p: Twins, moved: Mapping[str, str]) -> Assembly:
-    """Two oscillators whose guards fall at one instant."""
+    """Assemble two oscillators whose events are simultaneous."""
     a = Assembly("twins")
     for name, late in (("x1", 0.0), ("x2", p.apart)):
         a.coordinate(name, p.mass, p.damping, p.stiffness)
@@ -69,10 +69,10 @@ def twins(p: Twins, moved: Mapping[str, str]) -> Assembly:
 
 
 class Sectored(Twins):
-    """The twins on a belt whose first lane has pieces of another friction, `piece` long, `gap` apart.
+    """The twins on a belt whose first lane has sectors of another friction, `piece` long, `gap` apart.
 
-    `sliding`: the first mass begins in its sliding equilibrium; where both frictions are alike in slip it stays there,
-    and edges come at belt / piece.
+    `sliding`: the first mass begins in its sliding equilibrium; if both frictions are equal in slip it stays there, and
+    edges come at belt / piece.
     """
 
     piece: float = 0.0005
@@ -82,7 +82,7 @@ class Sectored(Twins):
 
 
 def sectored(p: Sectored, moved: Mapping[str, str]) -> Assembly:
-    """The place of the first mass on its lane; it stands still in stick."""
+    """Assemble the twins with the position of the first mass on its lane, which is constant in stick."""
     a = twins(p, moved)
     a.signal("turn", {"one": p.belt}, 0.0, "belt")
     law = friction_law.coulomb(p.mu_static, p.mu_kinetic)
@@ -113,7 +113,7 @@ class BeltLoop(Section):
 
 
 def belt_loop(p: BeltLoop, moved: Mapping[str, str]) -> Assembly:
-    """V' = (clamp(v0 + K x') - V) / lag: in stick x' = V, growth (K - 1) / lag until the drive clamps."""
+    """Assemble V' = (clamp(v0 + K x') - V) / lag: in stick x' = V, growth (K - 1) / lag until the drive clamps."""
     a = Assembly("belt_loop")
     a.coordinate("x", p.mass, p.damping, p.stiffness)
     a.signal("command", {}, p.belt, "drive")

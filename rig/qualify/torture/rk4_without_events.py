@@ -1,7 +1,7 @@
-"""The classical Runge-Kutta method across the sign of the slip speed, without modes and events: how not to do it.
+"""A method that fails: the classical Runge-Kutta method across the sign of the slip speed, without modes and events.
 
-T = mu(|w|) N sgn(w), N = 0 where it would pull. It locks onto one side of the belt, at any step, and looks like a
-solution. It is no method of the rig; it is here so that everybody sees it fail.
+T = mu(|w|) N sgn(w), N = 0 where it would pull. It locks onto one side of the belt, with any step, and its result looks
+like a solution. It is not a method of the rig; the torture test shows its failure for comparison.
 """
 
 from __future__ import annotations
@@ -23,16 +23,18 @@ from rig.solve.state_codes import CLOSED, OPEN, SLIP_MINUS, SLIP_PLUS
 Array = NDArray[np.float64]
 
 
-@np.errstate(over="ignore", invalid="ignore")  # it may run away, and is told so
+@np.errstate(over="ignore", invalid="ignore")  # it may diverge, which is reported
 def run(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
-    """The case by Runge-Kutta across the sign. Raises UsageError where the rig is beyond it, OutOfTime."""
+    """Simulate the case by Runge-Kutta across the sign. Raises UsageError if the method cannot treat the rig,
+    OutOfTime.
+    """
     system = scene.assemble().system()
     if case.acts:
         raise UsageError("follows no commands")
     if system.products or system.sectors or system.switches or system.limiters or system.film:
-        raise UsageError("knows friction and contact only")
+        raise UsageError("supports friction and contact only")
     if any(np.any(k.inertia) for k in system.normals):
-        raise UsageError("needs normal forces that know no acceleration")
+        raise UsageError("needs normal forces that do not depend on acceleration")
     begin, step = time.process_time(), scene.step_ns * 1e-9
     field = _Field(system)
     x, found = system.start.copy(), Found()
@@ -56,7 +58,7 @@ def run(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
 
 
 class _Field:
-    """x' by the signs of slip speeds and normal forces at x."""
+    """x' from the signs of slip speeds and normal forces at x."""
 
     def __init__(self, system: System) -> None:
         self._system = system
@@ -72,7 +74,7 @@ class _Field:
         return modes, load
 
     def rate(self, x: Array) -> Array:
-        """The derivative at x."""
+        """Return the derivative at x."""
         w = self._system.slip_rows @ x
         patches = tuple(SLIP_PLUS if speed >= 0.0 else SLIP_MINUS for speed in w.tolist())
         force = zip(self._system.normals, (self._rows @ x).tolist())

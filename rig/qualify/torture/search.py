@@ -1,6 +1,6 @@
-"""Random search over the boxes of the cases; what breaks the default method is shrunk to a file that joins the set.
+"""Random search over the boxes of the cases; a failure of the default method is simplified and saved as a new case.
 
-Needs hypothesis, which is a tool of development: `pip install hypothesis`.
+Needs hypothesis, a development tool: `pip install hypothesis`.
 """
 
 from __future__ import annotations
@@ -16,13 +16,13 @@ from rig.qualify.torture.cells import Cell, cells
 
 EXAMPLES = 30
 PLACES = 1000
-"""Values along a side of a box, evenly spread; floats would be drawn from about zero. The simplest is the lowest."""
+"""Values along a side of a box, evenly spaced; floats would concentrate near zero. The lowest is the simplest."""
 
 
 def search(case: Case, examples: int = EXAMPLES, folder: Path = FOLDER) -> tuple[Path, Cell] | None:
-    """Look for values in the box of `case` with which a cell of the default is not green.
+    """Search the box of `case` for values with which a cell of the default is not green.
 
-    The simplest that is found goes to a file in `folder`. Raises UsageError without hypothesis, or without a box.
+    The simplest one is written to a file in `folder`. Raises UsageError without hypothesis, or without a box.
     """
     try:
         from hypothesis import HealthCheck, Phase, given, settings, strategies
@@ -61,13 +61,13 @@ def _between(low: float, high: float) -> Callable[[int], float]:
 
 
 def at(case: Case, values: dict[str, float]) -> Case:
-    """The case with other values; what its sources say of its own is not asked then."""
+    """Return the case with other values, without the numbers that its source gives for its own values."""
     expect = case.expect.model_copy(update={"events": None, "growth": None})
     return case.model_copy(update={"set": case.set | values, "expect": expect, "steps": case.steps[:1]})
 
 
 def broken(case: Case) -> Cell | None:
-    """The first cell of the default that is red; dear ones are none."""
+    """Return the first red cell of the default; expensive cells do not count."""
     for cell in cells(case, True, ("default",)):
         if cell.default and cell.result.colour == "red" and cell.result.reason != "refused":
             return cell
@@ -75,7 +75,7 @@ def broken(case: Case) -> Cell | None:
 
 
 def write(case: Case, values: dict[str, float], cell: Cell, folder: Path) -> Path:
-    """The counter-example as a case of its own, beside the one that it was found in."""
+    """Write the counter-example as a separate case, beside the one that it was found in."""
     number = 1
     while (path := folder / f"{case.name}_{number}.toml").exists():
         number += 1

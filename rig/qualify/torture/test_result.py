@@ -1,4 +1,4 @@
-"""What a run is worth: green, amber or red, and one reason."""
+"""The test result of a run: green, amber or red, and one reason."""
 
 from __future__ import annotations
 
@@ -27,16 +27,16 @@ Reason = Literal[
     "cost",
 ]
 SMOOTH, WITH_EVENTS, RIDDEN = 1e-9, 1e-6, 1e-2
-"""What the energy ledger may leave over, relative to its largest term; the last of a film of points."""
+"""Largest residual of the energy balance, relative to its largest term; the last for a film of points."""
 ROUND = 1e-9
-"""Relative size of what counts as rounding in forces, powers and the slip of a stuck contact."""
+"""Relative size below which forces, powers and the slip of a stuck contact count as rounding."""
 LATE = 1e-3
-"""Of the mean distance of events: how late one may come."""
+"""Largest delay of an event, over the mean distance of events."""
 
 
 @dataclass(frozen=True)
 class CellResult:
-    """A colour, a reason ("" where it is green), and a line of text with the number that decided."""
+    """A colour, a reason ("" if green), and a line of text with the number that decided."""
 
     colour: Colour
     reason: Reason = ""
@@ -44,17 +44,17 @@ class CellResult:
 
 
 def red(reason: Reason, told: str) -> CellResult:
-    """A failure."""
+    """Return a failure."""
     return CellResult("red", reason, told)
 
 
 def amber(reason: Reason, told: str) -> CellResult:
-    """No failure, but no result either, or a dear one."""
+    """Return neither success nor failure: no result, or an expensive one."""
     return CellResult("amber", reason, told)
 
 
 def stopped(error: NumericsError) -> CellResult:
-    """What a run that the numerics had to stop is worth."""
+    """Return the result of a run that the numerics had to stop."""
     told = str(error).splitlines()[0]
     where = f"at {error.time:.6g} s: {told}"
     if isinstance(error, Chatter):
@@ -66,7 +66,7 @@ def stopped(error: NumericsError) -> CellResult:
 
 
 def judge(case: Case, found: Found, reference: Found | None, simulated: float, step: float = 1e-3) -> CellResult:
-    """The result of a run of `simulated` seconds in steps of `step` that came to its end."""
+    """Return the result of a run of `simulated` seconds in steps of `step` that completed."""
     for one in (_numbers(found), _contact(found), _stick(case, found, reference), _energy(case, found)):
         if one is not None:
             return one
@@ -87,12 +87,12 @@ def _numbers(found: Found) -> CellResult | None:
 def _energy(case: Case, found: Found) -> CellResult | None:
     bound = RIDDEN if found.ridden else WITH_EVENTS if found.count or case.acts else SMOOTH
     if found.energy > bound:
-        return red("energy", f"the ledger leaves {found.energy:.2g} over, {bound:g} is allowed")
+        return red("energy", f"residual of the energy balance {found.energy:.2g}, allowed {bound:g}")
     if found.negative_power > ROUND:
-        return red("energy", f"friction gives back {found.negative_power:.2g} of its largest power")
+        return red("energy", f"friction returns {found.negative_power:.2g} of its largest power")
     for name, most in case.expect.largest.items():
         if not found.largest.get(name, 0.0) <= most:
-            return red("energy", f"{name} comes to {found.largest[name]:.4g}, {most:g} is the most")
+            return red("energy", f"{name} reaches {found.largest[name]:.4g}, allowed {most:g}")
     return None
 
 
@@ -124,7 +124,7 @@ def _stick(case: Case, found: Found, reference: Found | None) -> CellResult | No
 def _expected(case: Case, found: Found) -> CellResult | None:
     for name, most in case.expect.ends.items():
         if name in found.ended and not abs(found.ended[name]) <= most:
-            return red("energy", f"{name} ends at {found.ended[name]:.4g}, {most:g} is the most")
+            return red("energy", f"{name} ends at {found.ended[name]:.4g}, allowed {most:g}")
     if case.expect.stuck is not None and found.ended and found.stuck_now != case.expect.stuck:
         wanted = "stuck" if case.expect.stuck else "sliding"
         return red("missed event", f"is not {wanted} at the end")
@@ -149,7 +149,7 @@ def _events(found: Found, reference: Found | None) -> CellResult | None:
 
 
 def _tie(found: Found, reference: Found, at: int) -> bool:
-    """Whether both have the same events at that instant, in whatever order: they come together."""
+    """Whether both have the same simultaneous events at that instant, in any order."""
     t = found.events[at][0]
     ours, theirs = (sorted(what for time, what in one.events if abs(time - t) < 1e-9) for one in (found, reference))
     return ours == theirs

@@ -1,4 +1,4 @@
-"""One run of a case: the plant carried through what the case does to it, every step looked at."""
+"""One run of a case: simulates the plant with the actions of the case and checks every step."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rig.qualify.torture.outcome import Found, OutOfTime
 from rig.solve.state_codes import OPEN, STICK
 
 CHUNK = 4096
-KEPT = 20_000  # events that are remembered one by one
+KEPT = 20_000  # events stored individually
 
 
 class _Left(Exception):
@@ -28,23 +28,23 @@ class _Left(Exception):
 
 
 class _Leaping:
-    """A clock that a test moves."""
+    """A clock that a test sets."""
 
     def __init__(self) -> None:
         self.time = 0
 
     def now(self) -> int:
-        """Nanoseconds."""
+        """Return the time [ns]."""
         return self.time
 
     def until(self, deadline: int) -> int:
-        """It is then."""
+        """Set the time to `deadline` and return it."""
         self.time = max(self.time, deadline)
         return self.time
 
 
 class Trial:
-    """A case under one method and step. Raises SceneError for a rig, ValueError for a method that is refused."""
+    """A case with one method and step. Raises SceneError for an invalid rig, ValueError for a refused method."""
 
     def __init__(self, case: Case, scene: Watched, until_ns: int, seconds: float) -> None:
         self.case, self.until_ns = case, until_ns
@@ -52,7 +52,7 @@ class Trial:
         self._stop = seconds
         self._begin = time.process_time()
         self.runner = PlantRunner(scene, truthful=True)
-        self.runner.truth = None  # it would keep every output; here each is looked at once
+        self.runner.truth = None  # it would store every output; here each is checked once
         self.motion = self.runner.motion
         self._step = self.runner.step_ns
         self._blocks: Iterator[int] = itertools.repeat(CHUNK)
@@ -65,7 +65,7 @@ class Trial:
         self._last = 1  # ticks of the last frame
 
     def _set(self) -> None:
-        """Columns of what the invariants look at."""
+        """Set the columns of the outputs that the invariants check."""
         at = {name: i for i, name in enumerate(self.runner.outputs)}
         self._changes = cache(self._between)
         self.found.ridden = (film := self.motion.system.film) is not None
@@ -81,7 +81,7 @@ class Trial:
         self._of = [[i for i, k in enumerate(system.normals) if k.patch == p] for p in range(len(system.patches))]
 
     def run(self) -> Found:
-        """Carry the case to its end. Raises NumericsError where it must stop, OutOfTime."""
+        """Simulate the case to its end. Raises NumericsError if it must stop, OutOfTime."""
         found = self.found
         try:
             for at_ns, act, turn in self._schedule():
@@ -96,7 +96,7 @@ class Trial:
             found.trials, found.opened = counts["trial_steps"], counts["opened_ticks"]
             found.ticks, found.seconds = self.motion.tick, time.process_time() - self._begin
             found.stuck = self._stuck_ticks / max(self.motion.tick, 1)
-            with np.errstate(over="ignore", invalid="ignore"):  # of a state that has left the range of numbers
+            with np.errstate(over="ignore", invalid="ignore"):  # for a state outside of the range of numbers
                 found.energy = abs(self.motion.energy()["error"])
             found.stuck_now = self._sticks(self.motion.key)
             found.ended = dict(zip(self.runner.outputs, self.runner.output_values().tolist()))
@@ -107,7 +107,7 @@ class Trial:
         return found
 
     def _schedule(self) -> list[tuple[int, Act, int]]:
-        """All that is done, in order of time: (time [ns], act, which turn of it)."""
+        """All actions in order of time: (time [ns], act, its repetition)."""
         out = []
         for act in self.case.acts:
             turns = 1
@@ -157,7 +157,7 @@ class Trial:
         self.found.notes.append("commands: " + ", ".join(f"{v} {k.replace('_', ' ')}" for k, v in told.items()))
 
     def _pause(self, length_ns: int) -> None:
-        """Pace a second of frames by a clock that leaps after the first of them."""
+        """Pace a second of frames by a clock that jumps after the first of them."""
         clock = _Leaping()
         pacer = Pacer(self._step, 1.0, self.runner.scene.clock.overrun, clock)
         pacer.anchor()
@@ -189,7 +189,7 @@ class Trial:
                 raise OutOfTime
 
     def _note(self) -> None:
-        """Every change of a mode, at the instant of its event; two that come at one instant are two."""
+        """Record every mode change at the time of its event; two at one time count as two."""
         found, motion = self.found, self.motion
         found.most_events = max(found.most_events, motion.event_count)
         events = motion.events()
@@ -202,14 +202,14 @@ class Trial:
         self._remember(changes)
 
     def _remember(self, changes: list[tuple[float, str]]) -> None:
-        """Count changes of modes, and keep them as far as there is room."""
+        """Count mode changes, and store them while there is room."""
         found = self.found
         found.count += len(changes)
         if len(found.events) < KEPT:
             found.events += changes
 
     def _settled(self, key: int) -> list[tuple[float, str]]:
-        """The changes up to mode set `key` that came at the start of a frame and were no event: a command, a tie."""
+        """Mode changes up to mode set `key` at the start of a frame without an event, by a command or a tie."""
         motion, changes = self.motion, []
         if key != self._key or motion.kept - self._seen > 1:
             ended = (
@@ -228,7 +228,7 @@ class Trial:
         return changes
 
     def _between(self, before: int, after: int) -> tuple[str, ...]:
-        """What differs between two mode sets, in words."""
+        """The difference between two mode sets, in words."""
         if before == after:
             return ()
         words = (self.motion.system.describe(key).split(", ") for key in (before, after))
@@ -236,14 +236,14 @@ class Trial:
         return tuple(sorted(new - old)) or tuple(sorted(f"no longer {said}" for said in old - new))
 
     def _sticks(self, key: int) -> bool:
-        """Whether every contact sticks; one that is open does not."""
+        """Whether every contact sticks; an open one does not."""
         patches, normals, *_ = self.motion.system.modes(key)
         of = [k.patch for k in self.motion.system.normals]
         loaded = [any(mode != OPEN for mode, patch in zip(normals, of) if patch == p) for p in range(len(patches))]
         return bool(patches) and all(m == STICK and on for m, on in zip(patches, loaded))
 
     def _look(self) -> None:
-        """Check what every step has left, and forget it."""
+        """Check the data of every step, and discard it."""
         motion, found, rows = self.motion, self.found, self.motion.kept
         if not rows:
             return

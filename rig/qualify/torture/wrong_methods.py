@@ -1,13 +1,15 @@
-"""Contact forces in ways that fail without a sign of it: how not to do it either.
+"""Methods for contact forces that fail without a warning.
 
-held      the structure moves exactly over a step, under the contact forces of its begin (zero-order hold). A contact
-          that is felt a step late is a negative damper, w^2 h / 2 of its own frequency w: energy grows at every step.
+held      the structure moves exactly over a step, under the contact forces at its begin (zero-order hold). A contact
+          force that is one step late is a negative damper, w^2 h / 2 for its own frequency w: energy grows at
+          every step.
 clipped   T = mu(|w|) N clip(w / scale, -1, 1), classical Runge-Kutta. The slope is stiff: beyond a step of about
-          2 m scale / (mu N) a contact that should stick is thrown across it, to and fro, and nothing blows up.
-stale     a film whose rows follow the slider every 50 us, not at every step: each time it is jolted, and a quiet slide
+          2 m scale / (mu N) a contact that should stick is thrown across it, to and fro, and nothing blows
+          up.
+stale     a film whose rows follow the slider every 50 us, not at every step: each update is a jolt, and a quiet slide
           gets lines at 20 and 40 kHz.
 
-Neither is a method of the rig; they are here so that everybody sees them fail.
+These are not methods of the rig; the torture test shows their failure for comparison.
 """
 
 from __future__ import annotations
@@ -39,9 +41,9 @@ class _Free:
 
     def __init__(self, system: System, scale: float) -> None:
         if system.products or system.sectors or system.switches or system.limiters:
-            raise UsageError("knows friction and contact only")
+            raise UsageError("supports friction and contact only")
         if any(np.any(k.inertia) for k in system.normals):
-            raise UsageError("needs normal forces that know no acceleration")
+            raise UsageError("needs normal forces that do not depend on acceleration")
         self.system, self.scale = system, scale
         free = system.key([STICK] * len(system.patches), [OPEN] * len(system.normals), [])
         self.A = assemble(system, free).A
@@ -51,7 +53,7 @@ class _Free:
         self.B[nq : 2 * nq] = np.linalg.solve(system.mass, np.array(pushes).T)
 
     def forces(self, x: Array) -> Array:
-        """Normal forces, then friction forces."""
+        """Return normal forces, then friction forces."""
         system, loads = self.system, np.zeros(len(self.system.patches))
         normal = np.array([k.row @ x for k in system.normals])
         normal = np.where([k.opens for k in system.normals], np.maximum(normal, 0.0), normal)
@@ -63,7 +65,7 @@ class _Free:
 
 
 def _held(free: _Free, step: float) -> Step:
-    """One step under the forces of its begin."""
+    """One step with the forces at its begin."""
     n, m = free.B.shape
     both = np.zeros((n + m, n + m))
     both[:n, :n], both[:n, n:] = free.A, free.B
@@ -88,7 +90,7 @@ def _clipped(free: _Free, step: float) -> Step:
 
 @np.errstate(over="ignore", invalid="ignore")  # it may run away, and is told so
 def _run(way: Callable[[_Free, float], Step], case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
-    """The case in one of these ways. Raises UsageError where the rig is beyond it, OutOfTime."""
+    """Simulate the case by one of these methods. Raises UsageError if the method cannot treat the rig, OutOfTime."""
     if case.acts:
         raise UsageError("follows no commands")
     assembly = scene.assemble()
@@ -115,13 +117,13 @@ def _run(way: Callable[[_Free, float], Step], case: Case, scene: Watched, until_
 
 
 def _stale(case: Case, scene: Watched, until_ns: int, seconds: float) -> Found:
-    """The case with rows of its film that stand still for STALE_NS. Raises UsageError without a film, OutOfTime."""
+    """Simulate the case with film rows that are constant for STALE_NS. Raises UsageError without a film, OutOfTime."""
     if case.acts:
         raise UsageError("follows no commands")
     assembly = scene.assemble()
     system = assembly.system()
     if system.film is None:
-        raise UsageError("needs a film under a slider that travels")
+        raise UsageError("needs a film under a moving slider")
     rows = [assembly.outputs[name].row for name in case.expect.ends]
     motion = Motion(system, scene.step_ns, "kick", rows, substeps=scene.clock.substeps(scene.step_ns))
     motion.advance(1)

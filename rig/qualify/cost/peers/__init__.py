@@ -1,11 +1,11 @@
-"""The same problem by other people's solvers, in one interleaved run: `rig cost SCENE --peers`.
+"""Comparison with other solvers on the same problem, in one interleaved run: `rig cost SCENE --peers`.
 
-    oscillator   what a peer is asked: one mass, one contact, constant load and speed
-    race         everybody in turns; cost at an error
+    oscillator   the problem: one mass, one contact, constant load and speed
+    race         all solvers alternating; cost at an error
 
 One module for each peer: `ladder()` gives its settings, `prepare(oscillator, setting)` a function that runs once and
-returns the times of its mode changes, with samples every millisecond on the way. Stick is left to its closed form for
-every peer that can be stopped at an event: what is measured is slip and its events.
+returns the times of its mode changes, with samples every millisecond. Every peer that can stop at an event gets the
+closed form of stick: only slip and its events are measured.
 """
 
 from rig.qualify.cost.peers.race import Entry, race

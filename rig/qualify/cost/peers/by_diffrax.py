@@ -1,4 +1,4 @@
-"""diffrax on the processor, compiled: Tsit5 with an event located by Newton's method, one compiled call a slip."""
+"""diffrax on the processor, compiled: Tsit5 with an event located by Newton's method, one compiled call per slip."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 from rig.qualify.cost.peers.oscillator import SAMPLES, Array, Oscillator
 
 NAME, PACKAGE = "diffrax", "diffrax"
-_LONGEST = 400  # samples in a slip
+_LONGEST = 400  # most samples in a slip
 
 
 def ladder() -> Iterator[tuple[str, float]]:
-    """(method, rtol)."""
+    """Yield the settings (method, rtol)."""
     return (("Tsit5", 10.0**-p) for p in range(4, 13))
 
 
 def prepare(o: Oscillator, setting: tuple[str, float]) -> Callable[[], list[float]]:
-    """One run."""
+    """Return a function that runs once."""
     import jax.numpy as jnp
 
     compiled = _compiled(o)

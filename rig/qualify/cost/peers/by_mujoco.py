@@ -1,7 +1,7 @@
-"""MuJoCo: a slide joint with dry friction, seen from the belt; the coefficient is switched between steps.
+"""MuJoCo: a slide joint with dry friction, relative to the belt; the coefficient is switched between steps.
 
-It has no static friction: `frictionloss` is regularised and creeps, and its size may only be changed by hand. Mode
-changes are told where the slip speed passes a thousandth of the belt's.
+MuJoCo has no static friction: `frictionloss` is regularised and creeps, and its size can only be changed by hand. A
+mode change is recorded when the slip speed passes a thousandth of the belt's.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ _STUCK = 1e-3  # of the belt's speed
 
 
 def ladder() -> Iterator[tuple[str, float]]:
-    """(method, step)."""
+    """Yield the settings (method, step)."""
     return (("implicitfast", h) for h in (1e-3, 1e-4))
 
 
 def prepare(o: Oscillator, setting: tuple[str, float]) -> Callable[[], list[float]]:
-    """One run."""
+    """Return a function that runs once."""
     import mujoco
 
     method, step = setting

@@ -12,12 +12,12 @@ NAME, PACKAGE = "PathSim", "pathsim"
 
 
 def ladder() -> Iterator[tuple[str, float]]:
-    """(method, rtol)."""
+    """Yield the settings (method, rtol)."""
     return (("RKDP54", 10.0**-p) for p in range(4, 10))
 
 
 def prepare(o: Oscillator, setting: tuple[str, float]) -> Callable[[], list[float]]:
-    """One run. PathSim goes through stick as well: it has no closed form to be given."""
+    """Return a function that runs once. PathSim integrates stick as well: it cannot use a closed form."""
     from pathsim import Connection, Simulation
     from pathsim.blocks import ODE, Scope
     from pathsim.events import ZeroCrossing

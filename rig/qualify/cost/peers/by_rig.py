@@ -1,4 +1,4 @@
-"""Ourselves, in the same race: the plant of the scene at one state every millisecond."""
+"""The solver of this project in the same comparison: the plant of the scene with one state every millisecond."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STEP_NS = 1_000_000
 
 
 def settings(scene: Scene) -> Iterator[Setting]:
-    """Every setting of every method."""
+    """Yield every setting of every method."""
     system = scene.assemble().system()
     rate = fastest(system)
     for method, why in eligible(system, STEP_NS).items():
@@ -23,7 +23,7 @@ def settings(scene: Scene) -> Iterator[Setting]:
 
 
 def prepare(scene: Scene, setting: Setting, seconds: float) -> Callable[[], list[float]]:
-    """One run."""
+    """Return a function that runs once."""
     system = scene.assemble().system()
     ticks = round(seconds * 1e9 / STEP_NS)
     clock = setting.applied(scene).clock

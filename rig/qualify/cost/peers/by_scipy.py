@@ -11,12 +11,12 @@ METHODS = ("RK45", "DOP853", "LSODA")
 
 
 def ladder() -> Iterator[tuple[str, float]]:
-    """(method, rtol)."""
+    """Yield the settings (method, rtol)."""
     return ((method, 10.0**-p) for method in METHODS for p in range(4, 12))
 
 
 def prepare(o: Oscillator, setting: tuple[str, float]) -> Callable[[], list[float]]:
-    """One run."""
+    """Return a function that runs once."""
     from scipy.integrate import solve_ivp
 
     method, rtol = setting

@@ -13,12 +13,12 @@ NAME, PACKAGE = "SUNDIALS", "sksundae"
 
 
 def ladder() -> Iterator[tuple[str, float]]:
-    """(method, rtol)."""
+    """Yield the settings (method, rtol)."""
     return ((method, 10.0**-p) for method in ("Adams", "BDF") for p in range(4, 13))
 
 
 def prepare(o: Oscillator, setting: tuple[str, float]) -> Callable[[], list[float]]:
-    """One run."""
+    """Return a function that runs once."""
     from sksundae.cvode import CVODE
 
     method, rtol = setting

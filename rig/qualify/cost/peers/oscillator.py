@@ -1,4 +1,4 @@
-"""A mass on a belt as other people's solvers take it: slip as a right-hand side with an event, stick in closed form."""
+"""A mass on a belt in the form for other solvers: slip as a right-hand side with an event, stick in closed form."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Oscillator:
 
     @classmethod
     def of(cls, scene: Scene) -> Oscillator:
-        """Of a belt scene. Raises UsageError with all that a peer could not express."""
+        """Return the oscillator of a belt scene. Raises UsageError with every feature that a peer cannot express."""
         if scene.plant != "belt":
             raise UsageError(f"--peers: {scene.name} is a {scene.plant}; peers are given a mass on a belt only")
         p, faults = scene.parameters, []
@@ -60,7 +60,9 @@ class Oscillator:
         )
 
     def friction(self) -> Callable[[float], float]:
-        """The force in slip at a velocity, as quick as Python can be; smooth beyond V, where trial steps may end."""
+        """Return the friction force in slip over velocity, fast in Python; smooth beyond V, where trial steps
+        may end.
+        """
         kinetic, more, speed = self.kinetic * self.load, (self.static - self.kinetic) * self.load, self.speed
         if not self.scale:
             return lambda v: kinetic
@@ -68,7 +70,7 @@ class Oscillator:
         return lambda v: kinetic + more * exp(min((v - speed) * slower, 1.0))
 
     def acceleration(self) -> Callable[[float, float], float]:
-        """In slip, of displacement and velocity."""
+        """Return the acceleration in slip over displacement and velocity."""
         mass, damping, stiffness = 1.0 / self.mass, self.damping, self.stiffness
         if not self.scale:
             force = self.kinetic * self.load
@@ -77,7 +79,9 @@ class Oscillator:
         return lambda x, v: (friction(v) - stiffness * x - damping * v) * mass
 
     def begun(self, x: float, v: float) -> tuple[float, float, float]:
-        """Time, displacement and velocity a little later, by the series: for who cannot start on an event."""
+        """Return time, displacement and velocity a little later, by series: for solvers that cannot start on an
+        event.
+        """
         a, h = self.acceleration(), BEGIN
         first = a(x, v)
         second = (a(x + v * h, v + first * h) - a(x - v * h, v - first * h)) / (2.0 * h)
@@ -85,11 +89,11 @@ class Oscillator:
 
     @property
     def release(self) -> float:
-        """Displacement at which a stuck mass lets go."""
+        """The displacement at which a stuck mass is released."""
         return (self.static * self.load - self.damping * self.speed) / self.stiffness
 
     def run(self, slip: Slip) -> list[float]:
-        """Times of the mode changes with a peer's `slip`."""
+        """Return the times of the mode changes with a peer's `slip`."""
         t, x, found = 0.0, self.x, list[float]()
         grid = np.arange(0.0, self.seconds + 0.5 * SAMPLES, SAMPLES)
         while True:

@@ -1,8 +1,10 @@
-"""Everybody in turns: error of event times over the cost of a run, for this rig and each peer that is installed.
+"""Comparison of all solvers, alternating: error of event times over the cost of a run, for this rig and each installed
+peer.
 
-The error is the largest difference of a mode change's time from the reference, as a share of the period; infinite where
-changes were missed or made up. Our own methods are judged by another of them (rig.qualify.cost.reference), the peers
-by our best. Of each setting the best of the rounds counts: nothing but other work makes a run longer.
+The error is the largest difference of a mode change's time from the reference, as a share of the period; infinite if
+changes were missed or invented. Our own methods are compared with another of our methods (rig.qualify.cost.reference),
+the peers with our best. For each setting the best of the rounds counts, because other work on the machine only makes a
+run longer.
 """
 
 from __future__ import annotations
@@ -23,13 +25,13 @@ from rig.scenes.scene import Scene
 
 PEERS: tuple[ModuleType, ...] = (by_scipy, by_sundials, by_diffrax, by_pathsim, by_mujoco)
 ROUNDS = 5
-TURN = 0.05  # s for each in a round
+TURN = 0.05  # s for each setting in a round
 OURS = by_rig.NAME
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One setting of one peer: error of event times (of a period), times real time; `fault`: what it cannot do."""
+    """One setting of one peer: error of event times (of a period), real-time factor; `fault`: why it cannot run."""
 
     peer: str
     setting: str
@@ -39,7 +41,7 @@ class Entry:
 
 
 def race(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], object] | None = None) -> list[Entry]:
-    """Run everybody. Raises UsageError where the scene is more than the peers are given."""
+    """Run all solvers. Raises UsageError if the scene has features that the peers cannot express."""
     say = report or (lambda done, total: None)
     o = Oscillator.of(scene)
     runners: list[tuple[str, str, Callable[[], list[float]]]] = []
@@ -55,7 +57,7 @@ def race(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], object
         for one in peer.ladder():
             runners.append((peer.NAME, f"{one[0]} at {one[1]:.0e}", peer.prepare(o, one)))
     best, other = _references(scene, o)
-    found = [run() for _, _, run in runners]  # compiles what is to be compiled
+    found = [run() for _, _, run in runners]  # the first run compiles
     times = np.full(len(runners), math.inf)
     for turn in range(rounds):
         for i, (_, _, run) in enumerate(runners):
@@ -70,7 +72,7 @@ def race(scene: Scene, rounds: int = ROUNDS, report: Callable[[int, int], object
 
 
 def _timed(run: Callable[[], object]) -> float:
-    """The quickest [s] of the runs that fit into `TURN`, one at least."""
+    """The shortest time [s] of the runs that fit into `TURN`, at least one."""
     end, best = time.perf_counter() + TURN, math.inf
     while (begin := time.perf_counter()) < end:
         run()
@@ -79,7 +81,7 @@ def _timed(run: Callable[[], object]) -> float:
 
 
 def _references(scene: Scene, o: Oscillator) -> tuple[list[float], list[float]]:
-    """Event times of our best method, and of rk4 at its finest."""
+    """Event times of our best method, and of rk4 at its finest step."""
     system = scene.assemble().system()
     first = Setting("exact") if system.linear else Setting("dopri5", TIGHTEST)
     runs = (first, Setting("rk4", step_ns=by_rig.STEP_NS // 100))
@@ -95,7 +97,9 @@ def _error(events: Sequence[float], truth: Sequence[float]) -> float:
 
 
 def cheapest(entries: Sequence[Entry], target: float) -> list[Entry]:
-    """Of each peer the quickest that meets `target`, ourselves first; those that do not by their best error."""
+    """Return for each peer the fastest setting that meets `target`, this project first; else the one with the best
+    error.
+    """
     out = []
     for peer in dict.fromkeys(one.peer for one in entries):
         mine = [one for one in entries if one.peer == peer]

@@ -1,4 +1,4 @@
-"""The race as a table, as CSV and as a picture."""
+"""The comparison of solvers as a table, as CSV and as a picture."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from pathlib import Path
 from rig.qualify.cost.figure import sheet
 from rig.qualify.cost.peers.race import OURS, Entry, cheapest
 
-COLUMNS = ("solver", "setting", "error of event times", "times real time", "we are faster by", "")
+COLUMNS = ("solver", "setting", "error of event times", "real-time factor", "rig is faster by", "")
 _COLOURS = ("#1d4f91", "#2a9d77", "#7a5fb0", "#d1802f", "#c03a76", "#5a5a5a")
 
 
 def lines(found: Sequence[Entry], target: float) -> list[tuple[str, ...]]:
-    """Of each solver the quickest setting that meets `target`."""
+    """Return for each solver the fastest setting that meets `target`."""
     best = cheapest(found, target)
     told: list[tuple[str, ...]] = []
     for one in best:
@@ -24,14 +24,14 @@ def lines(found: Sequence[Entry], target: float) -> list[tuple[str, ...]]:
             continue
         short = "" if one.error <= target else f"does not reach {target:g}"
         ratio = f"{best[0].factor / one.factor:.0f}" if one.peer != OURS and not short else ""
-        error = f"{one.error:.1e}" if math.isfinite(one.error) else "changes missed or made up"
+        error = f"{one.error:.1e}" if math.isfinite(one.error) else "changes missed or invented"
         note = "; ".join(part for part in (short, one.fault) if part)
         told.append((one.peer, one.setting, error, f"{one.factor:.3g}", ratio, note))
     return told
 
 
 def write(found: Sequence[Entry], path: Path) -> None:
-    """As CSV."""
+    """Write the comparison as CSV."""
     with path.open("w", newline="") as file:
         out = csv.writer(file)
         out.writerow(list(vars(found[0])))
@@ -39,7 +39,7 @@ def write(found: Sequence[Entry], path: Path) -> None:
 
 
 def draw(found: Sequence[Entry], title: str, machine: dict[str, str], target: float, path: Path) -> None:
-    """Error of event times over compute, a curve for each method of each solver."""
+    """Draw the error of event times over compute time, a curve for each method of each solver."""
     with sheet(f"{title}: beside other solvers", machine, path) as figure:
         axes = figure.add_subplot()
         for colour, peer in zip(_COLOURS, dict.fromkeys(one.peer for one in found)):
