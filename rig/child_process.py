@@ -1,4 +1,4 @@
-"""A process that this one started: watched, and ended by its own number, in steps that are each bounded."""
+"""Child processes: started, observed, and ended by process id, in steps of bounded duration."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from pathlib import Path
 _ROOT = Path(__file__).resolve().parents[1]
 _KEPT = 50
 STEPS = ((signal.SIGINT, 5.0), (signal.SIGTERM, 2.0), (getattr(signal, "SIGKILL", signal.SIGTERM), 2.0))
-"""Signals that end a process, and how long each gets to work [s]."""
+"""Signals that end a process, in order, and how long to wait after each [s]."""
 
 
 class Child:
-    """`python -m ...` in a session of its own, so that Ctrl-C in the terminal reaches its parent only.
+    """A process `python -m ...` in a session of its own, so that Ctrl-C in the terminal reaches only its parent.
 
-    What it says on either stream is kept line by line: `lines` to be fetched, the last ones in `tail`.
+    Its output on stdout and stderr is kept line by line: new lines in `lines`, the last ones in `tail`.
     """
 
     def __init__(self, name: str, arguments: Sequence[str]) -> None:
@@ -50,7 +50,7 @@ class Child:
                 self.lines.put(text.rstrip())
 
     def said(self) -> list[str]:
-        """Lines since the last call."""
+        """Lines of output since the last call."""
         found = []
         while not self.lines.empty():
             found.append(self.lines.get())
@@ -58,12 +58,12 @@ class Child:
 
     @property
     def code(self) -> int | None:
-        """Exit code; None while it lives, minus the signal that killed it."""
+        """Exit code; None while the process runs; minus the signal number if a signal killed it."""
         return self.process.poll()
 
     @property
     def told(self) -> str:
-        """How it ended, in words."""
+        """How the process ended, as a sentence with its last line of output."""
         code = self.code
         if code is not None and code < 0:
             return f"{self.name} was killed by {signal.Signals(-code).name}"
@@ -71,12 +71,12 @@ class Child:
         return f"{self.name} ended with code {code}{last}"
 
     def send(self, number: signal.Signals) -> None:
-        """Send it a signal, if it lives."""
+        """Send a signal to the process if it still runs."""
         if self.code is None:
             self.process.send_signal(number)
 
     def wait(self, seconds: float) -> bool:
-        """Whether it ended within `seconds`."""
+        """Wait at most `seconds`; whether the process has ended."""
         try:
             self.process.wait(seconds)
         except subprocess.TimeoutExpired:
@@ -86,7 +86,10 @@ class Child:
 
 
 def end(children: Iterable[Child], patience: float) -> list[str]:
-    """Give them `patience` [s] to end by themselves, then end them; the names of those that had to be killed."""
+    """Wait `patience` [s] for the children to end, then end them by `STEPS`.
+
+    Returns the names of those that needed the last signal.
+    """
     left = list(children)
     for number, span in ((None, patience), *STEPS):
         for child in left:

@@ -1,22 +1,22 @@
-"""The errors of the laboratory, in one tree.
+"""The errors of the project, in one tree.
 
 RigError
-├── SceneError        a scene, a key or a value that cannot be used; carries every fault found
+├── SceneError        a scene, a key or a value that cannot be used; contains every fault found
 ├── UsageError        a command that cannot be carried out as given
 │   └── PartError     a plant, effect, sensor or controller from a file that cannot be used
-│       └── Untrusted   code that comes with a recording or a run, which nobody has said they trust
-├── Interrupted       a command that was ended before it had begun
-├── Singular          equations of motion of a mode set that have no single solution
-├── NumericsError     the integration had to stop; carries time, mode and state
-│   ├── Diverged      the state left the stated limit or is not finite
-│   ├── Jammed        no contact mode is consistent with the equations (Painleve)
+│       └── Untrusted   code in a recording or a run that the user has not trusted
+├── Interrupted       a command that was interrupted before it was complete
+├── Singular          equations of motion of a mode set without a unique solution
+├── NumericsError     the integration had to stop; contains time, mode set and state
+│   ├── Diverged      the state exceeded the stated limit or is not finite
+│   ├── Jammed        no mode set is consistent with the equations (Painleve)
 │   └── Chatter       more events in one block than the scene allows
 ├── WorkerError       a worker process that ended before its work was done
 ├── BusError          a connection, a topic or a message that failed
 ├── LogError          a recording that cannot be read or written
 └── OutputError       another file that cannot be written
 
-A user's mistake never ends in a traceback: the commands print `str(error)` and leave with `error.exit_code`.
+A user's mistake never ends in a traceback: the commands print `str(error)` and exit with `error.exit_code`.
 """
 
 from __future__ import annotations
@@ -44,13 +44,16 @@ class UsageError(RigError):
 
 
 class Interrupted(RigError):
-    """A command that was ended before it had done what it was asked for."""
+    """A command that was interrupted before it was complete."""
 
     exit_code = 130
 
 
 class Singular(RigError):
-    """The equations of motion of a mode set have no single solution: `why`. `jams`: friction takes up the inertia."""
+    """The equations of motion of a mode set have no unique solution, for the reason `why`.
+
+    `jams`: friction cancels the inertia (Painleve).
+    """
 
     exit_code = 4
 
@@ -60,9 +63,9 @@ class Singular(RigError):
 
 
 class NumericsError(RigError):
-    """The integration had to stop: `what` stopped it, in a line.
+    """The integration had to stop, for the reason `what` (one line).
 
-    `time` [s], `mode` (named contact modes) and `state` (named values) say where.
+    `time` [s], `mode` (the mode set in words) and `state` (named values) say where.
     """
 
     exit_code = 4
@@ -74,11 +77,11 @@ class NumericsError(RigError):
 
 
 class Diverged(NumericsError):
-    """The state left the stated limit or is not finite."""
+    """The state exceeded the stated limit or is not finite."""
 
 
 class Jammed(NumericsError):
-    """No contact mode is consistent with the equations."""
+    """No mode set is consistent with the equations."""
 
 
 class Chatter(NumericsError):
@@ -100,7 +103,7 @@ class PartError(UsageError):
 
 
 class Untrusted(PartError):
-    """Code that comes with a recording or a run, which nobody has said they trust."""
+    """Code in a recording or a run that the user has not trusted."""
 
 
 class LogError(RigError):
@@ -110,6 +113,6 @@ class LogError(RigError):
 
 
 class OutputError(RigError):
-    """A file of results that cannot be written, as on a full disk."""
+    """A file of results that cannot be written, e.g. because the disk is full."""
 
     exit_code = 1

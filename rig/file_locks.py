@@ -1,4 +1,7 @@
-"""Locks of files: who writes, who runs. The system gives a lock back when its process ends, however it ends."""
+"""File locks, which show that a process writes a file or that a run is live.
+
+The system releases a lock when its process ends, however it ends.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,13 @@ try:
     KNOWN = True
 except ImportError:
     KNOWN = False
-"""Whether this system has them. Where it has not, `take` grants everything: nobody can be asked."""
+"""Whether this system has file locks. Without them `take` always succeeds."""
 
 
 def take(file: int | IO[bytes] | IO[str], *, wait: bool = False, shared: bool = False) -> bool:
-    """Whether the lock of an open file is ours: alone, or with others who share it. Others are waited for, or not.
+    """Take the lock of an open file, exclusively or `shared`; whether it succeeded.
 
-    A file system without locks raises OSError.
+    With `wait` block until other processes release it. Raises OSError on a file system without locks.
     """
     if not KNOWN:
         return True
@@ -28,7 +31,7 @@ def take(file: int | IO[bytes] | IO[str], *, wait: bool = False, shared: bool = 
 
 
 def free(file: int | IO[bytes] | IO[str]) -> bool:
-    """Whether nobody else has the lock of an open file, which is ours then. Without locks nobody has it."""
+    """Take the lock of an open file; whether no other process has it. Always true without file locks."""
     try:
         return take(file)
     except OSError:

@@ -1,4 +1,4 @@
-"""Memory that stays where it is: what a paced process has touched is not given up while time counts."""
+"""Locks the memory of a paced process, so that the system does not swap it out during a run."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ _CURRENT, _FUTURE, _ON_FAULT = 1, 2, 4  # MCL_* of <asm-generic/mman.h>
 
 @contextmanager
 def locked() -> Iterator[str]:
-    """Keep the pages of this process in memory, those it has touched and those it will; yields "" or why not.
+    """Lock all pages that this process uses, now and later; yields "" or the reason why it is not possible.
 
-    Pages that nobody has touched are not fetched: thread stacks and reserved address space would be most of them. It
-    needs root or a limit `memlock` that is unlimited: with a finite one, memory asked for later would be refused.
+    Unused pages are not loaded: most of them would be thread stacks and reserved address space. Locking needs root or a
+    limit `memlock` of "unlimited": with a finite one the system would refuse memory requested later.
     """
     why = _lock()
     try:
@@ -28,12 +28,12 @@ def locked() -> Iterator[str]:
 
 def _lock() -> str:
     if sys.platform != "linux":
-        return "memory is not locked: this system has no way that is known here"
+        return "memory is not locked: only supported on Linux"
     import resource
 
     limit = resource.getrlimit(resource.RLIMIT_MEMLOCK)[0]
     if os.geteuid() != 0 and limit != resource.RLIM_INFINITY:
-        return f"memory is not locked: the limit memlock is {limit >> 10} kB; unlimited is needed"
+        return f"memory is not locked: the limit memlock is {limit >> 10} kB; it must be unlimited"
     library = ctypes.CDLL(None, use_errno=True)
     if library.mlockall(_CURRENT | _FUTURE | _ON_FAULT) == 0:
         return ""

@@ -1,9 +1,9 @@
-"""On which cores a live run works.
+"""Processor cores of a live run.
 
-To wake a thread of another core takes 30 to 100 us in a virtual machine, many times what it takes on the same core
-(measured), and a step on its way to a controller and back wakes six. So the threads of the bus and the controllers of a
-run share one core, in lockstep with the plant, of which one works at a time. A paced plant computes on another core,
-beside them. Readers, and all that is not of the loop, go where the system puts them.
+In a virtual machine, waking a thread on another core takes 30 to 100 us, many times longer than on the same core
+(measured), and one step to a controller and back wakes six threads. Therefore the bus threads and the controllers of a
+run share one core. In lockstep the plant shares it too, because only one of them works at a time; a paced plant
+computes on a second core at the same time. The system places all other processes, such as recorder and viewer.
 """
 
 from __future__ import annotations
@@ -17,15 +17,18 @@ from pathlib import Path
 
 _THREADS = Path("/proc/self/task")
 _BUS = ("rx-", "tx-", "app-", "acc-", "net-")
-"""Threads of Zenoh."""
+"""Prefixes of the names of Zenoh's threads."""
 _LOOK_S = 0.1
 _ALLOWED: set[int] = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
 ANY = -1
-"""No core in particular."""
+"""No particular core."""
 
 
 def choose() -> tuple[int, int]:
-    """A core for a plant and one for the bus: the two that are least busy, in 0.1 s; `ANY` where there are no two."""
+    """A core for the plant and one for the bus: the two least busy ones, measured over 0.1 s.
+
+    `ANY` for both if this process may use fewer than two cores.
+    """
     allowed = sorted(_ALLOWED)
     if len(allowed) < 2:
         return ANY, ANY
@@ -38,7 +41,7 @@ def choose() -> tuple[int, int]:
 
 
 def _idle() -> dict[int, int]:
-    """Time that each core has been idle since the machine started [ticks of the kernel]."""
+    """Core -> idle time since the machine started [kernel ticks]."""
     found = {}
     with suppress(OSError, ValueError, IndexError):
         for line in Path("/proc/stat").read_text().splitlines():
@@ -50,7 +53,10 @@ def _idle() -> dict[int, int]:
 
 @contextmanager
 def placed(own: int, bus: int) -> Iterator[None]:
-    """The calling thread on the core `own`, the threads of the bus on `bus`; `ANY`, or a core that is not: anywhere."""
+    """Keep the calling thread on the core `own` and the bus threads on the core `bus`.
+
+    Does nothing if one of them is `ANY`, and leaves a thread where it is if the core does not exist.
+    """
     if ANY in (own, bus) or sys.platform != "linux":
         yield
         return
@@ -65,24 +71,24 @@ def placed(own: int, bus: int) -> Iterator[None]:
 
 
 def anywhere() -> None:
-    """The calling thread where the system puts it: for one that a placed thread has started, or that computes long."""
+    """Let the system choose the core of the calling thread: for threads that inherited a core or compute for long."""
     if _ALLOWED:
         _put(0, _ALLOWED)
 
 
 def bus_threads() -> list[int]:
-    """The threads of the bus in this process, by their numbers."""
+    """Ids of the bus threads of this process."""
     return [int(thread.name) for thread in _THREADS.iterdir() if of_bus(thread)]
 
 
 def of_bus(thread: Path) -> bool:
-    """Whether a thread of /proc/self/task is one of the bus."""
+    """Whether `thread`, a folder of /proc/self/task, is a bus thread."""
     try:
         return (thread / "comm").read_text().startswith(_BUS)
-    except OSError:  # it has just ended
+    except OSError:  # the thread has just ended
         return False
 
 
 def _put(thread: int, cores: set[int]) -> None:
-    with suppress(OSError):  # it has just ended, or the core is not ours
+    with suppress(OSError):  # the thread has just ended, or this process may not use the core
         os.sched_setaffinity(thread, cores)

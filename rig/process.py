@@ -1,4 +1,4 @@
-"""How the processes of the laboratory behave beside each other: when to stop, and how to leave at once."""
+"""Signals that ask a process to stop, and a fast exit; for all processes of a run."""
 
 from __future__ import annotations
 
@@ -20,13 +20,14 @@ _GARBAGE = 100_000  # new objects
 
 @contextmanager
 def told_to_stop(take: Callable[[str], object]) -> Iterator[None]:
-    """Have `take` called with the name of each signal that asks this process to end as it should end.
+    """Call `take` with the name of each signal that asks this process to end in an orderly way.
 
-    These are Ctrl-C, kill, and a terminal that is closed, unless that is ignored (nohup). Only the main thread hears.
+    The signals are SIGINT (Ctrl-C), SIGTERM (kill) and SIGHUP (the terminal was closed), the last one unless it is
+    ignored (nohup). Outside the main thread this does nothing.
     """
     before = {}
     if threading.current_thread() is threading.main_thread():
-        closed = getattr(signal, "SIGHUP", None)  # not every system has it
+        closed = getattr(signal, "SIGHUP", None)  # not on every system
         for number in filter(None, (signal.SIGINT, signal.SIGTERM, closed)):
             if number != closed or signal.getsignal(number) != signal.SIG_IGN:
                 before[number] = signal.signal(number, lambda n, _: take(signal.Signals(n).name))
@@ -39,11 +40,11 @@ def told_to_stop(take: Callable[[str], object]) -> Iterator[None]:
 
 @contextmanager
 def stopping() -> Iterator[threading.Event]:
-    """An event that is set when this process is told to stop."""
+    """An event that is set when a signal asks this process to stop."""
     stop = threading.Event()
 
     def heard(_: str) -> None:
-        # set by another thread: the main one may hold the event's lock, on its way into or out of a wait
+        # set from another thread: the main thread may hold the event's lock, if it is entering or leaving a wait
         threading.Thread(target=stop.set).start()
 
     with told_to_stop(heard):
@@ -51,11 +52,12 @@ def stopping() -> Iterator[threading.Event]:
 
 
 def as_process(main: Callable[[], int | None]) -> NoReturn:
-    """Be the process that carries out `main`: end with the code it returns, or leaves with.
+    """Run `main` as the whole process and end the process with its exit code.
 
-    The interpreter is not taken apart. That costs 0.3 s of processor time once rerun or numba are loaded: 14 s for a
-    viewer that stands back on a machine whose cores are busy (measured), and nobody needs what it holds any more.
-    Garbage is looked for rarely: what is imported stays, and to look through it takes a tenth of the start.
+    The interpreter does not shut down in the usual way, because nothing it would free is needed again. With rerun or
+    numba loaded a shutdown costs 0.3 s of processor time: 14 s of wall time for a viewer of low priority on a busy
+    machine (measured). The garbage collector runs rarely: imported objects stay alive, and collecting during imports
+    takes a tenth of the start.
     """
     gc.set_threshold(_GARBAGE)
     asked: list[int] = []
@@ -64,7 +66,7 @@ def as_process(main: Callable[[], int | None]) -> NoReturn:
         asked.append(number)
         raise KeyboardInterrupt
 
-    def ignored(fault: sys.UnraisableHookArgs) -> None:  # of a callback, as numba has them while it compiles
+    def ignored(fault: sys.UnraisableHookArgs) -> None:  # raised in a callback, e.g. of numba while it compiles
         if isinstance(fault.exc_value, KeyboardInterrupt):
             os._exit(Interrupted.exit_code)
         sys.__unraisablehook__(fault)
@@ -72,7 +74,7 @@ def as_process(main: Callable[[], int | None]) -> NoReturn:
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
         signal.signal(signal.SIGINT, interrupt)
         sys.unraisablehook = ignored
-    for name in ("SIGTERM", "SIGHUP"):  # what was reserved is cleared away, as on Ctrl-C
+    for name in ("SIGTERM", "SIGHUP"):  # resources are released, as on Ctrl-C
         number = getattr(signal, name, None)
         if number is not None and signal.getsignal(number) is signal.SIG_DFL:
             signal.signal(number, interrupt)
@@ -83,7 +85,7 @@ def as_process(main: Callable[[], int | None]) -> NoReturn:
     except KeyboardInterrupt:
         code = Interrupted.exit_code
     except Exception:
-        code = Interrupted.exit_code if asked else 1  # some turn an interrupt into a fault of their own
+        code = Interrupted.exit_code if asked else 1  # some libraries turn KeyboardInterrupt into another exception
         if not asked:
             traceback.print_exc()
     _leave(code or 0)
@@ -95,7 +97,7 @@ def _leave(code: int) -> NoReturn:
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
-        except BrokenPipeError:  # whoever read has seen enough
+        except BrokenPipeError:  # the reader has closed the pipe, e.g. `head`
             pass
         except (OSError, ValueError) as fault:
             code = code or 1

@@ -1,4 +1,4 @@
-"""Physical quantities at the boundary: declared with unit and bounds, given as text or numbers, SI inside.
+"""Physical quantities of a scene: declared with unit and bounds, read from text or numbers, converted to SI.
 
 A parameter is declared once, as a field of a `Section`:
 
@@ -6,11 +6,11 @@ A parameter is declared once, as a field of a `Section`:
         mass: Kilogram
         damping: NewtonSecondPerMetre = 0.0
 
-A value may be given as a number (taken as SI), as text with a unit ("2 rpm"), or as a list
-[value, origin, note] whose origin says where it comes from. Inside the project every number is SI.
+A value is a number (in SI units), a text with a unit ("2 rpm"), or a list [value, origin, note], whose origin says
+where the value comes from. Inside the project every number is in SI units.
 
-Every quantity has a range: its own bounds, and the sizes that a bench of this kind can have in its unit (`SIZES`).
-Products of a few values within these sizes stay far from what a double can hold.
+Every quantity has a range: its own bounds, and the sizes that are plausible for its unit (`SIZES`). Products of a few
+values within these sizes stay far below the largest double.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ SIZES: dict[str, tuple[float, float]] = {
     "ohm": (1e-9, 1e15),
     "H": (1e-15, 1e6),
 }
-"""Unit -> least and largest size of a value: far beyond what is built, near enough to tell a slip of the keyboard."""
+"""Unit -> least and largest plausible size of a value: wider than any real rig, but narrow enough to find typos."""
 OTHERS = (1e-15, 1e12)
-"""The same for a unit that has no line of its own."""
+"""Least and largest size for all other units."""
 
 
 class Unit(str):
@@ -68,9 +68,9 @@ class Unit(str):
 
 
 class Section(BaseModel):
-    """One table of a scene: frozen, and a key it does not know is a fault.
+    """One table of a scene. It is immutable and rejects unknown keys.
 
-    `declares`: what it says of itself where a plant may be without it.
+    `declares`: the description of an effect, for tables that a plant can have or not.
     """
 
     declares: ClassVar[About] = About()
@@ -79,9 +79,10 @@ class Section(BaseModel):
 
 
 class Range:
-    """What a quantity of `unit` may be: from `low` to `high` (SI); where it must be positive, at least the least size.
+    """The allowed range of a quantity of `unit`: from `low` to `high` (SI).
 
-    As metadata of a field it refuses anything else with a ValueError.
+    The lower limit of a positive quantity is the least size of its unit. As metadata of a field a Range raises
+    ValueError for all values outside.
     """
 
     def __init__(self, unit: str, bounds: Iterable[Gt | Ge | Lt | Le] = ()) -> None:
@@ -98,14 +99,14 @@ class Range:
                 self.high = float(bound.le)  # type: ignore[arg-type]
 
     def read(self, value: Any) -> float:
-        """`value` as `si` reads it, in the range or beyond. Raises ValueError for what is not finite."""
+        """Read `value` as `si` does, without checking the range. Raises ValueError if it is not finite."""
         found = si(value, self.unit)
         if not math.isfinite(found):
             raise ValueError(f"must be a finite number, {self}")
         return found
 
     def check(self, value: float) -> float:
-        """`value` if it is in the range. Raises ValueError with what is allowed."""
+        """Return `value` if it is in the range. Raises ValueError, which states the range."""
         if self.low <= value <= self.high:
             return value
         raise ValueError(f"must be {self}")
@@ -119,20 +120,20 @@ class Range:
 
 @cache
 def _registry() -> Any:
-    import pint  # 0.3 s: only when a text with a unit is met
+    import pint  # takes 0.3 s, so only when a text has a unit
 
     return pint.UnitRegistry()
 
 
 _POWER = r"(?:\^|\*\*)\s*[-+]?\d{1,2}(?:\.\d)?(?!\s*(?:\^|\*\*))"
 _UNIT = re.compile(rf"(?:[^\W\d]\d?|[°%µμ*/()·\s]|1(?=\s*/)|{_POWER})+")
-"""Names of units, products, quotients and small powers: no other arithmetic, which could take for ever."""
+"""Unit names, products, quotients and small powers; other arithmetic is excluded, as it could take for ever."""
 _LONGEST_UNIT = 60
 
 
 @cache
 def _factor(text: str, unit: str) -> tuple[float, float]:
-    """Scale and offset that turn `text`'s unit into `unit`."""
+    """Scale and offset that convert values in the unit `text` to `unit`."""
     if len(text) > _LONGEST_UNIT or not _UNIT.fullmatch(text):
         raise ValueError(text)
     registry = _registry()
@@ -146,9 +147,9 @@ def _factor(text: str, unit: str) -> tuple[float, float]:
 
 
 def si(value: Any, unit: str) -> float:
-    """`value` in SI units of `unit`: a number stays, text is read with its unit. What no double can hold is infinite.
+    """Convert `value` to `unit`: a number is already in SI, a text has a unit. Too large for a double is infinite.
 
-    Raises ValueError with what was given and what is expected.
+    Raises ValueError, which states the given value and what is expected.
     """
     if isinstance(value, bool):
         raise ValueError(f"is {value}; expected a number in {_named(unit)}")
@@ -177,13 +178,13 @@ def si(value: Any, unit: str) -> float:
 
 
 def finite(value: Any, unit: str, *bounds: Gt | Ge | Lt | Le) -> float:
-    """`value` as `si` reads it, within `bounds` and the sizes of its unit. Raises ValueError."""
+    """Read `value` as `si` does and check it against `bounds` and the sizes of its unit. Raises ValueError."""
     within = Range(unit, bounds)
     return within.check(within.read(value))
 
 
 def brief(value: Any) -> str:
-    """A value as Python writes it, shortened where long."""
+    """`repr` of a value, shortened to 60 characters."""
     text = repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
@@ -193,27 +194,30 @@ def _named(unit: str) -> str:
 
 
 def quantity(unit: str, *bounds: Gt | Ge | Lt | Le) -> Any:
-    """An annotated float with SI `unit` and bounds, for use in a `Section`."""
+    """The annotated type of a float with SI `unit` and bounds, for fields of a `Section`."""
     within = Range(unit, bounds)
     return Annotated[float, Unit(unit), BeforeValidator(within.read), *bounds, within]
 
 
 def optional(unit: str, *bounds: Gt | Ge | Lt | Le) -> Any:
-    """A quantity that may be left out (None)."""
+    """Like `quantity`, but the value may be omitted (None)."""
     return Annotated[quantity(unit, *bounds) | None, Unit(unit)]
 
 
 def nanoseconds(value: Any, within: Range | None = None) -> int:
-    """A duration as whole nanoseconds; text is read with its unit, a number is seconds. `within`: what is allowed."""
+    """Convert a duration to whole nanoseconds; a text has a unit, a number is in seconds.
+
+    Raises ValueError, which states the range `within`, if it is not finite or longer than `LONGEST`.
+    """
     within = within or Range("s")
     found = within.read(value)
-    if abs(found) > 1e-9 * LONGEST:  # what is much longer has no whole number of nanoseconds
+    if abs(found) > 1e-9 * LONGEST:  # much longer durations have no exact number of nanoseconds
         raise ValueError(f"must be {within}")
     return round(found * 1e9)
 
 
 def duration(least: int = 1, most: int = LONGEST) -> Any:
-    """An annotated duration in whole nanoseconds, from `least` to `most` [ns]; told in seconds."""
+    """The annotated type of a duration in whole nanoseconds, from `least` to `most` [ns]; written in seconds."""
     within = Range("s", (Ge(least * 1e-9), Le(most * 1e-9)))
     return Annotated[
         int,
@@ -226,7 +230,7 @@ def duration(least: int = 1, most: int = LONGEST) -> Any:
 
 
 def unit_of(section: type[BaseModel], field: str) -> str:
-    """SI unit of a field of a section; "" where it has none."""
+    """SI unit of a field of a section; "" if it has none."""
     return next((str(m) for m in section.model_fields[field].metadata if isinstance(m, Unit)), "")
 
 
@@ -275,10 +279,10 @@ Nanoseconds = duration()
 
 
 def at_most(value: float, digits: int = 2) -> str:
-    """An upper limit in so many digits, rounded down: the value that is told is itself allowed."""
+    """Text of an upper limit with `digits` digits, rounded down, so that the stated value is itself allowed."""
     return f"{float(Context(digits, ROUND_FLOOR).create_decimal_from_float(value)):.{digits}g}"
 
 
 def at_least(value: float, digits: int = 2) -> str:
-    """A lower limit in so many digits, rounded up: the value that is told is itself allowed."""
+    """Text of a lower limit with `digits` digits, rounded up, so that the stated value is itself allowed."""
     return f"{float(Context(digits, ROUND_CEILING).create_decimal_from_float(value)):.{digits}g}"

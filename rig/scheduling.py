@@ -1,4 +1,4 @@
-"""Who comes first on a processor: plant and controllers of a paced run, at once on waking."""
+"""Scheduling of plant and controllers of a paced run: real time if permitted, else short time slices."""
 
 from __future__ import annotations
 
@@ -23,47 +23,48 @@ _NO_PAUSE = f"a thread left no pause for {_PATIENCE_US / 1e6:g} s"
 _THREADS = Path("/proc/self/task")
 
 PLANT, CONTROLLER = 19, 18
-"""Real-time priorities: on a machine with one processor the plant goes on while a controller computes.
+"""Real-time priorities. The plant's is higher: with one processor it interrupts a computing controller.
 
-Threads of the bus are one above their process: answers are sent while a controller goes on to compute, and not in one
-burst when it pauses, of which the plant would lose what it has no room for.
+Bus threads have one more than their process. So answers leave while a controller computes further, and not in one
+burst when it pauses, of which the plant would lose the part for which it has no space.
 """
 AGAIN_S = 1.0
-"""How long a process that has fallen back waits before it asks for real-time scheduling again; doubled each time."""
+"""Time after which a process that fell back asks for real-time scheduling again [s]; doubled each time."""
 
 
 def come_first() -> bool:
-    """Run at once on waking: ask for short turns, which come earlier. Whether the system knows that request.
+    """Request short time slices, which the system schedules sooner after waking; whether it knows the request.
 
-    Linux 6.12 and later do; it needs no privilege and gains no share of the processor. With six busy processes to a
-    core 4 to 8 % of frames with 0.15 ms of work were late, in place of 19 %. Threads that are started afterwards do so.
+    Linux 6.12 and later know it. It needs no permission and does not increase the share of the processor. With six busy
+    processes per core 4 to 8 % of the frames with 0.15 ms of work were late, instead of 19 % (measured). Threads that
+    start afterwards inherit the setting.
     """
     number = _SETATTR.get(platform.machine()) if sys.platform == "linux" else None
     if number is None:
         return False
-    # struct sched_attr: size, policy (other), flags, nice, priority, runtime (here: length of a turn), deadline, period
+    # struct sched_attr: size, policy (other), flags, nice, priority, runtime (here: time slice), deadline, period
     asked = struct.pack("=IIQiIQQQ", 48, 0, 0, os.getpriority(os.PRIO_PROCESS, 0), 0, _TURN_NS, 0, 0)
     return bool(ctypes.CDLL(None).syscall(number, 0, asked, 0) == 0)
 
 
 def cores() -> int:
-    """Cores that this process may use."""
+    """Number of cores that this process may use."""
     try:
         return len(os.sched_getaffinity(0))
-    except AttributeError:  # a system on which it may use all
+    except AttributeError:  # on this system it may use all of them
         return os.cpu_count() or 1
 
 
 class Ahead:
-    """Real-time scheduling of all threads of this process; `ahead` enters and leaves it."""
+    """State of the real-time scheduling of this process and all its threads; the function `ahead` controls it."""
 
     def __init__(self, priority: int, fell_back: Callable[[], object]) -> None:
         self.why = ""
-        """Why this process is not scheduled in real time now; "" if it is."""
+        """Why this process does not have real-time scheduling now; "" if it has."""
         self.falls = 0
         """How often it fell back to ordinary scheduling."""
         self.fallen_ns = 0
-        """How long it was scheduled so in all, up to the last return [ns]."""
+        """Total time in ordinary scheduling after falling back, up to the last return [ns]."""
         self._priority, self._tell = priority, fell_back
         self._since = 0
         self._again: threading.Timer | None = None
@@ -71,7 +72,7 @@ class Ahead:
 
     @property
     def told(self) -> str:
-        """For a summary: "" if all was in real time, else why not, or how often and how long."""
+        """Text for the summary: "" if the whole run had real-time scheduling, else why not or how long not."""
         if not self.falls:
             return self.why
         times = "once" if self.falls == 1 else f"{self.falls} times"
@@ -79,7 +80,7 @@ class Ahead:
         return f"in real time, but fell back {times}{long}: {_NO_PAUSE}"
 
     def enter(self) -> None:
-        """Ask for it. The limit is set again each time: the kernel raises it by a second when it is exceeded."""
+        """Request real-time scheduling. Sets the limit anew, since the kernel raises it by 1 s when it is exceeded."""
         import resource
 
         hard = resource.getrlimit(resource.RLIMIT_RTTIME)[1]
@@ -87,7 +88,7 @@ class Ahead:
         self.why = _schedule(os.SCHED_FIFO, self._priority)
 
     def fall_back(self, *_: object) -> None:
-        """Handler of SIGXCPU: give way, and come back after a second; after two the next time, and so on."""
+        """Handler of SIGXCPU: return to ordinary scheduling for `AGAIN_S`, the next time for twice as long, etc."""
         _schedule(os.SCHED_OTHER, 0)
         if self._over:
             return
@@ -103,7 +104,7 @@ class Ahead:
         self.fallen_ns += time.monotonic_ns() - self._since
 
     def leave(self) -> None:
-        """Back to ordinary scheduling for good."""
+        """Return to ordinary scheduling for good."""
         self._over = True
         if self._again is not None:
             self._again.cancel()
@@ -113,15 +114,15 @@ class Ahead:
 
 @contextmanager
 def ahead(priority: int, fell_back: Callable[[], object] = lambda: None) -> Iterator[Ahead]:
-    """Real-time scheduling of all threads of this process, where the system allows it: see `why` of what it yields.
+    """Give all threads of this process real-time scheduling with `priority`, if the system permits it.
 
-    It needs root or a limit `rtprio`. A process that then computes for 0.2 s without a pause would keep the others from
-    the processor: it falls back to ordinary scheduling for a second or more, and `fell_back` is called, in the main
-    thread. Only the main thread can enter; elsewhere nothing changes.
+    It needs root or a limit `rtprio`; `Ahead.why` of the yielded object says why it was not permitted. A process that
+    computes for 0.2 s without a pause would block the others: it falls back to ordinary scheduling for a second or
+    more, and `fell_back` is called in the main thread. Outside the main thread this function changes nothing.
     """
     found = Ahead(priority, fell_back)
     if sys.platform != "linux":
-        found.why = "no real-time scheduling: this system has none that is known here"
+        found.why = "no real-time scheduling: only supported on Linux"
         yield found
         return
     if threading.current_thread() is not threading.main_thread():
@@ -141,7 +142,7 @@ def ahead(priority: int, fell_back: Callable[[], object] = lambda: None) -> Iter
 
 
 def _schedule(policy: int, priority: int) -> str:
-    """Put every thread of this process under `policy`; "" or why that is not allowed."""
+    """Set the scheduling policy of all threads of this process; "" or why it is not permitted."""
     for thread in _THREADS.iterdir():
         try:
             above = policy == os.SCHED_FIFO and of_bus(thread)
@@ -154,7 +155,7 @@ def _schedule(policy: int, priority: int) -> str:
 
 
 def stand_back(nice: int) -> None:
-    """Never compete with the plant: no real-time class inherited from it, and a lower priority."""
+    """Leave the processor to the plant: ordinary scheduling, even if real time was inherited, with the given `nice`."""
     with suppress(OSError, AttributeError):
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     with suppress(OSError, AttributeError):

@@ -48,7 +48,7 @@ def summary():
         "timing": timing.told(),
         "waiting": {"spin_ns": 0, "why": "spinning gains nothing"},
         "scheduling": "",
-        "memory": "memory is not locked: the limit memlock is 8192 kB; unlimited is needed",
+        "memory": "memory is not locked: the limit memlock is 8192 kB; it must be unlimited",
         "round_trip": {"p50": 120.0, "p99": 300.0, "max": 900.0},
         "loop": {"nf": COUNTS, "refused": {"stranger": 4}},
         "lost": {"meas/laser to recorder": 2},

@@ -221,14 +221,14 @@ def test_a_pipe_is_no_file_to_write(rig, tmp_path, monkeypatch, command):
     for force in ((), ("--force",)):
         code, err = rig(*command, "pipe.png", *force)
         assert code in (1, 2)
-        assert "pipe.png cannot be written: it is no regular file" in err
+        assert "pipe.png cannot be written: it is not a regular file" in err
     assert (tmp_path / "pipe.png").is_fifo()
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
 def test_a_recording_is_not_written_into_a_pipe(tmp_path):
     os.mkfifo(tmp_path / "pipe")
-    with pytest.raises(OSError, match="no regular file"):
+    with pytest.raises(OSError, match="not a regular file"):
         claim(tmp_path / "pipe", replace=True)
     claim(Path(os.devnull), replace=False).close()
 
