@@ -1,4 +1,4 @@
-"""What all moving pictures have in common: their scale, the surface that runs on, the text beside the rig."""
+"""The common base of all moving pictures: their scale, the moving surface, the text beside the rig."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
 _REACH = 0.35
-"""What the largest expected motion measures in the picture, rad or lengths."""
+"""Size of the largest expected motion in the picture [rad or lengths]."""
 
 
 class Scale(NamedTuple):
-    """How large things are drawn: motion magnified `motion` times, a force of `force` [N] half a length long."""
+    """Scale of a picture: motion is magnified `motion` times, and `force` [N] sets the length of the force arrows."""
 
     motion: float
     force: float
 
 
 def scale_of(system: System) -> Scale:
-    """From the rig: where static friction under the load of the start can pull it, half again."""
+    """The scale for a rig: 1.5 times its deflection by static friction has about the size `_REACH`."""
     if not system.patches or not system.normals:
         return Scale(10.0, 10.0)
     patch = system.patches[0]
@@ -43,16 +43,16 @@ def scale_of(system: System) -> Scale:
 
 
 def round_down(value: float) -> float:
-    """To 1, 2 or 5 times a power of ten."""
+    """Round down to 1, 2 or 5 times a power of ten."""
     base = 10.0 ** math.floor(math.log10(value))
     return base * max(step for step in (1.0, 2.0, 5.0) if step * base <= value * (1.0 + 1e-9))
 
 
 class Picture:
-    """Common to all: the surface that runs on, colours, arrows."""
+    """Base class of all moving pictures: integrates the travel of the surface and composes the text."""
 
     surface = "surface_speed"
-    """Output that is the speed of the surface."""
+    """Name of the output that is the speed of the surface."""
     eye: tuple[float, float, float]
     target: tuple[float, float, float]
 
@@ -62,15 +62,15 @@ class Picture:
 
     @classmethod
     def of(cls, scene: Scene, assembly: Assembly, system: System) -> Self | None:
-        """The picture of a rig; None where this drawer does not know it. `assembly`, `system`: those of the scene."""
+        """The picture of a rig; None if this class cannot draw it. `assembly`, `system`: those of the scene."""
         return cls(scale_of(system))
 
     def static(self, rec: rr.RecordingStream) -> None:
-        """Send what never changes."""
+        """Send everything that never changes."""
         raise NotImplementedError
 
     def frames(self, t_ns: Integers, signals: Mapping[str, Reals], modes: Integers, shown: Integers) -> list[Columns]:
-        """Frames at the rows `shown` of the states at `t_ns`; every row counts for how far the surface has run."""
+        """Frames at the rows `shown` of the states at `t_ns`; all rows contribute to the travel of the surface."""
         ran = self._run(t_ns, signals[self.surface])[shown]
         picked = {name: v[shown] for name, v in signals.items()}
         return self._frames(t_ns[shown], picked, modes[shown], ran)
@@ -79,7 +79,7 @@ class Picture:
         raise NotImplementedError
 
     def _run(self, t_ns: Integers, speed: Reals) -> Reals:
-        """How far the surface has run, by the trapezium rule over all states so far."""
+        """Travel of the surface at each row, by the trapezoidal rule over all states so far."""
         begin_ns, begin = (self._last_ns, self._speed) if self._last_ns >= 0 else (int(t_ns[0]), float(speed[0]))
         seconds = np.diff(t_ns, prepend=begin_ns) * 1e-9
         middle = 0.5 * (speed + np.concatenate(([begin], speed[:-1])))

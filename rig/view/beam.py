@@ -1,4 +1,4 @@
-"""The tip of a clamped beam as a moving picture: the beam hangs from its clamp, its tip rubs on the disc."""
+"""The moving picture of the tip of a clamped beam: the beam hangs from its clamp, its tip rubs on the disc."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from rig.scenes.scene import Scene
 
 _REACH = 0.5
-"""Largest way of the tip in the picture."""
+"""Largest displacement of the tip in the picture [lengths]."""
 _CLAMP, _TIP = np.array((-0.12, 0.0, 0.9)), np.array((0.0, 0.0, 0.1))
 
 
 def scale(system: System) -> Scale:
-    """From the rig: where static friction pulls the tip, under the load that is then left."""
+    """The scale for a rig: static friction, with the normal force that it leaves, deflects it by `_REACH` at most."""
     patch, normal, count = system.patches[0], system.normals[0], len(system.coordinates)
     force = patch.law.static * float(normal.row @ system.start)
     push = normal.direction + patch.law.static * patch.direction
@@ -34,9 +34,9 @@ def scale(system: System) -> Scale:
 
 
 class Tip(Belt):
-    """Seen from the side; the disc runs to the right. The beam is bent as a force at its tip bends it.
+    """The beam and its tip from the side; the disc moves to the right.
 
-    Higher modes are not drawn.
+    The beam has the static shape for a force at its tip; higher vibration modes are not drawn.
     """
 
     eye = (0.1, -2.9, 1.3)
@@ -62,7 +62,7 @@ class Tip(Belt):
         drawn = {one.path: one for one in super()._frames(t_ns, s, modes, ran)}
         x = self.scale.motion * s["displacement"]
         share = np.linspace(0.0, 1.0, 16)[:, None]
-        bent = 0.5 * share[:, 0] ** 2 * (3.0 - share[:, 0])  # of a clamped beam under a force at its end
+        bent = 0.5 * share[:, 0] ** 2 * (3.0 - share[:, 0])  # shape of a clamped beam under a force at its end
         strips = np.tile(_CLAMP + share * (_TIP - _CLAMP), (len(x), 1, 1))
         strips[:, :, 0] += x[:, None] * bent
         drawn["rig/spring"] = spring(t_ns, strips, 0.03)

@@ -1,4 +1,4 @@
-"""The belt rig as a moving picture: a mass on a running belt, a spring to a wall."""
+"""The moving picture of the belt rig: a mass on a running belt, a spring to a wall."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ if TYPE_CHECKING:
 _PITCH = 0.25
 _BELT = 1.5
 GAP = 0.17
-ACROSS = 0.25  # motion across the belt, of the magnification along it
+ACROSS = 0.25  # magnification of motion across the belt, as a fraction of that along it
 
 
 class Belt(Picture):
-    """The mass on the belt, from the side; x is the way of the belt."""
+    """The mass on the belt, from the side; x is the direction of the belt."""
 
     eye = (0.2, -2.5, 1.3)
     target = (0.0, 0.0, 0.12)
@@ -77,7 +77,7 @@ class Belt(Picture):
         log("rig/wall", wall, static=True)
 
     def _placed(self, s: Mapping[str, Reals]) -> dict[str, Any]:
-        """Translations and turns of the body [frame], as components of a transform."""
+        """Translations and rotations of the body [frame], as components of a transform."""
         zoom, drawn = self.scale.motion, self._drawn
         x = zoom * s[drawn.along] if drawn.along else np.zeros(len(s[drawn.surface]))
         zero, up = np.zeros_like(x), np.full_like(x, GAP if drawn.lifted else 0.0)

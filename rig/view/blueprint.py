@@ -1,6 +1,6 @@
-"""The arrangement of the window: picture and phase portrait left, curves and strips right, health and events below.
+"""The arrangement of the rerun window: picture, phase portrait and events left, curves, strips and health right.
 
-A rig whose contact is a film of points has the map of its pressure in place of the portrait, and more curves.
+A rig whose contact is a film of points has a map of its pressure instead of the portrait, and more curves.
 """
 
 from __future__ import annotations
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     import rerun.blueprint as rrb
 
 LIVE_S = 6.0
-"""Seconds that the curves of a live run show."""
+"""Time span of the curves of a live run [s]."""
 
 
 def blueprint(drawing: Drawing, plots: list[Plot], live: bool) -> rrb.Blueprint:
-    """The window of a rig; a live run is followed through its last seconds, a recording is shown whole."""
+    """The window of a rig: for a live run it follows the last seconds, for a recording it shows the whole run."""
     import rerun.blueprint as rrb
 
     most = 4 if drawing.points else 2
@@ -43,7 +43,7 @@ def blueprint(drawing: Drawing, plots: list[Plot], live: bool) -> rrb.Blueprint:
 
 
 def _axis(live: bool) -> rrb.archetypes.TimeAxis | None:
-    """The last seconds before the cursor; None for everything there is."""
+    """A time axis with the last seconds before the cursor; None for the whole time."""
     import rerun as rr
     import rerun.blueprint as rrb
 
@@ -75,7 +75,7 @@ def _more(drawing: Drawing, plots: list[Plot], live: bool) -> rrb.Tabs:
     import rerun.blueprint as rrb
 
     views = [_curves(plot, live) for plot in plots]
-    commands = _series("commands", ["/command/**"], live)  # controllers that the scene does not know may join
+    commands = _series("commands", ["/command/**"], live)  # a controller that is not in the scene may join
     return rrb.Tabs(*([commands, *views] if drawing.controllers else [*views, commands]), active_tab=0)
 
 
@@ -116,7 +116,7 @@ def _picture(drawing: Drawing) -> rrb.Spatial3DView | None:
 
 
 def _map(drawing: Drawing) -> rrb.Spatial3DView | None:
-    """From straight above, the front of the slider to the right."""
+    """The map of the film's pressure from straight above, with the front of the slider to the right."""
     import rerun.blueprint as rrb
 
     if not drawing.points or drawing.picture is None:

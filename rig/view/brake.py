@@ -1,10 +1,10 @@
-"""The disc brake as a moving picture: disc, pads, calliper and carriers, each moved and turned as the squeal does it.
+"""The moving picture of the disc brake: disc, pads, calliper and carriers, which translate and rotate as in squeal.
 
-Seen from the front, one length is a decimetre; x is the way of the disc's surface, z its axis. Motions are magnified by
-a stated factor. The plant tells the motion of one place, the probe; the other bodies are drawn as the eigenvector of
-the motion that grows has them then: with x - i v / omega of the probe the instant is known. Squeal is faster than any
-picture, so a stroboscope picks the instants: of the states since the last frame the one nearest to a phase that runs on
-with 1 Hz. The linings under the contacts have the colour of the contact mode, grey where that contact is open.
+The view is from the front and one length is a decimetre; x is the direction of the disc's surface, z its axis. Motions
+are magnified by a stated factor. The plant outputs only the motion of one point, the probe. The other bodies are drawn
+by the eigenvector of the growing vibration mode; x - i v / omega of the probe is its complex amplitude. Squeal is
+faster than any picture, so a stroboscope selects the instants: among the states since the last frame, the one nearest
+to a phase that advances at 1 Hz. The lining of a contact has the colour of the contact mode, and is grey if it is open.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
 BODIES = ("disc", "inner_pad", "outer_pad", "calliper", "free_carrier", "supporting_carrier")
 _PLACES = {"disc": (0.0, 0.0), "inner_pad": (0.0, -0.225), "outer_pad": (0.0, 0.225), "calliper": (0.0, 0.0),
            "free_carrier": (-0.85, 0.0), "supporting_carrier": (0.85, 0.0)}  # fmt: skip
-"""x, z of the centres."""
+"""Positions x, z of the centres of the bodies [lengths]."""
 _BOXES = {
     "disc": [((1.35, 0.42, 0.11), (0.0, 0.05, 0.0))],
     "inner_pad": [((0.55, 0.3, 0.075), (0.0, 0.0, -0.025))],
@@ -57,7 +57,7 @@ _BOXES = {
     "supporting_carrier": [((0.08, 0.25, 0.06), (0.0, 0.0, -0.225)), ((0.08, 0.25, 0.06), (0.0, 0.0, 0.225)),
                            ((0.05, 0.04, 0.28), (0.0, 0.56, 0.0))],
 }  # fmt: skip
-"""Half sizes and centres, from the centre of the body."""
+"""Half sizes and centres of boxes, relative to the centre of the body."""
 _SIDES = (("inner", -0.225), ("outer", 0.225))
 _SPRINGS = (
     *((("inner_pad", (side * 0.25, -0.1)), ("calliper", (side * 0.25, -0.45))) for side in (-1.0, 1.0)),
@@ -69,17 +69,17 @@ _SPRINGS = (
     (("supporting_carrier", (0.08, 0.225)), (None, (1.35, 0.225))),
     (("supporting_carrier", (0.08, -0.225)), (None, (1.35, -0.225))),
 )
-"""Ends as (body, point from its centre); the ground where there is no body."""
+"""Both ends of each spring as (body, point relative to its centre); None is the ground."""
 _LINING, _THICK = 0.18, 0.02
 _FRONT = -0.32  # y at which springs and arrows are drawn
 _PITCH = 0.3
 _DRAWN = 0.13
-"""Lengths by which something moves at most when the first contact just opens."""
-_SLOW = 1.0  # Hz of the stroboscope
+"""Largest motion in the picture when the first contact just opens [lengths]."""
+_SLOW = 1.0  # frequency at which the stroboscope shows the vibration [Hz]
 
 
 class Motion(NamedTuple):
-    """Amplitudes of x, z, phi [m, m, rad] of each of `BODIES` when the probe's is one, at `omega` [rad/s]."""
+    """A vibration mode at `omega` [rad/s]: amplitudes of x, z, phi [m, m, rad] of `BODIES` per metre of the probe."""
 
     shape: dict[str, tuple[complex, complex, complex]]
     omega: float
@@ -88,7 +88,10 @@ class Motion(NamedTuple):
 
 
 def motion_of(system: System, probe: Mapping[str, float]) -> Motion:
-    """The motion that grows, or the one that moves the probe most where none does. `probe`: a row over coordinates."""
+    """The growing vibration mode or, if none grows, the one that moves the probe most.
+
+    `probe`: coordinate -> its coefficient in the displacement of the probe.
+    """
     at = steady(system, sliding_key(system))
     rates, vectors = at.eigenvectors()
     count = len(system.coordinates)
@@ -141,7 +144,7 @@ class Brake(Picture):
 
     @classmethod
     def of(cls, scene: Scene, assembly: Assembly, system: System) -> Self | None:
-        """See `Picture.of`; None for a brake of other bodies than `BODIES`."""
+        """See `Picture.of`; None for a brake with other bodies than `BODIES`."""
         known = {f"{body}.x" for body in BODIES} <= set(system.names)
         return cls(system, assembly.outputs["displacement"].row) if known else None
 
@@ -165,7 +168,7 @@ class Brake(Picture):
             rec.log(f"rig/{pad}/{name}", lining, static=True)
 
     def frames(self, t_ns: Integers, signals: Mapping[str, Reals], modes: Integers, shown: Integers) -> list[Columns]:
-        """See `Picture.frames`; the stroboscope moves the rows that are shown."""
+        """See `Picture.frames`; the stroboscope replaces the rows `shown` by earlier ones."""
         z = signals["displacement"] - 1j * signals["velocity"] / self.motion.omega
         behind = np.angle(z * np.exp(-2j * math.pi * _SLOW * 1e-9 * t_ns))
         begins = [0, *(shown[:-1] + 1)]
@@ -173,7 +176,7 @@ class Brake(Picture):
         return super().frames(t_ns, signals, modes, np.array(picked, np.int64))
 
     def placed(self, s: Mapping[str, Reals]) -> dict[str, tuple[Reals, Reals, Reals]]:
-        """x, z [lengths] and turn [rad] of each body, magnified, at the states `s`."""
+        """Magnified x, z [lengths] and rotation [rad] of each body at the states `s`."""
         z = s["displacement"] - 1j * s["velocity"] / self.motion.omega
         lengths = 10.0 * self.scale.motion
         moved = {}
@@ -214,7 +217,7 @@ class Brake(Picture):
 
     def _forces(self, t_ns: Integers, s: Mapping[str, Reals], placed: Mapping[str, tuple[Reals, Reals, Reals]],
                 count: int) -> list[Columns]:  # fmt: skip
-        """Normal forces on the pads at the contacts, friction on the inner pad."""
+        """Arrows of the normal forces at the contacts, and of the friction on the inner pad."""
         import rerun as rr
 
         found = []
@@ -233,14 +236,14 @@ class Brake(Picture):
 
 
 def _where(name: str) -> tuple[str, float]:
-    """Pad and side of a contact, as the scenes call them."""
+    """Pad and side (-1 left, 1 right) of a contact, from its name in the scene."""
     return ("outer_pad" if name.startswith("outer") else "inner_pad"), (1.0 if name.endswith("right") else -1.0)
 
 
 def _point(
     placed: Mapping[str, tuple[Reals, Reals, Reals]], end: tuple[str | None, tuple[float, float]], count: int
 ) -> Reals:
-    """Where a point of a body is [frame, xyz]."""
+    """Position of a point of a body [frame, xyz]."""
     body, (a, b) = end
     if body is None:
         return np.tile((a, _FRONT, b), (count, 1))

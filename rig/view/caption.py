@@ -1,4 +1,4 @@
-"""What a run was and how well it went, in words beside its picture."""
+"""The caption of a figure: what the run was, and how it went."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def scene_of(run: Run) -> dict[str, Any]:
-    """The scene of a run as it was told; empty where it is none."""
+    """The scene of a run from its JSON text; empty if the text is no JSON object."""
     try:
         found = json.loads(run.scene)
     except ValueError:
@@ -22,7 +22,7 @@ def scene_of(run: Run) -> dict[str, Any]:
 
 
 def caption(axes: Axes, run: Run, modes: Integers) -> None:
-    """Write it; `modes` of the first contact say how long it stuck."""
+    """Write the caption of `run`; the stick share comes from `modes`, the contact modes of the first contact."""
     axes.set_axis_off()
     rows = [("scene", scene_of(run).get("name", "")), *_told(run, modes)]
     for i, (name, text) in enumerate(rows):
@@ -32,7 +32,7 @@ def caption(axes: Axes, run: Run, modes: Integers) -> None:
 
 
 def _told(run: Run, modes: Integers) -> list[tuple[str, str]]:
-    """What the run was and how it went, in words."""
+    """Rows (name, text) of the caption."""
     summary = run.summary
     plant = summary.get("plant", {}) if isinstance(summary.get("plant"), dict) else {}
     steps = f"{run.step_ns / 1e6:g} ms"

@@ -1,4 +1,4 @@
-"""Which signal belongs to which plot: a measurement stands with the quantity that it measures, in the same unit."""
+"""Assigns outputs and sensors to plots: a measurement is in the plot of the output that it measures, in its unit."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from rig.record.film_points import numbered
 
 
 class Channel(NamedTuple):
-    """A sensor: the plant output it reads, and the factor that turns its reading into that quantity."""
+    """A sensor: the plant output that it reads, and the factor that converts its measurement to that output."""
 
     reads: str
     factor: float
 
 
 class Plot(NamedTuple):
-    """One plot: a title with its unit, plant outputs and sensors in it."""
+    """One plot: its title with the unit, and its plant outputs and sensors."""
 
     title: str
     outputs: tuple[str, ...]
@@ -42,13 +42,13 @@ _GROUPS = (
 )
 
 _DRIVEN = ("surface_speed",)
-"""Alone it says little: it gets a plot behind the others."""
+"""Outputs that say little alone: without the rest of their group they get one of the last plots."""
 
 
 def channels(scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> dict[str, Channel]:
-    """What each sensor (name -> unit) of a scene (JSON text) measures; a strain becomes the force behind it.
+    """What each sensor (name -> unit) of a scene (JSON text) measures; a strain is converted to the force.
 
-    A sensor in a unit of its own that no factor explains is left out: it cannot be laid over a plant output.
+    Omits sensors whose unit differs from that of the output without a known factor: one plot cannot show both.
     """
     try:
         sections = json.loads(scene).get("sensors", {})
@@ -64,9 +64,9 @@ def channels(scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str])
 
 
 def plots(scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> list[Plot]:
-    """The plots of a rig; what belongs to no group gets a plot by itself.
+    """The plots of a rig. An output or sensor that belongs to no group gets its own plot.
 
-    Outputs of one quantity at many points have none: a map shows them.
+    Outputs of one quantity at many points have no plot: a map shows them.
     """
     placed = channels(scene, outputs, sensors)
     found = []

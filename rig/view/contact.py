@@ -1,7 +1,7 @@
-"""Contact modes as words and colours: what the first friction patch of a rig does.
+"""Contact modes as words and colours: the contact mode of the first friction patch of a rig.
 
-open    nothing presses: every normal force of the patch has lifted off
-stick   no slip                slip+   w > 0, the surface runs ahead        slip-   w < 0
+open    every normal force of the patch has lifted off
+stick   no slip                slip+   w > 0, the surface is faster         slip-   w < 0
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _LIFTED = 3
 
 
 def read(scene: str) -> tuple[Scene, Assembly] | None:
-    """A scene (JSON text) and its rig; None if the text describes none, as in a recording by others."""
+    """The scene in a JSON text and its rig; None if the text is no valid scene, e.g. in a foreign recording."""
     from rig.scenes.scene import Scene
 
     try:
@@ -39,26 +39,26 @@ def read(scene: str) -> tuple[Scene, Assembly] | None:
 
 
 def system_of(scene: str) -> System | None:
-    """The rig of a scene as matrices."""
+    """The system matrices of the rig in a scene (JSON text); None if the text is no valid scene."""
     found = read(scene)
     return found[1].system() if found else None
 
 
 class Modes:
-    """Turns numbers of mode sets into indices of `NAMES`."""
+    """Converts numbers of mode sets to indices of `NAMES`."""
 
     def __init__(self, system: System | None) -> None:
         self._system = system
         self._known: dict[int, int] = {}
 
     def index(self, key: int) -> int:
-        """Which of `NAMES` mode set `key` is."""
+        """Index in `NAMES` of mode set `key`."""
         if key not in self._known:
             self._known[key] = self._look_up(key)
         return self._known[key]
 
     def indices(self, keys: NDArray[np.int64]) -> NDArray[np.int64]:
-        """The same for an array."""
+        """Indices in `NAMES` of an array of mode sets."""
         unique, inverse = np.unique(keys, return_inverse=True)
         return np.array([self.index(int(key)) for key in unique], np.int64)[inverse.ravel()]
 
@@ -72,5 +72,5 @@ class Modes:
 
 
 def rgb(colour: str) -> tuple[int, int, int]:
-    """Three bytes of "#rrggbb"."""
+    """Red, green and blue (0 to 255) of a colour "#rrggbb"."""
     return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)

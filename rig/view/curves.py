@@ -1,4 +1,4 @@
-"""Curves of a run over time, and the words above them: what all figures of runs have in common."""
+"""Curves of a run over time and the text above them, common to all figures of runs."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ VOLTAGE = "#7a5fb0"
 COLUMNS = 2400
 _MEASURED = 0.35
 _LETTERS = 125.0
-"""Characters that fit above a whole run."""
+"""Number of characters that fit above the time axis of a whole run."""
 
 
 def thinned(t: Reals, v: Reals, columns: int = COLUMNS) -> tuple[Reals, Reals]:
-    """A line that looks like (t, v) when it is drawn over `columns` columns: lowest and highest of each."""
+    """Reduce a line to the lowest and highest value in each of `columns` columns; drawn, it looks the same."""
     if t.size <= 4 * columns:
         return t, v
     size = -(-t.size // columns)
@@ -37,12 +37,12 @@ def thinned(t: Reals, v: Reals, columns: int = COLUMNS) -> tuple[Reals, Reals]:
 
 
 def line(axes: Axes, t: Reals, v: Reals, **style: Any) -> None:
-    """Draw a line, thinned to what can be seen."""
+    """Draw a line, reduced to what is visible."""
     axes.plot(*thinned(t, v), **style)
 
 
 def measured(run: Run, reads: str) -> list[tuple[str, Reals, Reals]]:
-    """Sensors of an output: name, times, values in its unit."""
+    """Sensors that read an output: name, times [s], values in the unit of the output."""
     sensors = {name: run.units.get(f"meas/{name}", "") for name in run.measurements}
     placed = channels(run.scene_text(), {name: run.units.get(name, "") for name in run.signals}, sensors)
     return [
@@ -57,12 +57,12 @@ def measured(run: Run, reads: str) -> list[tuple[str, Reals, Reals]]:
 
 
 def plain(name: str) -> str:
-    """A name as words."""
+    """A name with spaces instead of underscores."""
     return name.replace("_", " ")
 
 
 def legend(axes: Axes, columns: int) -> None:
-    """Above the curves, where none can hide behind it."""
+    """Draw the legend above the curves, in space that is added there."""
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.16 * (high - low))
     drawn = axes.legend(loc="upper left", ncols=columns, borderaxespad=0.2, handlelength=1.6, columnspacing=1.4)
@@ -71,7 +71,7 @@ def legend(axes: Axes, columns: int) -> None:
 
 
 def curves(axes: Axes, run: Run, outputs: tuple[tuple[str, str], ...]) -> None:
-    """Draw outputs (name, colour) of the run, and what sensors made of them, with a legend."""
+    """Draw outputs (name, colour) of the run, their measurements, and a legend."""
     count = 0
     for output, colour in outputs:
         if output not in run.signals:
@@ -87,7 +87,7 @@ def curves(axes: Axes, run: Run, outputs: tuple[tuple[str, str], ...]) -> None:
 
 
 def shade(axes: Axes, run: Run, closed: list[timeline.Span]) -> None:
-    """Where controllers work, where a circuit is closed, and where something was marked."""
+    """Shade the times in which controllers work or a circuit is closed, and draw lines at marks."""
     for span in timeline.controlled(run):
         axes.axvspan(span.begin, span.end, color="#2a9d77", alpha=0.09, lw=0, zorder=0)
     for span in closed:
@@ -97,7 +97,7 @@ def shade(axes: Axes, run: Run, closed: list[timeline.Span]) -> None:
 
 
 def name_circuits(axes: Axes, closed: list[timeline.Span]) -> None:
-    """What the closed circuits are, at the foot of the curves, where there is room."""
+    """Write the names of the closed circuits at the lower end of the curves, if there is space."""
     whole = axes.get_xlim()[1]
     for span in closed:
         if text := _fitting(span.text, _LETTERS / whole * (span.end - span.begin) - 1):
@@ -106,14 +106,14 @@ def name_circuits(axes: Axes, closed: list[timeline.Span]) -> None:
 
 
 def _fitting(text: str, width: float) -> str:
-    """`text` cut to `width` in characters; empty if little would be left."""
+    """`text` cut to `width` characters; empty if `width` is less than 6."""
     if len(text) <= width:
         return text
     return text[: int(width) - 1].rstrip() + "…" if width >= 6 else ""
 
 
 def heading(figure: Figure, run: Run) -> None:
-    """The title of the run's scene, and why the run stopped if it did."""
+    """Write the title of the run's scene and, if the run stopped early, the reason."""
     about = scene_of(run)
     figure.text(0.076, 0.968, about.get("title") or about.get("name") or "run", fontsize=15, fontweight="bold")
     if run.fault:
@@ -122,9 +122,9 @@ def heading(figure: Figure, run: Run) -> None:
 
 
 def phases(axes: Axes, run: Run) -> None:
-    """Two lines of words above the curves: marks, and the steps of the protocol as a band."""
+    """Draw two lines of text above the curves: marks, and the steps of the protocol as a band."""
     end = timeline.end_of(run) or 1.0
-    letters = _LETTERS / end  # characters that fit into a second
+    letters = _LETTERS / end  # characters that fit into one second
     axes.set_ylim(0.0, 2.0)
     axes.grid(False)
     axes.set_axis_off()

@@ -1,9 +1,9 @@
-"""A run as entities of rerun: static descriptions once, then rows in blocks, each at its simulated time.
+"""The entities of a run in rerun: descriptions once, then blocks of rows with their simulated times.
 
 plant/<output>  sensor/<sensor>  command/<controller>    curves
-strip/contact   strip/protocol   strip/<controller>      what was the case when
+strip/contact   strip/protocol   strip/<controller>      strips: a state over time
 rig/...         portrait/...                             the moving picture, the phase portrait
-health/...      event/<process>                          how the run goes, what happened
+health/...      event/<process>                          timing and energy of the run, its events
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Integers = NDArray[np.int64]
 
 TIMELINE = "sim_time"
 FRAME_NS = 20_000_000
-"""The picture moves fifty times per second of simulated time."""
+"""Interval between two frames of the picture: 50 per second of simulated time."""
 COLOURS = {
     "velocity": "#4f93e6", "surface_speed": "#e0a03c", "friction_force": "#e2564c", "normal_force": "#7fbf7f",
     "displacement": "#6bb3c9", "acceleration": "#b58be0", "slip_speed": "#c9b06b",
@@ -49,12 +49,12 @@ _LEVELS = {"fault": "ERROR", "diverged": "ERROR", "limit": "ERROR", "refused": "
            "overrun": "WARN", "missing": "WARN", "safe": "WARN", "contact": "DEBUG"}  # fmt: skip
 _FAINT = 150
 _BAND: Final = "MinMax"
-"""What a curve shows of samples closer than a pixel: rerun's own choice, their mean, would hide a squeal."""
+"""How a curve shows several samples in one pixel. rerun's default, their mean, would hide a squeal."""
 _SWITCH = {"connected": (58, 140, 96), "disconnected": (70, 74, 82)}
 
 
 class Drawing:
-    """The entities of a rig with these outputs and sensors (name -> unit)."""
+    """The entities of a scene (JSON text) with these outputs and sensors (name -> unit)."""
 
     def __init__(self, scene: str, outputs: Mapping[str, str], sensors: Mapping[str, str]) -> None:
         found = contact.read(scene)
@@ -64,11 +64,11 @@ class Drawing:
         self.outputs, self.sensors = dict(outputs), dict(sensors)
         self.channels = channels(scene, outputs, sensors)
         self.curves = [name for name in outputs if name not in at_points]
-        """Outputs that are drawn as curves; of one quantity at many points there is a map."""
+        """Outputs that are drawn as curves. A quantity at many points is drawn as a map instead."""
         self.points = bool(at_points)
         """Whether the contact is a film of points."""
         self.worded = not at_points and (system is None or bool(system.patches))
-        """Whether a word tells the state of the contact: not that of many points, nor of bonded ones."""
+        """Whether there is a strip of the contact mode: not for a film of points, nor for a bonded contact."""
         self.picture = picture_of(*found, system) if found and system else None
         self._modes = contact.Modes(system)
         self._mode = -1
@@ -78,12 +78,12 @@ class Drawing:
 
     @property
     def plant(self) -> str:
-        """What stands on the bench."""
+        """Name of the plant, or "rig" if the scene is not readable."""
         return str(self._told().get("plant", "rig"))
 
     @property
     def controllers(self) -> list[str]:
-        """Those of the scene."""
+        """Names of the controllers in the scene."""
         return list(self._told().get("controllers", {}))
 
     def _told(self) -> dict[str, Any]:
@@ -93,7 +93,7 @@ class Drawing:
             return {}
 
     def static(self, rec: rr.RecordingStream) -> None:
-        """Send names and colours of all curves, and the picture's geometry."""
+        """Send names and colours of all curves and strips, and the geometry of the picture."""
         import rerun as rr
 
         for name in self.curves:
@@ -121,14 +121,17 @@ class Drawing:
             self.picture.static(rec)
 
     def measured(self, sensor: str, t_ns: Integers, v: Reals) -> list[Columns]:
-        """Samples of a sensor, as the quantity that it measures."""
+        """Measurements of a sensor, converted to the output that it reads."""
         channel = self.channels.get(sensor)
         return [_curve(f"sensor/{sensor}", t_ns, v * channel.factor if channel else v)]
 
     def states(
         self, t_ns: Integers, signals: Mapping[str, Reals], keys: Integers, every: int = 1, frames: int = 1 << 30
     ) -> list[Columns]:
-        """States of the plant; curves of every so many rows, at most so many frames of the picture."""
+        """States of the plant: curves from every `every`-th row, and at most `frames` frames of the picture.
+
+        `keys`: number of the mode set at each row.
+        """
         modes = self._modes.indices(keys)
         found = [_curve(f"plant/{name}", t_ns[::every], signals[name][::every]) for name in self.curves]
         changed = np.flatnonzero(np.diff(modes, prepend=self._mode))
@@ -145,11 +148,11 @@ class Drawing:
         return found
 
     def portrait(self) -> list[Columns]:
-        """The phase portrait as of the last state."""
+        """The phase portrait up to the last state."""
         return self._portrait.draw() if self._portrait is not None else []
 
     def _frames(self, t_ns: Integers, most: int) -> Integers:
-        """The rows to be shown in the picture."""
+        """Rows for the picture: one for each interval of `FRAME_NS`, at most `most`."""
         grid = t_ns // FRAME_NS
         rows = np.flatnonzero(np.diff(grid, prepend=self._frame_ns // FRAME_NS))
         if rows.size:
@@ -164,7 +167,7 @@ class Drawing:
         return [Columns(f"command/{controller}", t_ns, columns)]
 
     def health(self, t_ns: Integers, told: Mapping[str, Sequence[float]]) -> list[Columns]:
-        """Health messages, field by field."""
+        """Curves of the fields of Health messages: name -> values at `t_ns`."""
         found = []
         for name, values in told.items():
             v = np.asarray(values, np.float64)
@@ -172,7 +175,7 @@ class Drawing:
         return found
 
     def events(self, events: Iterable[Mapping[str, Any]]) -> list[Columns]:
-        """What happened: lines of the log, and lanes of the strip."""
+        """Events as lines of the log; protocol steps and switched controllers also as strips."""
         import rerun as rr
 
         found = []
@@ -206,7 +209,7 @@ def _curve(path: str, t_ns: Integers, v: Reals) -> Columns:
 
 
 def send(rec: rr.RecordingStream, batch: Iterable[Columns]) -> None:
-    """Hand rows to rerun."""
+    """Send rows to rerun."""
     import rerun as rr
 
     for path, t_ns, columns in batch:

@@ -1,8 +1,8 @@
-"""Messages of the bus in, rows for rerun out: collected between two batches, bounded, and what is left out is counted.
+"""Converts messages of the bus to rows for rerun, in batches of bounded size, and counts what it leaves out.
 
-Between two batches at most `KEPT` samples of a sensor and `KEPT` states are kept; when nobody takes them, as when the
-viewer hangs, the oldest go and count as dropped. Curves show 1 kHz at most: of faster sensors the lowest and highest
-samples, so that a squeal is the band that it is and not what a slower sampling would make of it.
+Between two batches at most `KEPT` states and, at 1 kHz, `KEPT` samples of a sensor are kept. If nobody takes them, e.g.
+because the viewer hangs, the oldest are discarded and counted as dropped. Curves have at most 1 kHz. For faster sensors
+they show the lowest and highest samples, so that a squeal appears as a band and not as an alias.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _ROWS = 400
 
 
 class Feed:
-    """Collects messages for a drawing; `take` gives what has come together since the last time."""
+    """Collects messages for a drawing; `take` returns what was collected since the last call."""
 
     def __init__(self, drawing: Drawing, described: Setup) -> None:
         self._drawing = drawing
@@ -44,12 +44,12 @@ class Feed:
         self._now_ns = 0
         self.messages = 0
         self.dropped = 0
-        """Messages that came and could not be shown because the viewer took nothing."""
+        """Messages that arrived but could not be shown because the viewer took nothing."""
         self.thinned = 0
-        """Rows left out because nobody could see them."""
+        """Rows left out because they would not be visible."""
 
     def add(self, arrived: Iterable[Message]) -> None:
-        """Take messages in."""
+        """Collect messages."""
         for message in arrived:
             kind, _, name = message.topic.partition("/")
             told = message.said
@@ -78,7 +78,7 @@ class Feed:
             self._keep(self._applied[controller], (tick, rows.values[i * drives : (i + 1) * drives]))
 
     def _keep_block(self, sensor: str, block: Any) -> None:
-        """Bounded by samples, not by messages: blocks may be long."""
+        """Keep a block. The limit is the number of samples, not of messages, because blocks may be long."""
         room = self._blocks[sensor]
         room.append(block)
         size = self._room.get(sensor, 0) + len(block.v)
@@ -88,7 +88,7 @@ class Feed:
         self._room[sensor] = size
 
     def take(self, lost: int = 0) -> list[Columns]:
-        """Everything collected, as rows; `lost`: messages that did not arrive here at all."""
+        """Return everything collected as rows; `lost`: number of messages that did not arrive."""
         found: list[Columns] = []
         if self._states:
             found += self._take_states()
@@ -140,7 +140,7 @@ class Feed:
 
 
 def outline(v: NDArray[np.float64], every: int) -> NDArray[np.int64]:
-    """Rows that a drawn line needs, one of `every`: lowest and highest sample of each stretch of 2 `every`."""
+    """Indices of the samples for a line with every `every`-th row: lowest and highest of each 2 `every` samples."""
     if every < 2:
         return np.arange(v.size)
     rows: set[int] = set()

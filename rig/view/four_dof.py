@@ -1,7 +1,7 @@
-"""The rig four_dof as a moving picture, from the side: body 2 on the belt, body 1 beside it, body 3 above it.
+"""The moving picture of the rig four_dof, from the side: body 2 on the belt, body 1 beside it, body 3 above it.
 
-Springs join them to each other and to the frame; the inclined one leads from body 2 up to a post. Motion across the
-belt is drawn smaller than motion along it, as in `rig.view.belt`.
+Springs connect the bodies to each other and to the frame; the inclined spring connects body 2 to a post. Motion across
+the belt is magnified less than motion along it, as in `rig.view.belt`.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     import rerun as rr
 
 _SIDE = np.array((-0.72, 0.0, GAP + 0.19))
-"""Where the middle of body 1 rests."""
+"""Rest position of the centre of body 1."""
 _TOP = np.array((0.0, 0.0, GAP + 0.8))
-"""Where the middle of body 3 rests."""
+"""Rest position of the centre of body 3."""
 _HALF = 0.12
 _WALL = np.array((-1.22, 0.0, _SIDE[2]))
 _CEILING = np.array((0.0, 0.0, 1.5))
@@ -30,13 +30,13 @@ _POST = np.array((-0.62, 0.3, 0.9))
 
 
 class ThreeBodies(Belt):
-    """Three bodies and five springs; the load presses on body 2 from beside body 3."""
+    """Three bodies and five springs; the arrow of the load on body 2 is beside body 3."""
 
     eye = (0.1, -3.1, 1.5)
     target = (-0.1, 0.0, 0.5)
 
     def __init__(self, scale: Scale) -> None:
-        """Half of the usual magnification: bodies 1 and 2 swing towards each other."""
+        """Use half of the usual magnification, because bodies 1 and 2 move towards each other."""
         super().__init__(scale._replace(motion=round_down(0.5 * scale.motion)), OnBelt(up="height", lifted=True))
 
     def static(self, rec: rr.RecordingStream) -> None:

@@ -1,8 +1,8 @@
-"""The lever rig as a moving picture: a disc drags a pin, whose cylinder turns a lever, which presses the pin on.
+"""The moving picture of the lever rig: a disc drags a pin, whose cylinder turns a lever, which presses the pin on.
 
-Seen from the front, one length is a decimetre. The disc turns about y, the cylinder above the pin too; the L-shaped
-lever turns about z. One leg is drawn along by the cylinder's tail (spring along x), the other presses the pin's fixture
-on the disc (spring along y); the arm's tips carry a spring and the dead mass.
+The view is from the front and one length is a decimetre. The disc and the cylinder above the pin turn about y, the
+L-shaped lever about z. The cylinder's tail pulls one leg of the lever (spring along x); the other leg presses the
+pin's fixture on the disc (spring along y). The ends of the arm hold a spring and the dead weight.
 """
 
 from __future__ import annotations
@@ -38,11 +38,11 @@ _RADIUS, _PIN, _ARM, _TAIL, _LEG = 0.8, 1.0, 1.5, 1.0, 0.6  # lengths of the sce
 _FRONT, _BACK = -0.25, -1.45  # y of the cylinder's two ends
 _HEIGHT = _RADIUS + _PIN  # of the cylinder's axis
 _PIVOT = (-_LEG, _BACK + _LEG, _RADIUS)
-"""Of the lever: its legs end beside the tail and behind the pin's fixture."""
+"""Pivot of the lever, placed so that its legs end beside the tail and behind the pin's fixture."""
 
 
 class Lever(Picture):
-    """Disc, cylinder with arm, pin and tail, and the lever with its springs."""
+    """The disc, the cylinder with arm, pin and tail, and the lever with its springs."""
 
     surface = "disc_speed"
     eye = (1.5, -3.7, 2.6)

@@ -1,4 +1,4 @@
-"""Pictures like those of a body on a belt or at an arm over a disc, moved otherwise: north and disc_slider."""
+"""The moving pictures of north and disc_slider: variants of those of the belt and the pendulum."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _STAND = np.array((_PLACE, -0.9, 0.3))
 
 
 class Tilting(Belt):
-    """North's body: towards the surface, and about its centre."""
+    """The body of the rig north, which moves towards the surface and rotates about its centre."""
 
     def _placed(self, s: Mapping[str, Reals]) -> dict[str, Any]:
         down, half = self.scale.motion * s["displacement"], 0.5 * self.scale.motion * s["tilt"]
@@ -31,9 +31,9 @@ class Tilting(Belt):
 
 
 class Slider(Pendulum):
-    """A slider on a rotating disc that bends: it moves along the disc and up and down. The disc turns as fast as it is.
+    """A slider on a rotating flexible disc; it moves along the disc and up and down.
 
-    Magnified with the motion it would be a blur.
+    The rotation of the disc is not magnified: at the magnification of the motion it would be a blur.
     """
 
     def static(self, rec: rr.RecordingStream) -> None:

@@ -1,4 +1,4 @@
-"""The pendulum rig as a moving picture: an arm above a rotating disc, its shoe on the disc, a spring to a post."""
+"""The moving picture of the pendulum rig: an arm above a rotating disc, its shoe on the disc, a spring to a post."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _POST = np.array((0.55, -0.75, 0.2))
 
 
 def disc(rec: rr.RecordingStream) -> None:
-    """A disc of radius one that turns about the z axis, with marks."""
+    """Send a disc of radius one that turns about the z axis, with marks."""
     import rerun as rr
 
     rec.log("rig", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
@@ -48,7 +48,10 @@ def disc(rec: rr.RecordingStream) -> None:
 
 
 class Pendulum(Picture):
-    """The pendulum of the papers, from above and aside; the axis of both is z, and the disc's radius is one length."""
+    """The pendulum of the papers, seen obliquely from above.
+
+    Arm and disc turn about z, and the radius of the disc is one length.
+    """
 
     eye = (1.5, 0.9, 1.2)
     target = (0.12, -0.02, 0.08)

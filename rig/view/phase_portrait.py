@@ -1,7 +1,7 @@
-"""The phase portrait while it moves: the last seconds of velocity over displacement, stick and slip in their colours.
+"""The phase portrait of the live view: velocity over displacement in the last seconds, coloured by contact mode.
 
-rerun's plane has no axes with numbers, so the curve is drawn in units of a round scale that grows when needed, within
-a frame that says what its edges mean.
+rerun's 2D view has no axes with numbers. So the curve is divided by a round scale, which grows when needed, and drawn
+in a frame whose edges are labelled with the scale.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _GREY = (110, 116, 128)
 
 
 class Portrait:
-    """Takes states as they come and draws the latest of them."""
+    """Collects states and draws the latest of them; `units` of displacement and velocity."""
 
     def __init__(self, units: tuple[str, str]) -> None:
         self._units = units
@@ -32,14 +32,14 @@ class Portrait:
         self._scale = (0.0, 0.0)
 
     def add(self, t_ns: NDArray[np.int64], x: Any, v: Any, modes: Any) -> None:
-        """Add states; of more than there is room for, evenly chosen ones."""
+        """Add states; if there are too many, evenly spaced ones."""
         every = max(-(-t_ns.size // _POINTS), 1)
         for point in zip(*(a[::every].tolist() for a in (t_ns, x, v, modes))):
             if math.isfinite(point[1]) and math.isfinite(point[2]):
                 self._points.append(point)
 
     def draw(self) -> list[Columns]:
-        """The curve as of the last state; the frame too when its scale has changed."""
+        """The curve up to the last state, and the frame if its scale has changed."""
         if not self._points:
             return []
         import rerun as rr
@@ -77,12 +77,12 @@ class Portrait:
 
 
 def _with_unit(value: float, unit: str) -> str:
-    """A length of millimetres in millimetres."""
+    """A value with its unit; lengths and angles below 1 in mm or mrad."""
     return f"{1e3 * value:g} m{unit}" if unit in ("m", "rad") and value < 1.0 else f"{value:g} {unit}"
 
 
 def _round_up(value: float) -> float:
-    """To a number of one or two digits; at least a hundred-thousandth."""
+    """Round up to a number with one or two digits, at least 1e-5."""
     value = max(value, 1e-5)
     base = 10.0 ** math.floor(math.log10(value))
     return next(

@@ -1,10 +1,10 @@
-"""The rig as a moving picture, drawn from its outputs as its plant declares it (rig.picture).
+"""Selects the moving picture of a rig, which its plant declares (rig.picture) and its outputs move.
 
-Each picture has a module of its own: `pendulum`, `belt`, `lumped` (rigs like these two), `lever`, `three_bodies`,
-`beam` (a tip of a beam), `brake`, `plate`. `base` is what they have in common.
+Each picture has its own module: `pendulum`, `belt`, `lumped` (variants of these two), `lever`, `four_dof`, `beam` (the
+tip of a beam), `brake`, `plate`. `base` is the common part.
 
-Motions are magnified, arm and disc (mass and belt) alike, so that in stick they move as one. The shoe has the colour of
-the contact mode; arrows show friction and normal force. Geometry is sent once; a frame is a few transforms.
+Motions of body and surface have the same magnification, so that they move together in stick. The body has the colour of
+the contact mode; arrows show friction and normal force. Geometry is sent once; a frame contains a few transforms.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rig.view.pendulum import Pendulum
 
 
 def picture_of(scene: Scene, assembly: Assembly, system: System) -> Picture | None:
-    """The first picture that the plant of `scene` declares and whose outputs there are; None without one.
+    """The first picture that the plant of `scene` declares and whose outputs the rig has; None if there is none.
 
     `assembly`, `system`: those of the scene.
     """

@@ -1,10 +1,10 @@
-"""The plate rig as a moving picture: a plate on foam, and over it the slider, lifted off so that the film is seen.
+"""The moving picture of the plate rig: a plate on foam, and the slider raised above it to show the film.
 
-One length is 50 mm. The slider travels as it does; its heave, pitch and roll are magnified by a stated factor, as is
-the motion of the probe, a ball on the plate. On the plate, where the slider is, lies the map of the film's pressure
-(rig.view.pressure_colours), and beside the picture the same map from above with its scale and the pressure centre.
+One length is 50 mm. The travel of the slider is to scale; its heave, pitch and roll and the motion of the probe (a ball
+on the plate) are magnified by a stated factor. A map of the film's pressure (rig.view.pressure_colours) lies on the
+plate under the slider. A second view shows the same map from above, with its scale and the pressure centre.
 
-The vibration is faster than any picture: each shows one instant, not a mean.
+The vibration is faster than any picture: each frame shows one instant, not a mean.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ if TYPE_CHECKING:
 
 _LENGTH = 0.05  # m
 _LIFTED = 0.3
-"""Lengths between the plate and the slider above its film."""
+"""Gap in the picture between the plate and the slider, if there is a film [lengths]."""
 _MOVED = 0.08
-"""Lengths by which the slider's static deflection is drawn, at most."""
+"""Largest size of the slider's static deflection in the picture [lengths]."""
 _FOAM, _PROBE, _CENTRE = (112, 98, 74), (226, 160, 60), (240, 60, 60)
 _GREY = (176, 182, 192)
 
 
 def _scale(p: Parameters, system: System, force: float) -> Scale:
-    """From the slider's deflection under the largest load, at the place where it starts."""
+    """The scale from the slider's static deflection under the largest load `force` [N], at its initial position."""
     count = len(system.coordinates)
     K, at = system.stiffness - system.force[:, :count], list(system.names[:count]).index("z")
     if system.film is not None:
@@ -48,7 +48,7 @@ def _scale(p: Parameters, system: System, force: float) -> Scale:
 
 
 class Plate(Picture):
-    """Plate, foam, slider, and the film between them if it can open."""
+    """Plate, foam, slider, and the film between plate and slider if it can open."""
 
     eye = (0.1, -2.0, 1.65)
     target = (0.0, 0.0, 0.05)
@@ -72,7 +72,7 @@ class Plate(Picture):
 
     @property
     def _rear(self) -> float:
-        """Where the plate's rear edge is in the picture."""
+        """Position of the plate's rear edge in the picture [lengths]."""
         return -0.5 * float(self._plate.length) / _LENGTH
 
     def static(self, rec: rr.RecordingStream) -> None:
@@ -124,7 +124,7 @@ class Plate(Picture):
         return drawn + (self._cells.frames(t_ns, s, middle) if self._cells is not None else [])
 
     def _turned(self, s: Mapping[str, Reals]) -> Reals:
-        """Quaternions of pitch about y and roll about x, magnified."""
+        """Quaternions of the magnified pitch about y and roll about x."""
         pitch, roll = (0.5 * self.scale.motion * s[f"{name}_displacement"] for name in ("pitch", "roll"))
         turned = np.stack((roll, pitch, np.zeros_like(roll), np.ones_like(roll)), axis=1)
         return np.asarray(turned / np.linalg.norm(turned, axis=1)[:, None])
@@ -139,17 +139,17 @@ class Plate(Picture):
 
 
 class Cells:
-    """The film's points as coloured areas: on the plate where the slider is (`rig/film`), and from above (`film`)."""
+    """The film's points as coloured areas: under the slider in the picture (`rig/film`) and as a map (`film`)."""
 
     eye = (0.0, -0.12, 1.9)
     target = (0.0, -0.12, 0.0)
 
     def __init__(self, points: Points) -> None:
         self._points = points
-        self._unit = 2.0 / points.length  # from above the slider's length is two
+        self._unit = 2.0 / points.length  # in the map the slider is two lengths long
 
     def static(self, rec: rr.RecordingStream) -> None:
-        """Send shapes, lines between them, the scale and what its colours mean."""
+        """Send areas, lines between them, and the colour scale with its labels."""
         import rerun as rr
 
         for path, unit in (("rig/film", 1.0 / _LENGTH), ("film/map", self._unit)):
@@ -167,7 +167,7 @@ class Cells:
         rec.log("film/sides", words, static=True)
 
     def frames(self, t_ns: Integers, s: Mapping[str, Reals], middle: Reals) -> list[Columns]:
-        """Pressures as colours, and their centre; `middle` of the slider in the picture."""
+        """Pressures as colours, and the pressure centre; `middle`: position of the slider in the picture [lengths]."""
         import rerun as rr
 
         cells = pressure_colours.colours(self._points.maps(s), self._points.scale).reshape(len(t_ns), -1, 3)
@@ -189,12 +189,12 @@ class Cells:
         ]  # fmt: skip
 
     def _edges(self, axis: int) -> Reals:
-        """Borders of the areas along an axis from above."""
+        """Borders of the areas along an axis of the map [lengths]."""
         size = (self._points.length, self._points.width)[axis] * self._unit
         return np.linspace(-0.5 * size, 0.5 * size, (self._points.along, self._points.across)[axis] + 1)
 
     def _shapes(self, unit: float) -> tuple[Reals, Integers]:
-        """Corners [4 a point] and triangles of all areas, one length being 1 / `unit` [m]."""
+        """Corners [4 per point] and triangles of all areas, where one length is 1 / `unit` [m]."""
         x, y = (self._edges(axis) * unit / self._unit for axis in (0, 1))
         places = [(i, j) for i in range(self._points.along) for j in range(self._points.across)]
         corners = [(x[i + a], y[j + b], 0.0) for i, j in places for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
@@ -202,7 +202,7 @@ class Cells:
         return np.array(corners), (first + np.array([[0, 1, 2], [0, 2, 3]])).reshape(-1, 3)
 
     def _legend(self, rec: rr.RecordingStream, y: float) -> None:
-        """The scale at height `y`, and beside it what white is."""
+        """Send the colour scale at height `y`, and beside it the meaning of white."""
         import rerun as rr
 
         count, low, high = 64, -1.0, 0.4

@@ -1,12 +1,12 @@
 """The figure of a run of the plate rig.
 
-phases and marks of the protocol                        maps of the film's pressure at instants that tell most,
+phases and marks of the protocol                        maps of the film's pressure at selected instants,
 acceleration of the slider                              which thin lines mark in the curves
 normal and friction force
 contact fraction
-pressure centre                                         what the run was, and how well it went
+pressure centre                                         what the run was, and how it went
 
-A plate without a slider, or bonded to it, has the panels that it has outputs for, and no maps.
+A plate without a slider, or bonded to it, has no maps, and panels only for the outputs that it has.
 """
 
 from __future__ import annotations
@@ -41,12 +41,12 @@ if TYPE_CHECKING:
     from matplotlib.gridspec import SubplotSpec
 
 _MEANS = 160
-"""Means in a run, where the vibration fills a panel."""
+"""Number of mean values over a run, in panels that the vibration fills."""
 _GREEN = "#2a9d77"
 
 
 class Panel(NamedTuple):
-    """A panel: what its axis says, outputs with their colours, `factor` to the axis' unit, a line of means or not."""
+    """A panel: label of its axis, outputs with colours, factor to the unit of the axis, and whether to draw means."""
 
     label: str
     outputs: tuple[tuple[str, str], ...]
@@ -97,18 +97,18 @@ def compose(figure: Figure, run: Run) -> None:
         told = right[1]
     else:
         told = grid[:, 1].subgridspec(2, 1, height_ratios=(5.6, 1.0))[1]
-    words = told.subgridspec(1, 2, width_ratios=(0.13, 1.0))[1]  # their names stand to the left of it
+    words = told.subgridspec(1, 2, width_ratios=(0.13, 1.0))[1]  # the names of the rows are to the left of it
     caption(figure.add_subplot(words), run, np.empty(0, np.int64))
     heading(figure, run)
 
 
 def _thin(run: Run) -> str:
-    """What outputs are that a live run recorded now and then; "" where every sample is there."""
+    """A note for outputs that a live run recorded at a reduced rate; "" if every sample was recorded."""
     gaps = np.diff(run.time)
     if not gaps.size or float(np.median(gaps)) < 1.5e-9 * run.step_ns:
         return ""
     rate = 1.0 / float(np.median(gaps))
-    return f"outputs: {rate:.0f} a second, faster vibration is folded down"
+    return f"outputs: {rate:.0f} per second; faster vibration appears as aliases"
 
 
 def _panel(axes: Axes, run: Run, panel: Panel) -> None:
@@ -137,7 +137,7 @@ def _lines(axes: Axes, run: Run, panel: Panel) -> None:
 
 
 def _means(v: Reals, size: int) -> Reals:
-    """Of `size` values each; NaN where one of them is."""
+    """Means of `size` values each; NaN if one of them is NaN."""
     whole = v.size // size * size
     return np.asarray(v[:whole].reshape(-1, size).mean(axis=1))
 

@@ -1,6 +1,6 @@
-"""Colours of pressure: from dark violet at none to yellow at the upper end of a scale; white where nothing presses.
+"""Colours of pressure: dark violet at zero to yellow at the upper end of the scale; white for open points.
 
-A point that just touches is so dark, and one that is open so bright, that they cannot be taken for each other.
+A point that just touches is dark and an open point is bright, so that they cannot be confused.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ COUNT = 256
 
 
 def table() -> NDArray[np.uint8]:
-    """The colours of the scale from its lower to its upper end, [COUNT, rgb]."""
+    """The colours of the scale from its lower to its upper end: uint8 [COUNT, rgb]."""
     stops = np.array([rgb(stop) for stop in _STOPS], np.float64)
     at = np.linspace(0.0, 1.0, len(stops))
     share = np.linspace(0.0, 1.0, COUNT)
@@ -25,7 +25,7 @@ def table() -> NDArray[np.uint8]:
 
 
 def colours(pressures: NDArray[np.float64], scale: float) -> NDArray[np.uint8]:
-    """The colours [..., rgb] of `pressures` on a scale from 0 to `scale`; what is above has its last colour."""
+    """The colours [..., rgb] of `pressures` on a scale from 0 to `scale`; larger ones have its last colour."""
     share = np.clip(np.nan_to_num(pressures) / scale, 0.0, 1.0)
     found: NDArray[np.uint8] = table()[np.rint(share * (COUNT - 1)).astype(np.int64)]
     found[~(pressures > 0.0)] = rgb(OPEN)

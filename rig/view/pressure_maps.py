@@ -1,4 +1,4 @@
-"""Maps of the pressure of a film, as figures have them: along x across, the same scale for all, open points white."""
+"""Maps of the pressure of a film for figures: x along, y across, one scale for all maps, open points white."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def draw_map(axes: Axes, points: Points, pressures: Reals, scale: float, centre:
     )  # fmt: skip
     axes.grid(visible=False)
     dx, dy = 2.0 * half_x / points.along, 2.0 * half_y / points.across
-    for i, j in np.argwhere(~(pressures > 0.0)).tolist():  # crossed out: seen in black and white as well
+    for i, j in np.argwhere(~(pressures > 0.0)).tolist():  # a diagonal line, visible in black and white too
         x, y = -half_x + i * dx, -half_y + j * dy
         axes.plot([x, x + dx], [y, y + dy], color="#b0b0b0", lw=0.5)
     if np.isfinite(centre).all() and (pressures > 0.0).any():

@@ -1,8 +1,8 @@
-"""The viewer's bridge as a process: listens on the bus of a run and feeds rerun, a dozen times per second.
+"""The viewer process: receives the messages of a run from the bus and sends them to rerun about 12 times per second.
 
-It only listens: no publisher ever waits for it. A thread hands each batch to rerun; while rerun is slow or hangs,
-messages are collected, then dropped, and counted. It ends when the plant goes, when the window is closed, or with
-a signal to stop, within a second or two whatever rerun does. What becomes of the window: `rig.view.viewer`.
+No publisher ever waits for it. A thread gives each batch to rerun; while rerun is slow or hangs, messages are
+collected, then dropped and counted. The process ends when the plant ends, when the window is closed, or on a signal,
+within two seconds whatever rerun does. `rig.view.viewer` describes what happens to the window then.
 """
 
 from __future__ import annotations
@@ -42,20 +42,20 @@ _LEAVING_S = 0.5
 
 @dataclass(frozen=True)
 class Viewing:
-    """What became of it."""
+    """The result of viewing a run: why it ended, and counts of messages."""
 
     run: str
     ended: str
     messages: int
-    """Received."""
+    """Number of messages received."""
     lost: dict[str, int] = field(default_factory=dict)
-    """By topic: missing between the first message received and the last."""
+    """Topic -> number of messages missing between the first and the last one received."""
     dropped: int = 0
-    """Received, but not shown because rerun took nothing."""
+    """Messages received, but not shown because rerun took nothing."""
     refused: int = 0
-    """Messages that were not let in."""
+    """Messages that were refused."""
     thinned: int = 0
-    """Rows that were left out because nobody could see them."""
+    """Rows left out because they would not be visible."""
 
     def __str__(self) -> str:
         missing = sum(self.lost.values()) + self.dropped
@@ -75,12 +75,12 @@ def view(
     name: str = "viewer",
     say: Callable[[str], object] = print,
 ) -> Viewing:
-    """Show a live run, the newest by default, until it ends; waits at most `wait` seconds for it.
+    """Show a live run, by default the newest, until it ends; wait at most `wait` seconds for it to start.
 
-    In a window; `web`: in a browser page whose address is said; `connect`: in a viewer that runs already, by its
-    address; `save`: in a file (.rrd); `headless`: off screen. `trust`: run the code of parts from files that the run
-    carries. Raises rig.errors.Untrusted for such parts without it, BusError without a run, UsageError without a
-    display, LogError for a file that cannot be written.
+    It is shown in a window, or with `web` on a browser page whose address is printed, with `connect` in the running
+    viewer at this address, with `save` in a file (.rrd), with `headless` off screen. `trust` allows to run the code of
+    parts from files that the run contains. Raises rig.errors.Untrusted for such parts without it, BusError without a
+    run, UsageError without a display, LogError for a file that cannot be written.
     """
     stand_back(_NICE)
     with bus.join(run, role="viewer", name=name, wait=wait) as session:
@@ -99,7 +99,7 @@ def view(
 
 
 class Bridge:
-    """Between a session on the bus and a stream of rerun."""
+    """Transfers messages from a session of the bus to a recording stream of rerun."""
 
     def __init__(self, session: Session, wait: float = 10.0, trust: bool = False) -> None:
         self._session = session
@@ -118,13 +118,13 @@ class Bridge:
 
     @property
     def lost(self) -> int:
-        """Messages that did not arrive."""
+        """Number of messages that did not arrive."""
         return self.heard.lost
 
     def run(
         self, rec: rr.RecordingStream, stop: threading.Event, watched: Callable[[], bool] = lambda: True
     ) -> Viewing:
-        """Feed `rec` until the plant leaves, `stop` is set, or nobody is watching any more."""
+        """Send to `rec` until the plant leaves, `stop` is set, or `watched()` is false."""
         self.drawing.static(rec)
         sender = Sender(rec)
         while not stop.is_set() and self._goes_on() and watched() and not sender.fault:
@@ -135,7 +135,7 @@ class Bridge:
             self._plant.poll()
         told = stop.is_set()
         quiet = time.monotonic() + (0.0 if told or not watched() else _LAST_WORDS_S)
-        while time.monotonic() < quiet:  # presence is told faster than data: the last words are on their way
+        while time.monotonic() < quiet:  # presence changes arrive before data: the last messages are on their way
             time.sleep(0.05)
             self.listen()
         sender.finish(self.feed.take(self.lost))
@@ -152,21 +152,21 @@ class Bridge:
         )
 
     def _goes_on(self) -> bool:
-        """Whether the plant is here, or hangs and may come back."""
+        """Whether the plant is present, or hangs and may come back."""
         return ("plant", "plant") in self._plant.present or not self._session.ended
 
     def listen(self) -> None:
-        """Take in what has arrived."""
+        """Collect the messages that have arrived."""
         arrived = self.heard.drain()
         for message in arrived:
-            if message.topic == "total/plant":  # the plant accounts for what everybody got
+            if message.topic == "total/plant":  # the plant collects the totals of all processes
                 own = f"total/{self._session.name}"
                 self._session.publisher(own).put(self._session.totals(), message.t_ns)
         self.feed.add(message for message in arrived if not message.topic.startswith("total/"))
 
 
 class Sender:
-    """The thread that hands batches to rerun, which may block for as long as its viewer hangs."""
+    """A thread that gives batches to rerun, since rerun may block for as long as its viewer hangs."""
 
     def __init__(self, rec: rr.RecordingStream) -> None:
         self._rec = rec
@@ -174,13 +174,13 @@ class Sender:
         self._idle = threading.Event()
         self._idle.set()
         self.fault = ""
-        """Why nothing can be sent any more."""
+        """Why nothing can be sent any more; "" if it can."""
         self._thread = threading.Thread(target=self._work, name="rerun", daemon=True)
         self._thread.start()
 
     @property
     def free(self) -> bool:
-        """Whether the last batch has gone out."""
+        """Whether the last batch has been sent."""
         return self._idle.is_set()
 
     def offer(self, batch: list[Columns]) -> None:
@@ -189,7 +189,7 @@ class Sender:
         self._batches.put(batch)
 
     def finish(self, batch: list[Columns]) -> None:
-        """Send a last batch, and wait a moment for all to arrive."""
+        """Send a last batch and wait at most 0.5 s until everything is sent."""
         deadline = time.monotonic() + _LEAVING_S
         if self._idle.wait(_LEAVING_S):
             self.offer(batch)
@@ -200,7 +200,7 @@ class Sender:
         while (batch := self._batches.get()) is not None:
             try:
                 send(self._rec, batch)
-            except Exception as fault:  # whatever rerun raises: the run does not need it
+            except Exception as fault:  # any exception of rerun: the run does not depend on it
                 self.fault = f"rerun failed: {fault}"
             self._idle.set()
         with suppress(Exception):

@@ -1,12 +1,12 @@
-"""A run as one picture for a researcher: PNG, 1600 pixels wide.
+"""The figure of a run: PNG, 1600 pixels wide.
 
 phases and marks of the protocol                        phase portrait, by controller or by time
 velocity of the body and of the surface
 friction and normal force                               close-up of some periods
 voltage of the stack, if there is one
-contact mode                                            what the run was, and how well it went
+contact mode                                            what the run was, and how it went
 
-The plate under a slider has one of its own: rig.view.plate_figure.
+The plate rig has another figure: rig.view.plate_figure.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 _STACK = "stack_voltage"
 _FASTER = 5.0
-_SMALL = 5e-5  # m: below it a portrait is told in micrometres
+_SMALL = 5e-5  # m: smaller displacements are shown in micrometres
 _SECTIONS = ("#1d4f91", "#c03a76", "#2a9d77", "#d1802f", "#7a5fb0")
 STYLE: dict[str, Any] = {
     "font.size": 10.5,
@@ -61,7 +61,10 @@ STYLE: dict[str, Any] = {
 
 
 def draw(run: Run, path: Path | str) -> None:
-    """Draw `run` into the file `path` (PNG; other endings as matplotlib knows them). Directories are made."""
+    """Draw `run` into the file `path` (PNG, or another format of matplotlib by its ending). Creates the folder.
+
+    Raises OutputError if the file cannot be written.
+    """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -107,7 +110,7 @@ def _compose(figure: Figure, run: Run) -> None:
 
 
 def velocity(axes: Axes, run: Run) -> None:
-    """Draw the velocity of the body over time, and that of the surface unless it is far faster."""
+    """Draw the velocity of the body over time, and that of the surface unless it is much larger."""
     fast = _beyond(run)
     curves(axes, run, (("surface_speed", SURFACE), ("velocity", BODY))[fast:])
     if fast:
@@ -123,7 +126,7 @@ def _largest(run: Run, output: str) -> float:
 
 
 def _beyond(run: Run) -> bool:
-    """Whether the surface is so much faster than the body that its line would flatten the other."""
+    """Whether the surface is so much faster than the body that the body's curve would look flat."""
     return _largest(run, "surface_speed") > _FASTER * _largest(run, "velocity") > 0.0
 
 
@@ -133,7 +136,7 @@ def _forces(axes: Axes, run: Run) -> None:
 
 
 def _strip(axes: Axes, run: Run, modes: Integers) -> None:
-    """Contact mode over time; where modes alternate faster than a pixel the colours mix by their shares."""
+    """Draw the contact mode over time; where modes alternate within a pixel, their colours mix by their shares."""
     axes.set_yticks([])
     axes.grid(False)
     axes.set_xlabel("time [s]")
@@ -154,7 +157,7 @@ def _strip(axes: Axes, run: Run, modes: Integers) -> None:
 
 
 def _portrait(axes: Axes, run: Run) -> None:
-    """Velocity over displacement."""
+    """Draw velocity over displacement."""
     x, v = (run.signals.get(name, np.empty(0)) for name in ("displacement", "velocity"))
     axes.set_title("phase portrait")
     small = _largest(run, "displacement") < _SMALL
@@ -198,12 +201,12 @@ def _by_time(axes: Axes, run: Run, x: Reals, v: Reals) -> None:
 
 
 def _clock(run: Run) -> tuple[str, float]:
-    """The unit of time where there is little room for digits, and what seconds are multiplied by."""
+    """Unit of time for short labels, and the factor from seconds to it."""
     return ("ms", 1e3) if timeline.end_of(run) < 1.0 else ("s", 1.0)
 
 
 def _close_up(axes: Axes, run: Run, modes: Integers) -> None:
-    """Some periods of the liveliest part."""
+    """Draw some periods from the part of the run with the strongest vibration."""
     begin, end = _liveliest(run, modes)
     unit, scale = _clock(run)
     axes.set_title("close-up: velocity, and where it sticks")
@@ -224,7 +227,7 @@ def _close_up(axes: Axes, run: Run, modes: Integers) -> None:
 
 
 def _liveliest(run: Run, modes: Integers) -> tuple[float, float]:
-    """A window of four periods, or a tenth of the run, in which the velocity swings most."""
+    """Begin and end [s] of four periods, or a tenth of the run, in which the velocity varies most."""
     v, end = run.signals.get("velocity", np.empty(0)), timeline.end_of(run)
     if v.size < 20:
         return 0.0, end or 1.0
@@ -241,6 +244,6 @@ def _liveliest(run: Run, modes: Integers) -> tuple[float, float]:
 
 
 def _typical(gaps: Reals) -> float:
-    """The gap in which the run spent much of its time: neither chatter nor one long pause counts for much."""
+    """A typical gap: weighted by time, so that many short gaps (chatter) or one long pause have little influence."""
     ordered = np.sort(gaps)
     return float(ordered[np.searchsorted(np.cumsum(ordered), 0.4 * ordered.sum())])

@@ -1,4 +1,4 @@
-"""Puts a drawn figure into its file: the whole of it, or nothing."""
+"""Writes a figure to its file, completely or not at all."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 
 
 def put(figure: Figure, path: Path | str) -> None:
-    """Write `figure` into the file `path`, as its name ends; PNG if it ends in nothing. Raises OutputError.
+    """Write `figure` to the file `path`, in the format of its ending; PNG without one. Raises OutputError.
 
-    It is drawn beside the file first: a disk that is full leaves what was there.
+    The figure is written to a temporary file first: if the disk is full, the old file stays.
     """
     path = Path(path)
     drawn = io.BytesIO()
     figure.savefig(drawn, format=path.suffix[1:] or "png")
     try:
-        target = path.resolve()  # a link stays one
+        target = path.resolve()  # a symbolic link stays a link
         if target.exists() and not target.is_file():  # a device, such as /dev/null
             target.write_bytes(drawn.getvalue())
             return

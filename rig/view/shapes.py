@@ -1,4 +1,4 @@
-"""What the moving pictures are put together from: colours, turns, arrows, springs, words."""
+"""Elements of the moving pictures: colours, rotations, arrows, springs, text."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ FRICTION, NORMAL = (226, 74, 66), (120, 190, 120)
 
 
 LYING = (math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5))
-"""A cylinder along y."""
+"""Quaternion that turns a cylinder to the y axis."""
 
 
 class Columns(NamedTuple):
-    """Rows of one entity: its path, the times [ns] and what rerun calls component columns."""
+    """Rows of one entity: its path, the times [ns] and rerun's component columns."""
 
     path: str
     t_ns: Integers
@@ -35,21 +35,21 @@ def coloured(modes: Integers) -> list[tuple[int, int, int]]:
 
 
 def about(axis: int, angles: Reals) -> Reals:
-    """Quaternions (x, y, z, w) of turns about an axis."""
+    """Quaternions (x, y, z, w) of rotations by `angles` [rad] about an axis (0, 1, 2)."""
     turns = np.zeros((angles.size, 4))
     turns[:, axis], turns[:, 3] = np.sin(angles / 2), np.cos(angles / 2)
     return turns
 
 
 def along(axis: int, lengths: Reals) -> Reals:
-    """Vectors of these lengths along an axis."""
+    """Vectors of the given lengths along an axis (0, 1, 2)."""
     vectors = np.zeros((lengths.size, 3))
     vectors[:, axis] = lengths
     return vectors
 
 
 def zigzag(begin: Reals, end: Reals, flat: bool) -> Reals:
-    """Springs [frame, point, xyz] between points [frame, xyz], wound in the horizontal plane or upright."""
+    """Springs [frame, point, xyz] between points [frame, xyz], drawn in the horizontal plane (`flat`) or upright."""
     share = np.array([0.0, 0.1, *np.linspace(0.15, 0.85, 11), 0.9, 1.0])
     side = np.array([0.0, 0.0, *np.where(np.arange(11) % 2, 0.05, -0.05), 0.0, 0.0])
     span = end - begin
@@ -60,7 +60,7 @@ def zigzag(begin: Reals, end: Reals, flat: bool) -> Reals:
 
 
 def load(t_ns: Integers, heads: Reals, lengths: Reals) -> Columns:
-    """The normal force, pressing down on points `heads`."""
+    """Arrows of the normal force, which end at the points `heads`."""
     import rerun as rr
 
     down = along(2, -np.maximum(lengths, 0.0))
@@ -72,7 +72,7 @@ def load(t_ns: Integers, heads: Reals, lengths: Reals) -> Columns:
 
 
 def spring(t_ns: Integers, strips: Reals, radius: float = 0.009) -> Columns:
-    """The spring, by its points [frame, point, xyz]."""
+    """A spring, given by its points [frame, point, xyz]."""
     import rerun as rr
 
     count = len(strips)
@@ -81,7 +81,7 @@ def spring(t_ns: Integers, strips: Reals, radius: float = 0.009) -> Columns:
 
 
 def word(t_ns: Integers, place: tuple[float, float, float], said: list[str], colours: Any) -> Columns:
-    """What is written at a place, frame by frame."""
+    """Text at a position, one for each frame."""
     import rerun as rr
 
     count = len(said)

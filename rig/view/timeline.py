@@ -1,4 +1,4 @@
-"""What happened in a run, told in spans of time: phases of the protocol, marks, and when which controller worked."""
+"""The course of a run as time spans: phases of the protocol, marks, and when each controller worked."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rig.record.run import Run
 
 
 class Span(NamedTuple):
-    """From `begin` to `end` [s]."""
+    """A time span from `begin` to `end` [s], with its text."""
 
     begin: float
     end: float
@@ -22,33 +22,33 @@ class Span(NamedTuple):
 
 
 class Mark(NamedTuple):
-    """At `time` [s]."""
+    """A mark at `time` [s], with its text."""
 
     time: float
     text: str
 
 
 def end_of(run: Run) -> float:
-    """The end of the run [s]."""
+    """Time of the last sample of the run [s]."""
     return float(run.time[-1]) if run.time.size else 0.0
 
 
 def phases(run: Run) -> list[Span]:
-    """The steps of the protocol that took time."""
+    """The steps of the protocol that have a duration."""
     steps = [(e["t_ns"] * 1e-9, _short(e["text"])) for e in run.told if e["kind"] == "step"]
     ends = [t for t, _ in steps[1:]] + [end_of(run)]
     return [Span(begin, end, text) for (begin, text), end in zip(steps, ends) if end > begin]
 
 
 def _short(text: str) -> str:
-    """For a small space: "ramp drive.speed to 0.3 rad/s within 2 s" becomes "drive.speed to 0.3 rad/s"."""
+    """A short form: "ramp drive.speed to 0.3 rad/s within 2 s" becomes "drive.speed to 0.3 rad/s"."""
     text = text.partition(" within ")[0]
     text = text.replace("load load.force", "load").removeprefix("ramp ")
     return "hold" if text.startswith("hold") else text
 
 
 def marks(run: Run) -> list[Mark]:
-    """What the protocol, an operator or a limit wrote down, and parameters that a controller says were changed."""
+    """Marks of the protocol, an operator or a limit, and changes of parameters that controllers reported."""
     kinds = ("mark", "knock", "limit", "diverged", "parameter", "safe")
     own = [e for e in run.events if e["kind"] == "parameter" and e["source"] in run.commands]
     told = sorted([*(e for e in run.told if e["kind"] in kinds), *own], key=lambda e: int(e["t_ns"]))
@@ -56,7 +56,7 @@ def marks(run: Run) -> list[Mark]:
 
 
 def controlled(run: Run) -> list[Span]:
-    """When each controller worked, in the order of time: connected by the protocol or by hand, and enabled."""
+    """Spans in which each controller worked (was connected and enabled), in order of time."""
     found: list[Span] = []
     for name in sorted(run.commands):
         found += _controlled(
@@ -91,7 +91,7 @@ def _enabled_at(scene: str, name: str) -> float:
 
 
 def sections(run: Run) -> list[Span]:
-    """The run cut where a controller begins or ends to work: "free", or the names of those at work."""
+    """The run, divided where a controller begins or stops working: "free", or the names of working controllers."""
     spans, end = controlled(run), end_of(run)
     cuts = sorted({0.0, end, *(t for span in spans for t in (span.begin, span.end))})
     found = []
@@ -102,11 +102,11 @@ def sections(run: Run) -> list[Span]:
 
 
 def circuits(run: Run, system: System | None) -> list[Span]:
-    """When a switch of the rig's network was closed, and in which position."""
+    """Spans in which a switch of the electrical network was closed, and its position."""
     if system is None or not system.switches or not run.mode.size:
         return []
     known, inverse = np.unique(run.mode, return_inverse=True)
-    told = [_closed(system, int(key)) if key >= 0 else "" for key in known]  # -1: a recording lost it
+    told = [_closed(system, int(key)) if key >= 0 else "" for key in known]  # -1: lost in the recording
     names = list(dict.fromkeys(told))
     which = np.array([names.index(text) for text in told])[inverse.ravel()]
     cuts = [0, *(np.flatnonzero(np.diff(which)) + 1).tolist(), which.size]
@@ -116,6 +116,6 @@ def circuits(run: Run, system: System | None) -> list[Span]:
 
 
 def _closed(system: System, key: int) -> str:
-    """The switches that are closed in mode set `key`; their first position is open."""
+    """Names and positions of the switches that are closed in mode set `key`; the first position means open."""
     positions = zip(system.switches, system.modes(key)[4])
     return ", ".join(f"{switch.name} {switch.positions[where].name}" for switch, where in positions if where)

@@ -1,8 +1,8 @@
-"""Where pictures go: rerun's viewer as a process of its own, a viewer that runs already, or a file.
+"""The target of a view: rerun's viewer in its own process, a viewer that already runs, or a file.
 
-Each view opens a window of its own, on a free port of the loopback device. The window belongs to whoever looks at it:
-it outlives the run and the process that fed it, and is closed by hand. A browser page is fed by a server that nobody
-would see and close, so the server ends with the process that started it; a page that has loaded keeps what it shows.
+Each view opens its own window, on a free port of the loopback device. The window stays open after the run and the
+viewer process have ended, and the user closes it. A browser page needs a server, which nobody would see and close.
+Therefore the server ends with the process that started it; a loaded page keeps what it shows.
 """
 
 from __future__ import annotations
@@ -32,40 +32,40 @@ if TYPE_CHECKING:
 _OPENING_S = 15.0
 _LEAVING_S = 0.5
 _WRITTEN_S = 2.0
-"""Longest wait for the end of a file, which is written however late it is read."""
+"""Longest wait for the end of a file; a file has no reader that could block it."""
 _SETTLED_S = 0.4
-"""A viewer that finds no display gives up within a tenth of this, after it has begun to listen."""
+"""Time for which a viewer must run after it listens: without a display it ends within a tenth of this."""
 OPEN_TO = (
     "any user of this machine can look at this page while it is served; the page itself asks fonts.googleapis.com, "
     "api.github.com, tel.rerun.io and app.rerun.io for fonts, versions, statistics and examples"
 )
-"""What somebody who opens the page should know: rerun's page is fetched without a password, and calls out."""
+"""A warning for users of the page: it needs no password, and rerun's page contacts other servers."""
 _MEMORY, _SERVED = "2GB", "256MB"
 _BOUND = """import ctypes, os, sys
 ctypes.CDLL(None).prctl(1, 15)
 if os.getppid() == int(sys.argv[1]):
     os.execv(sys.argv[2], sys.argv[2:])"""
-"""Becomes the process of its second argument, which is sent SIGTERM when that of the first one ends, even if killed."""
+"""Becomes the program of its second argument, which gets SIGTERM when the process of the first one ends in any way."""
 
 
 class Viewer:
-    """A viewer at `url`; `page` is what a browser shows; `process` is None for one that others started."""
+    """A viewer at `url`; `page`: address for a browser; `process`: None if another process started the viewer."""
 
     def __init__(self, url: str, page: str = "", process: subprocess.Popen[bytes] | None = None) -> None:
         self.url, self.page, self.process = url, page, process
 
     @property
     def alive(self) -> bool:
-        """Whether it is there still, as far as can be known."""
+        """Whether the viewer still runs; always true for one that another process started."""
         return self.process is None or self.process.poll() is None
 
     def wait(self) -> None:
-        """Until it ends."""
+        """Wait until the viewer ends."""
         if self.process is not None:
             self.process.wait()
 
     def stop(self) -> None:
-        """End it, if it was started here."""
+        """End the viewer if this process started it."""
         if self.process is None:
             return
         self.process.terminate()
@@ -77,7 +77,7 @@ class Viewer:
 
 
 def binary() -> Path:
-    """The viewer itself, not its wrapper in Python, which would leave it behind when it is killed."""
+    """Path of the viewer program, not of its Python wrapper, which would leave the viewer running when killed."""
     import rerun_cli
 
     folder = Path(str(rerun_cli.__file__)).parent
@@ -87,7 +87,7 @@ def binary() -> Path:
 def start(web: bool = False, headless: bool = False) -> Viewer:
     """Start a viewer: a window, a server for a browser page (`web`), or off screen (`headless`).
 
-    Raises UsageError if it cannot open, as on a machine without a display.
+    Raises UsageError if it does not open, e.g. on a machine without a display.
     """
     port = free_port()
     command = [str(binary()), "--bind", "127.0.0.1", "--port", str(port), "--memory-limit", _MEMORY]
@@ -95,13 +95,13 @@ def start(web: bool = False, headless: bool = False) -> Viewer:
     url = f"rerun+http://127.0.0.1:{port}/proxy"
     if web:
         page_port = free_port()
-        page = f"http://127.0.0.1:{page_port}/?theme=dark&url={quote(url, safe='')}"  # the pictures are painted for it
+        page = f"http://127.0.0.1:{page_port}/?theme=dark&url={quote(url, safe='')}"  # the colours need it
         command += ["--serve-web", "--web-viewer-port", str(page_port), "--server-memory-limit", _SERVED]
     else:
         command += ["--hide-welcome-screen", *(["--headless"] if headless else [])]
     if (web or headless) and sys.platform == "linux":
         command = [sys.executable, "-ISc", _BOUND, str(os.getpid()), *command]
-    # in a session of its own: Ctrl-C ends the run, not the window; CI: rerun sends no statistics about its use
+    # a new session, so that Ctrl-C does not end the window; with CI rerun sends no usage statistics
     with tempfile.TemporaryFile() as said:
         try:
             process = subprocess.Popen(
@@ -128,7 +128,7 @@ def _wait_until_open(viewer: Viewer, port: int, said: IO[bytes]) -> None:
             reason = "there is no display" if "DISPLAY" in last else last
             raise UsageError(f"the viewer's window could not be opened: {reason}; try --web for a browser page")
         if time.monotonic() > deadline:
-            raise UsageError(f"the viewer did not open within {_OPENING_S:g} s")
+            raise UsageError(f"the viewer did not open within {_OPENING_S:g} s; the machine may be too busy: try again")
         if not opened:
             with suppress(OSError), socket.create_connection(("127.0.0.1", port), 0.2):
                 opened = time.monotonic()
@@ -136,7 +136,7 @@ def _wait_until_open(viewer: Viewer, port: int, said: IO[bytes]) -> None:
 
 
 def free_port() -> int:
-    """A port of the loopback device on which nobody listens."""
+    """A free port of the loopback device."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
@@ -153,9 +153,10 @@ def sink(
     connect: str | None = None,
     headless: bool = False,
 ) -> Iterator[tuple[rr.RecordingStream, Viewer | None]]:
-    """A stream of rerun called `name`, with its window arranged; the viewer, or None for a file.
+    """Open a recording stream of rerun called `name`, with the window arranged; yields it and the viewer.
 
-    `save` writes a file (.rrd) that `rerun FILE` shows; `connect` is the address of a viewer that runs already.
+    `save` writes a file (.rrd), which `rerun FILE` shows; the viewer is None then. `connect` is the address of a viewer
+    that already runs. Raises LogError if the file cannot be written, UsageError if the viewer does not open.
     """
     import rerun as rr
 
@@ -184,7 +185,7 @@ def sink(
 
 
 def _leave(rec: rr.RecordingStream, patience: float) -> None:
-    """Send what is on its way and close, within `patience` [s]: a viewer that hangs would hold it for ever."""
+    """Send the remaining data and close, within `patience` [s]: a viewer that hangs would block it for ever."""
     import rerun as rr
 
     rr.unregister_shutdown()

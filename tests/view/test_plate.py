@@ -197,5 +197,5 @@ def test_a_figure_of_a_live_run_says_that_its_outputs_are_thinned(run, tmp_path)
 
     assert _thin(run) == ""
     live = replace(run, step_ns=10_000)
-    assert _thin(live) == "outputs: 1000 a second, faster vibration is folded down"
+    assert _thin(live) == "outputs: 1000 per second; faster vibration appears as aliases"
     draw(live, tmp_path / "run.png")
