@@ -1,13 +1,15 @@
-"""The audit of a run: which effects changed nothing in it, and which were missing, judged on states that it visited.
+"""The audit of a run: which effects changed nothing in it, and which were missing, judged at states of the run.
 
-At up to two dozen states, spread over the run, the rig is assembled with and without an effect and asked for the same
-instant: what accelerates each body, how fast each other state moves, what each contact bears. The effect's share is
+At up to two dozen states, spread over the run, the rig is assembled with and without an effect. Both rigs are compared
+at each state: accelerations a of the coordinates, rates r of the other state variables, contact forces T. The effect's
+share is
 
-    max( |M^1/2 (a - a')| / |M^1/2 |a||,  |r - r'| / ||r||,  |T - T'| / |T| )        norms over all states looked at
+    max( |M^1/2 (a - a')| / |M^1/2 |a||,  |r - r'| / ||r||,  |T - T'| / |T| )        norms over all these states
 
-with |a|, |r| the sums of the sizes of their terms, so that steady sliding, where all forces balance, is no nought. This
-is not the error of the motion, which `rig explain SCENE --measure` tells by paired runs; but it needs no second run. An
-absent effect has the values of a shipped scene of the same plant. Hardware (rig.about) is absent on purpose.
+where |a| and |r| are the sums of the sizes of their terms, so that the denominator is not zero in steady sliding, where
+all forces balance. The share is not the error of the motion, which `rig explain SCENE --measure` measures by paired
+runs; but it needs no second run. An absent effect gets the values of a shipped scene of the same plant. Hardware
+(rig.about) is absent on purpose and not judged.
 """
 
 from __future__ import annotations
@@ -34,14 +36,14 @@ from rig.stability.linearisation import inputs, loads, own_law
 Array = NDArray[np.float64]
 Told = dict[str, tuple[float, float, float]]
 LEAST = 1e-3
-"""Share of the forces below which an effect counts as nothing."""
+"""Share of the forces below which an effect counts as having no influence."""
 MOST = 24
-"""States that are kept of a run."""
+"""Most states of a run that are kept."""
 _ROUNDING = 1e-12
 
 
 class Visited(NamedTuple):
-    """A state of a run and the mode set it was in."""
+    """A state of a run and its mode set."""
 
     system: System
     key: int
@@ -49,24 +51,24 @@ class Visited(NamedTuple):
 
 
 class Witness:
-    """Keeps states of a run at its frames, evenly spread whatever its length. `due`: the next frame to look at.
+    """Keeps states of a run at the ends of frames, evenly spread over a run of any length. `due`: the next such frame.
 
     `open`: switches of effects (`shunt.connected`) that have been open all the time.
     """
 
     def __init__(self, scene: Scene, values: Mapping[str, float]) -> None:
-        """`values`: of all inputs at the start."""
+        """`values`: input -> its value at the start."""
         self.kept: list[Visited] = []
         self.due = self._every = 1
         self.open = {key for key in switches(scene.parameters) if values.get(key, SWITCHED) < SWITCHED}
 
     def hears(self, name: str, value: Any) -> None:
-        """An input or a parameter now has this value."""
+        """Notice that an input or a parameter now has this value."""
         if name in self.open and value >= SWITCHED:
             self.open.remove(name)
 
     def look(self, motion: Motion, frame: int, steps: int) -> None:
-        """Keep what `motion` passed since the last look; it is at the end of frame `frame`, of `steps` steps each."""
+        """Keep the states that are due; `motion` is at the end of frame `frame`, and a frame has `steps` samples."""
         while self.due <= frame:
             row = motion.kept - 1 - (frame - self.due) * steps
             if 0 <= row < motion.kept:
@@ -80,9 +82,9 @@ class Witness:
 
 @dataclass(frozen=True)
 class Judged:
-    """An effect and its `share`; `like`: the scene that its values are from where it is absent, if it has any.
+    """An effect and its `share`; `like`: for an absent effect, the scene from which its values are.
 
-    `open`: the input that closes its switch, of an effect whose switch was never closed in this run.
+    `open`: for an effect whose switch was never closed in this run, the input that closes it.
     """
 
     effect: str
@@ -93,11 +95,11 @@ class Judged:
 
     @property
     def noted(self) -> bool:
-        """Whether it is worth a word: on for nothing, or missing."""
+        """Whether the user should know: the effect is active without influence, or missing."""
         return self.on != (self.share >= LEAST)
 
     def text(self) -> str:
-        """For a reader."""
+        """The judgement as a sentence."""
         name = f'Effect "{self.effect}"'
         if not self.on:
             like = f" as in {self.like}" if self.like else ""
@@ -105,18 +107,18 @@ class Judged:
         if self.open:
             return f"{name} stayed open in this run ({self.open} closes it)"
         if self.share > _ROUNDING:
-            return f"{name} is active but changed the forces of this run by {self.share:.1g} of their size only"
+            return f"{name} is active but changed the forces of this run by only {self.share:.1g} of their size"
         owner = self.effect.removesuffix(" limits")
         why = f" ({owner} stayed within its range)" if owner != self.effect else ""
         return f"{name} is active but never influenced this run{why}"
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """The judgement as plain values for JSON."""
         return {**asdict(self), "noted": self.noted, "text": self.text()}
 
 
 def audit(scene: Scene, witness: Witness, motion: Motion) -> list[dict[str, Any]]:
-    """Every effect that the plant of `scene` can be with or without, judged on the states of `witness`."""
+    """Judge every effect that the plant of `scene` can have or not, at the states of `witness`."""
     return [one.to_json() for one in _judged(scene, witness, motion)]
 
 
@@ -133,7 +135,7 @@ def _judged(scene: Scene, witness: Witness, motion: Motion) -> Iterator[Judged]:
     for name, keys in dropped(scene).items():
         try:
             other = rig_of(without(scene, keys))
-        except (RigError, ValueError):  # the plant cannot do without it, or the method not with what is left
+        except (RigError, ValueError):  # the plant needs it, or the method cannot integrate the rig without it
             continue
         limited = clamped.get(name.removesuffix(" limits"), 0.0) if name.endswith(" limits") else 0.0
         switch = next((key for key in witness.open if key.partition(".")[0] == name), "")
@@ -145,12 +147,12 @@ def _judged(scene: Scene, witness: Witness, motion: Motion) -> Iterator[Judged]:
         try:
             more, like = added(scene, keys)
             yield Judged(name, False, share(kept, rig_of(more), own), like)
-        except (RigError, ValueError):  # nobody has values for it, or the method does not take it
+        except (RigError, ValueError):  # no scene has values for it, or the method cannot integrate it
             continue
 
 
 def _clamped(motion: Motion) -> dict[str, float]:
-    """Share of the ticks that each limiter was clamped in; what is rare is not among the states that were kept."""
+    """Share of the ticks in which each limiter was clamped; the kept states would miss rare clamping."""
     system, tally = motion.system, motion.state.tally.astype(np.float64)
     found = dict.fromkeys((limiter.name for limiter in system.limiters), 0.0)
     for ticks, modes in zip(tally.tolist(), motion.mode_sets.sets):
@@ -160,7 +162,10 @@ def _clamped(motion: Motion) -> dict[str, float]:
 
 
 def share(kept: Sequence[Visited], other: System, own: dict[int, Told]) -> float:
-    """How much another rig differs at the states of this one (see the file's head); `own`: told of this one so far."""
+    """Share by which another rig differs at the states of this one (see the head of this file).
+
+    `own`: values of this rig, by the index of the state; filled here.
+    """
     sums: dict[str, list[float]] = {}
     met: dict[tuple[int, int], tuple[ModeSet, ModeSet] | None] = {}
     for i, (system, key, x) in enumerate(kept):
@@ -181,7 +186,7 @@ def share(kept: Sequence[Visited], other: System, own: dict[int, Told]) -> float
 
 
 def _pair(system: System, other: System, key: int) -> tuple[ModeSet, ModeSet] | None:
-    """The same mode set of both rigs, as far as the other one knows it; None where that is singular."""
+    """The same mode set in both rigs, as far as the other one has its parts; None if it is singular."""
     names = [[p.name for p in parts] for parts in _parts(system)]
     modes = [dict(zip(n, m)) for n, m in zip(names, system.modes(key))]
     at = [
@@ -200,13 +205,13 @@ def _parts(system: System) -> tuple[Sequence[Any], ...]:
 
 
 def _carried(system: System, other: System, x: Array) -> Array:
-    """The state as the other rig's: by name; what is not known there begins as it does there."""
+    """The state of the other rig: variables with the same name have the values of `x`, all others start values."""
     known = dict(zip(system.names, x.tolist()))
     return np.array([known.get(name, start) for name, start in zip(other.names, other.start.tolist())])
 
 
 def _told(system: System, modes: ModeSet, x: Array) -> Told:
-    """Of each acceleration, other rate and contact: value, size of its terms, weight."""
+    """(value, size of its terms, weight) of each acceleration, each other rate and each contact force."""
     nq = len(system.coordinates)
     T, _ = inputs(system, modes, x, own_law(system, modes))
     rates = modes.A @ x + modes.b @ T

@@ -1,9 +1,10 @@
-"""The rigs that the protocol and operators wait for in a paced run: built in another thread, in the order of arrival.
+"""Builds the rigs for which the protocol and operators wait in a paced run, in another thread, in order of arrival.
 
-A rig is built from the rig as it is. If anybody changes that one meanwhile, the build is of no use and begins again. So
-only who has waited longest builds, and the others wait for their turn. Commands of controllers (`rig.bench.rebuild`),
-which ask for new rigs again and again, wait until nobody else does. Otherwise these would starve each other. The
-protocol still takes a rig that is at hand at its tick: the steps of an experiment are exact where they can be.
+A variant is built from the present rig. If the rig changes meanwhile, the variant is useless and must be built again.
+Therefore only one request is built at a time, that of the longest waiting requester. Commands of controllers
+(`rig.bench.rebuild`), which request new rigs again and again, wait until no other request waits; otherwise requests
+would make each other start again for ever. A protocol step whose rig is already built takes it at its tick, so that the
+times of an experiment are exact whenever possible.
 """
 
 from __future__ import annotations
@@ -20,37 +21,37 @@ if TYPE_CHECKING:
 
 
 class Builds:
-    """Builds rigs for those who wait, one after the other; `stand` keeps them."""
+    """Builds rigs for requesters in order of arrival; `runner` keeps the rigs."""
 
     def __init__(self, runner: PlantRunner) -> None:
         self.apart = False
-        """Whether rigs are built in another thread; otherwise nobody waits."""
+        """Whether rigs are built in another thread; otherwise they are built at once and nobody waits."""
         self._runner = runner
         self._order: dict[object, None] = {}
-        """Who waits, in the order of arrival."""
+        """Requesters that wait, in order of arrival."""
         self._build: Build[list[Variant]] | None = None
-        """For the first of them."""
+        """The build for the first requester."""
 
     @property
     def awaited(self) -> bool:
-        """Whether somebody waits: nobody else should change the rig."""
+        """Whether a requester waits. Then nobody else should change the rig."""
         return bool(self._order)
 
     def join(self, who: object) -> None:
-        """`who` waits from now on, behind those who wait already."""
+        """Append requester `who` to the queue."""
         self._order.setdefault(who)
 
     def leave(self, who: object) -> None:
-        """`who` waits no longer."""
+        """Remove requester `who` from the queue."""
         if self._is_first(who):
             self._build = None
         self._order.pop(who, None)
 
     def ready(self, who: object, wanted: Callable[[], Sequence[Wanted]], later: Iterable[Wanted] = ()) -> bool:
-        """Whether the rigs are at hand that `who` needs one after the other; who has to wait asks again.
+        """Whether the rigs that `who` needs, one after the other, are built. If not, `who` waits and asks again.
 
-        `later`: what is likely to be needed after them, and built with them. Raises RigError if a rig cannot be, and
-        whatever `wanted` raises; then `who` waits no longer.
+        `later`: rigs that are probably needed next and are built with them. Raises RigError if a rig cannot be built,
+        and whatever `wanted` raises; then `who` no longer waits.
         """
         new = who not in self._order
         self.join(who)
@@ -81,6 +82,6 @@ class Builds:
         try:
             for one in later:
                 found.append(self._runner.variant(one, found[-1] if found else None))
-        except RigError:  # it is told when it is needed
+        except RigError:  # reported when the rig is needed
             pass
         return found

@@ -1,4 +1,4 @@
-"""What the matrices of a scene say before it runs, the same for every command that builds its rig."""
+"""Findings about the rig of a scene before it runs, the same for every command that builds the rig."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rig.stability.report import stability_report
 
 
 def findings(scene: Scene, system: System | None = None) -> list[Finding]:
-    """Everything that can be said of the rig of `scene`, gravest first. `system`: its matrices, if they are at hand."""
+    """All findings about the rig of `scene`, the most severe first. `system`: its matrices, if already assembled."""
     clock, system = scene.clock, scene.assemble().system() if system is None else system
     substeps = max(1, scene.step_ns // int(clock.rk4_step))
     return stability_report(system, chosen(clock.method, system), scene.step_ns * 1e-9, substeps, clock.tolerance)

@@ -1,8 +1,8 @@
-"""Two runs of a rig whose contact points open, made by different processors: what of them has to agree, and how far.
+"""Compares two runs of a rig whose contact points open, made on different processors.
 
-Rounding differs. Up to the first opening the motion forgets it, and samples agree. From then on the motion is chaotic:
-samples differ soon, and only statistics can agree. Each tolerance is about twice the spread that runs of the shipped
-plate have among themselves when their start differs by rounding.
+Rounding differs between processors. Up to the first opening of a point the motion is stable against rounding, and
+samples agree. After it the motion is chaotic: samples soon differ, and only statistics can agree. Each tolerance is
+about twice the spread of runs of the shipped plate whose initial states differ by rounding.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from rig.record.statistics import ACCELERATION, Statistic, first_opening, statis
 
 BEFORE = 1e-5
 """Largest deviation up to the first opening, as a share of the range of a signal. Points that stick and slip in the
-last milliseconds before it make 4e-7 of a rounding. # chosen"""
+last milliseconds before it amplify a rounding error to 4e-7. # chosen"""
 ONSET = 0.01
-"""Largest difference of the first opening, as a share of its time. # chosen"""
+"""Largest difference between the times of the first opening, as a share of that time. # chosen"""
 SHORTEST = 0.1
-"""A shorter stretch has no statistics that agree [s]. # chosen: 0.03 s have twice the spread"""
+"""Shortest time span whose statistics are compared [s]. # chosen: 0.03 s have twice the spread"""
 FEWEST = 1000
-"""Samples of outputs whose statistics are compared: 20 alone have an RMS that is uncertain by 16 %. # chosen"""
+"""Fewest samples of outputs whose statistics are compared: with 20 the RMS is uncertain by 16 %. # chosen"""
 RMS, BAND = 1.5, 2.0
-"""Largest factor between the RMS of accelerations, and between those of one band. # chosen"""
+"""Largest factor between the RMS of accelerations, and between their RMS in one band. # chosen"""
 MEAN, LEAST = 0.1, 0.15
-"""Largest difference of the contact fraction, its mean and its least value. # chosen"""
+"""Largest difference between the means, and between the least values, of the contact fraction. # chosen"""
 RANGE = 0.5
-"""Largest difference between ranges of the pressure centre, of the longest range. # chosen"""
+"""Largest difference between ranges of the pressure centre, as a share of the longest range. # chosen"""
 
 
 class Compared(NamedTuple):
-    """One statistic of a recording and of its simulation; `allowed` in words."""
+    """One statistic of a recording and of its re-simulation; `allowed`: the tolerance in words."""
 
     recorded: Statistic
     simulated: float
@@ -47,23 +47,23 @@ class Compared(NamedTuple):
 
 
 class Openings(NamedTuple):
-    """When a point opened first [s] in the recording and in its simulation; None: never."""
+    """Time of the first opening of a point [s] in the recording and in its re-simulation; None: never."""
 
     recorded: float | None
     simulated: float | None
 
     @classmethod
     def of(cls, run: Run, again: Run) -> Openings:
-        """Of a recording and its simulation."""
+        """The first openings of a recording and its re-simulation."""
         return cls(first_opening(run), first_opening(again))
 
     @property
     def first(self) -> float | None:
-        """The earlier one; None where no point opens in either."""
+        """The earlier time; None if no point opens in either run."""
         return min((one for one in self if one is not None), default=None)
 
     def fault(self, step: float) -> str:
-        """Why they do not agree; "" if they do. `step`: between samples of the recording [s]."""
+        """Why the times do not agree; "" if they do. `step`: time between samples of the recording [s]."""
         if self.recorded is None and self.simulated is None:
             return ""
         if self.recorded is None or self.simulated is None:
@@ -78,10 +78,10 @@ class Openings(NamedTuple):
 
 
 def compared(run: Run, again: Run, first: float, last: float) -> Iterator[Compared]:
-    """The statistics of both from `first` to `last` [s] that have a tolerance.
+    """Compare all statistics with a tolerance from `first` to `last` [s].
 
-    Outputs of the plant are taken at the instants that both have: a recording off the bus has 200 a second. Sensors
-    have all of their samples; with fewer than `FEWEST` outputs in the stretch, they are what is compared.
+    Outputs of the plant are compared at the instants that both runs have: the recording of a live run has 200 per
+    second. With fewer than `FEWEST` such instants only sensors are compared, which have all of their samples.
     """
     here = {one.name: one for one in statistics(_thinned(again, run, first, last), first, last)}
     both = [one for one in statistics(_thinned(run, again, first, last), first, last) if one.name in here]
@@ -101,7 +101,7 @@ def compared(run: Run, again: Run, first: float, last: float) -> Iterator[Compar
 
 
 def _thinned(run: Run, beside: Run, first: float, last: float) -> Run:
-    """`run` with its outputs at the instants of `beside` alone; without outputs where these are too few."""
+    """`run` with its outputs only at the instants of `beside`; without outputs if these are fewer than `FEWEST`."""
     t_ns, other = (np.rint(one.time * 1e9).astype(np.int64) for one in (run, beside))
     here = np.isin(t_ns, other, assume_unique=True)
     inside = here & (run.time >= first) & (run.time <= last)

@@ -1,4 +1,4 @@
-"""The line from one controller to its actuators: what waits on it, what is in force, what was counted."""
+"""The commands of one controller: those that wait, the one in force, and counts."""
 
 from __future__ import annotations
 
@@ -13,30 +13,30 @@ from numpy.typing import NDArray
 from rig.record.run import Commands
 
 AS_SENT, CLAMPED, SAFE = 0, 1, 2
-"""What `status` says of a command taken over."""
+"""Values of `status` of a command that took effect."""
 
 
 @dataclass
 class Counts:
-    """What happened to the commands of one controller."""
+    """Counts of what happened to the commands of one controller."""
 
     taken: int = 0
     late: int = 0
-    """Taken over more than one frame after the measurement that they answer (beyond the stated delay)."""
+    """Commands that took effect more than one frame after the measurement they answer (beyond the stated delay)."""
     oldest: int = 0
-    """Age of the oldest command taken over [frames]."""
+    """Age of the oldest command that took effect [frames]."""
     held: int = 0
-    """Frames in which a command was due and had not come."""
+    """Frames in which a command was due but had not arrived."""
     overtaken: int = 0
     clamped: int = 0
     not_finite: int = 0
     refused: int = 0
     safe: int = 0
-    """Times that safe values had to step in."""
+    """Number of times that safe values replaced missing commands."""
 
 
 class Line:
-    """The line from one controller to its actuators. Times in ticks."""
+    """The queue of the commands of one controller, and the command in force. Times are in ticks."""
 
     __slots__ = (
         "_columns", "answered", "connected", "counts", "delay", "drives", "hold", "last", "name", "period", "queue",
@@ -48,15 +48,15 @@ class Line:
         self.queue: deque[tuple[int, int, Sequence[float]]] = deque()
         self.connected = True
         self.values: tuple[float, ...] = ()
-        """In force; () while the controller has not commanded yet."""
+        """The command in force; () before the first one."""
         self.wanted: tuple[float, ...] = ()
-        """Commanded, where that needs a rig which is still being built; else ()."""
+        """The latest command, if it needs a rig that is still being built; else ()."""
         self.answered, self.status, self.last = -1, AS_SENT, 0
         self.counts = Counts()
         self._columns = (array("q"), array("q"), array("q"), array("d"))
 
     def follow(self, former: Line) -> None:
-        """Go on with the counts and commands of the line that the controller of this name had before.
+        """Continue the counts and recorded commands of the queue that the controller of this name had before.
 
         A recording has one number of values for each name, so commands to another number of actuators are left out.
         """
@@ -65,7 +65,7 @@ class Line:
             self._columns = former._columns
 
     def keep(self, tick: int) -> None:
-        """Write down what is in force from `tick` on."""
+        """Record the command in force from `tick` on."""
         ticks, answered, status, values = self._columns
         ticks.append(tick)
         answered.append(self.answered)
@@ -73,14 +73,17 @@ class Line:
         values.extend(self.values)
 
     def went_on(self, rows: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-        """What came into force since: rows [row, 3] of tick, tick measured at, status; values [row, actuator]."""
+        """Record commands that the compiled loop put into force.
+
+        `rows` int64 [row, 3]: tick, tick of the measurement, status; `values` float64 [row, actuator].
+        """
         self.values = tuple(values[-1].tolist())
         self.last, self.answered, self.status = rows[-1].tolist()
         for i, new in enumerate((*rows.T, values)):
             self._columns[i].frombytes(np.ascontiguousarray(new).tobytes())
 
     def taken(self) -> tuple[array[int], array[int], array[int], array[float]] | None:
-        """What was written down since the last call: ticks, answered, statuses, values in a row; None if nothing."""
+        """Take what was recorded since the last call: ticks, answered, statuses, concatenated values; None if empty."""
         ticks, answered, status, values = self._columns
         if not ticks:
             return None
@@ -90,6 +93,6 @@ class Line:
         return found
 
     def commands(self) -> Commands:
-        """What was written down."""
+        """The recorded commands that were not taken yet."""
         ticks, answered, status = (np.array(column, np.int64) for column in self._columns[:3])
         return Commands(ticks, answered, status, np.array(self._columns[3]).reshape(len(ticks), len(self.drives)))
