@@ -37,12 +37,12 @@ job = Job(scene.to_json(), wait=0.0, duration=0.4, expect=(("controller", "nf"),
 seen = Interruptions()
 plant = Plant(Twin("test").open("plant", "plant"), job, lambda: "", visited(scene, job))
 before = []
-begin = plant.attendant.begin
+begin = plant.housekeeper.begin
 def frame_0(*arguments):
     seen.__init__()
     before.extend(sys.modules)
     begin(*arguments)
-plant.attendant.begin = frame_0
+plant.housekeeper.begin = frame_0
 plant.gather(lambda _: None)
 with seen.watched():
     plant._go(lambda _: None)
