@@ -36,9 +36,9 @@ def source_key() -> str:
 
 
 FOLDER = kernel_store.Folder(source_key())
-"""Where what is compiled from these sources is kept."""
+"""Where the kernels compiled from these sources are stored."""
 numba.config.CACHE_DIR = str(FOLDER.path)  # type: ignore[attr-defined]
-_TELLER = kernel_store.Teller(FOLDER)
+_PROGRESS = kernel_store.CompileProgress(FOLDER)
 
 
 class _Compiler(event.Listener):  # type: ignore[misc]
@@ -59,7 +59,7 @@ class _Compiler(event.Listener):  # type: ignore[misc]
 
 
 if os.environ.get("RIG_OWN_PROCESS"):
-    for _listener in (_Compiler(), _TELLER):
+    for _listener in (_Compiler(), _PROGRESS):
         event.register("numba:compile", _listener)  # type: ignore[no-untyped-call]
 
 
@@ -176,13 +176,13 @@ def as_python(function: F) -> F:
 
 
 @contextmanager
-def told_as(what: str) -> Iterator[None]:
+def announce_compiling(what: str) -> Iterator[None]:
     """Tell the user that `what` is being compiled, which is not stored on disk, unlike kernels."""
-    before, _TELLER.other = _TELLER.other, what
+    before, _PROGRESS.other = _PROGRESS.other, what
     try:
         yield
     finally:
-        _TELLER.other = before
+        _PROGRESS.other = before
 
 
 def called_by_address(function: Callable[..., Any]) -> Any:

@@ -30,7 +30,7 @@ from numba.core.runtime import _nrt_python  # type: ignore[attr-defined]
 from rig import file_locks
 
 LIMIT = 1 << 30
-"""Bytes that the kernels of all sources may take; those of the present ones always stay. # chosen"""
+"""Largest size of the kernels of all sources in bytes; those of the present sources are never deleted. # chosen"""
 _SUM = 4
 _TOLD_S, _WORTH_S = 0.5, 2.0  # s between two progress messages; shortest total that is noted for the next start
 _ASK_S = 0.02  # s between two checks whether another process has finished
@@ -44,8 +44,8 @@ class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
     A file that is damaged or unreadable counts as absent: the kernel is compiled and the file is written anew.
     """
 
-    told = False
-    """Whether this process has said that it cannot keep what it compiles."""
+    warned = False
+    """Whether this process has warned that it cannot store what it compiles."""
 
     def save(self, key: Any, data: Any) -> None:
         """Store a compiled kernel. If this fails, the process continues with the kernel in memory and warns once.
@@ -57,10 +57,10 @@ class CheckedFile(IndexDataCacheFile):  # type: ignore[misc]
             with _alone(Path(self._cache_path)):
                 super().save(key, data)  # type: ignore[no-untyped-call]
         except OSError as fault:
-            if not CheckedFile.told:
-                CheckedFile.told = True
+            if not CheckedFile.warned:
+                CheckedFile.warned = True
                 _log.warning(
-                    "compiled kernels cannot be kept in %s (%s): the next start compiles them again; "
+                    "compiled kernels cannot be stored in %s (%s): the next start compiles them again; "
                     "make room, or set RIG_KERNELS to another folder",
                     Path(self._cache_path).parent,
                     fault.strerror,
@@ -244,14 +244,14 @@ def _size(folder: Path) -> int:
     return sum(one.stat().st_size for one in folder.rglob("*") if one.is_file())
 
 
-class Teller(event.Listener):  # type: ignore[misc]
+class CompileProgress(event.Listener):  # type: ignore[misc]
     """Tells the user that kernels are being compiled, and on a terminal the progress, so that no start is silent."""
 
     def __init__(self, folder: Folder) -> None:
         self._folder, self._notes = folder, folder.path / "seconds"
         self._depth, self._count, self._spent, self._begun, self._shown = 0, 0, 0.0, 0.0, 0.0
         self.other = ""
-        """What is being compiled that is kept nowhere, in words; "" for kernels."""
+        """What is being compiled without being stored, in words; "" for kernels."""
         self._others: set[str] = set()
 
     def on_start(self, _: event.Event) -> None:
@@ -276,8 +276,8 @@ class Teller(event.Listener):  # type: ignore[misc]
             text = f"compiling kernels, once for each kind of rig{last or ': half a minute to a minute'}"
         else:
             where = self._folder.path.parent
-            text = f"compiling kernels, at every start, for {where} cannot be written: half a minute to a minute; "
-            text += "RIG_KERNELS=/some/folder names another place"
+            text = f"compiling kernels at every start, because {where} cannot be written: half a minute to a minute; "
+            text += "set RIG_KERNELS=/some/folder to store them elsewhere"
         sys.stderr.write(f"{text}\n")
         sys.stderr.flush()
 

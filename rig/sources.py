@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 ROOMS = ("rig/solve",)
-"""Folders whose kernels are kept for all processes, for as long as their sources stay as they are."""
+"""Folders whose kernels are stored for all processes as long as their sources do not change."""
 _DECORATORS = {"kernel", "inner", "inlined", "fused"}
 
 
@@ -27,9 +27,9 @@ class Module(NamedTuple):
     stamp: list[int]
     digest: str
     holds: bool
-    """Whether it holds compiled code."""
+    """Whether the file contains compiled code."""
     imports: list[str]
-    """Dotted names of this project's."""
+    """Dotted names of the imported modules of this project."""
 
 
 def key(root: Path, kept: Path, version: str) -> str:

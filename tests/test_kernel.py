@@ -47,13 +47,13 @@ def test_compiling_is_told_once_and_only_when_it_happens(tmp_path):
 
 
 OTHER = """
-from rig.kernel import as_python, told_as
+from rig.kernel import as_python, announce_compiling
 
 @as_python
 def twice(x):
     return 2 * x
 
-with told_as("this and that"):
+with announce_compiling("this and that"):
     print(twice({}))
 """
 
@@ -71,7 +71,7 @@ def test_a_place_that_cannot_be_written_costs_time_only(tmp_path):
     for _ in range(2):
         found = run(tmp_path, RIG_KERNELS=str(kept))
         assert found.stdout == "2.0\n", found.stderr
-        assert f"at every start, for {kept} cannot be written" in found.stderr
+        assert f"at every start, because {kept} cannot be written" in found.stderr
         assert "RIG_KERNELS=/some/folder" in found.stderr
     assert not list(tmp_path.rglob("*.nbi"))  # nothing that an edit elsewhere would not renew
 
@@ -102,7 +102,7 @@ def test_kernels_in_a_place_that_cannot_be_written_are_loaded(tmp_path, monkeypa
     assert (found.stdout, found.stderr) == ("2.0\n", "")
     found = run(tmp_path, "1.0), twice(1", RIG_KERNELS=str(kept))
     assert found.stdout == "2.0 2\n"
-    assert f"at every start, for {kept} cannot be written" in found.stderr
+    assert f"at every start, because {kept} cannot be written" in found.stderr
     assert sorted(kept.rglob("*")) == before
 
 
@@ -206,7 +206,7 @@ def test_a_damaged_kernel_is_compiled_again(tmp_path, how, suffix):
     assert again.stdout == after.stdout == "2.0\n"
     assert again.stderr.startswith(TOLD)
     if how == "a folder":  # which nobody removes: it may be the user's
-        assert "compiled kernels cannot be kept in" in again.stderr
+        assert "compiled kernels cannot be stored in" in again.stderr
         assert "RIG_KERNELS" in again.stderr
     else:
         assert (again.stderr, after.stderr) == (TOLD, "")

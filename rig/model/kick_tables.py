@@ -67,7 +67,7 @@ def empty(system: System | None, guards: int) -> Flow:
     width = _whole(nq + rows + guards + P + n)
     return Flow(
         step=zeros((0, _whole(n) // BLOCK, n, BLOCK)),
-        look=zeros((0, _whole(points + rows) // BLOCK, n, BLOCK)),
+        rows=zeros((0, _whole(points + rows) // BLOCK, n, BLOCK)),
         push=zeros((0, width // BLOCK, points, BLOCK)),
         work=zeros((0, energy_balance.TERMS, n, n)),
         whole=zeros((0, n, _whole(n))),
@@ -102,7 +102,7 @@ def tables(system: System, modes: ModeSet, forms: Array, step: float, guards: in
     push = np.concatenate([b[nq : 2 * nq], rows @ b, at_once, modes.friction_t[:, P:], system.force_t, taken])
     return {
         "step": blocks(E[0]),
-        "look": blocks(np.concatenate([press, rows])),
+        "rows": blocks(np.concatenate([press, rows])),
         "push": blocks(push),
         "work": energy_forms.work(nodes, forms, step, E)[0],
         "whole": np.zeros((system.n, _whole(system.n))),

@@ -23,7 +23,7 @@ from rig.motion.ready import How, Ready, add, foreseen, kept_by, made, parts
 from rig.motion.stops import where, why
 from rig.solve import energy_balance
 from rig.solve.advance import TALLIED, advance, evaluate
-from rig.solve.contact_state import DONE, LOOK, NEED, OVERFULL, SETTLE, START
+from rig.solve.contact_state import CHECK, DONE, LOOK, NEED, OVERFULL, START
 from rig.solve.frames import frames as carried_in_frames
 from rig.solve.records import (
     BEGUN,
@@ -31,12 +31,12 @@ from rig.solve.records import (
     COUNTERS,
     EVENTS,
     KEY,
-    OPENED,
     PAST,
     PENDING,
     PLACE,
     PLACES,
     REACHED,
+    SUBDIVIDED,
     TICK,
     TRIALS,
     TRY,
@@ -248,7 +248,7 @@ class Motion:
         return {
             "ticks": self.tick,
             "events": int(ic[PAST]),
-            "opened_ticks": int(ic[OPENED]),
+            "opened_ticks": int(ic[SUBDIVIDED]),
             "trial_steps": int(ic[TRIALS]),
             "mode_sets": len(self.mode_sets.sets),
         }
@@ -303,7 +303,7 @@ class Motion:
         if system.n != old.n:
             self.log = self.log._replace(out=np.zeros((len(self.log.out), system.n)))
         self.state.ic[KEY] = system.taken_over(old, key, kept)
-        self.state.ic[PENDING] = SETTLE
+        self.state.ic[PENDING] = CHECK
         balance.impulses += self._here().stored() - before
         balance.go_on(self._here())
         self._lend()

@@ -7,7 +7,7 @@ import numpy as np
 from rig.kernel import inlined, inner, kernel
 from rig.solve import film_steps
 from rig.solve.column_blocks import multiply
-from rig.solve.contact_state import CHATTER, DONE, LOST, OVERFULL, READY, SETTLE, digit, of_sector, settle
+from rig.solve.contact_state import CHATTER, CHECK, DONE, LOST, OVERFULL, READY, digit, make_consistent, of_sector
 from rig.solve.forces import inputs
 from rig.solve.records import BEYOND, EVENTS, KEY, PAST, PENDING, PLACE, REACHED, REPEAT, TICK
 from rig.solve.rows import dot
@@ -49,7 +49,7 @@ def start(t, w, state, seg, origin):
         same = same and state.x[i] == w.ended[i]
         w.size[i] = max(w.size[i], abs(state.x[i]))
     if not same:
-        state.ic[PENDING] = max(state.ic[PENDING], SETTLE)
+        state.ic[PENDING] = max(state.ic[PENDING], CHECK)
     seg.count[0] = 0
 
 
@@ -59,7 +59,7 @@ def carry(shape, t, w, state, log, seg, plan, ticks):
     ic, fc, x = state.ic, state.fc, state.x
     while True:
         if ic[PENDING] != READY:
-            status = settle(t, w, state)
+            status = make_consistent(t, w, state)
             if status != DONE:
                 return status
         if ic[TICK] >= ticks:

@@ -108,7 +108,7 @@ def _multiply(typing: Any, table: Any, x: Any, first: Any, count: Any, out: Any)
     Every sum runs in the order of j on any processor.
     """
 
-    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         table, x, first, count, out = _arrays(context, builder, signature, arguments)
         lanes, of_block = _Lanes(context, builder), BLOCK // LANE
         length = builder.extract_value(x.shape, 0)
@@ -137,7 +137,7 @@ def _multiply(typing: Any, table: Any, x: Any, first: Any, count: Any, out: Any)
             several(builder.sub(count, lanes.whole(1)), 1)
         return context.get_dummy_value()
 
-    return types.none(table, x, types.intp, types.intp, out), lay
+    return types.none(table, x, types.intp, types.intp, out), codegen
 
 
 multiply: Any = intrinsic(_multiply)
@@ -146,7 +146,7 @@ multiply: Any = intrinsic(_multiply)
 def _gather(typing: Any, total: Any, x: Any, weight: Any) -> Any:
     """Add weight x x^T to `total`, for the rows that `total` has. x and the rows have the length of whole blocks."""
 
-    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         total, x, weight = _arrays(context, builder, signature, arguments)
         lanes = _Lanes(context, builder)
         rows, width = (builder.extract_value(total.shape, axis) for axis in range(2))
@@ -163,7 +163,7 @@ def _gather(typing: Any, total: Any, x: Any, weight: Any) -> Any:
                     lanes.store(lanes.more(factor, column, lanes.load(total.data, place)), total.data, place)
         return context.get_dummy_value()
 
-    return types.none(total, x, types.float64), lay
+    return types.none(total, x, types.float64), codegen
 
 
 gather: Any = intrinsic(_gather)
@@ -175,7 +175,7 @@ def _blend(typing: Any, low: Any, rise: Any, share: Any, x: Any, now: Any, out: 
     The number of lanes is a multiple of LANE.
     """
 
-    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         low, rise, share, x, now, out = _arrays(context, builder, signature, arguments)
         lanes = _Lanes(context, builder)
         count, width = (builder.extract_value(low.shape, axis) for axis in range(2))
@@ -199,7 +199,7 @@ def _blend(typing: Any, low: Any, rise: Any, share: Any, x: Any, now: Any, out: 
         _in_blocks(builder, lanes, width, several)
         return context.get_dummy_value()
 
-    return types.none(low, rise, types.float64, x, now, out), lay
+    return types.none(low, rise, types.float64, x, now, out), codegen
 
 
 blend: Any = intrinsic(_blend)
@@ -224,7 +224,7 @@ def _across(typing: Any, table: Any, weights: Any, out: Any) -> Any:
     The number of lanes is a multiple of LANE.
     """
 
-    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         table, weights, out = _arrays(context, builder, signature, arguments)
         lanes = _Lanes(context, builder)
         count, width = (builder.extract_value(table.shape, axis) for axis in range(2))
@@ -257,7 +257,7 @@ def _across(typing: Any, table: Any, weights: Any, out: Any) -> Any:
             rows(builder.sub(count, lanes.whole(1)), 1)
         return context.get_dummy_value()
 
-    return types.none(table, weights, out), lay
+    return types.none(table, weights, out), codegen
 
 
 across: Any = intrinsic(_across)

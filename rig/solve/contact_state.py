@@ -31,7 +31,7 @@ from rig.solve.state_codes import (
 
 # Status of a kernel. NEED: needs a mode set; OVERFULL: needs more room for segments; LOOK: done, perhaps early.
 DONE, NEED, CHATTER, JAM, LOST, OVERFULL, LOOK = range(7)
-READY, SETTLE, LAND, START, THROWN = range(5)  # what has to be done before the state is advanced
+READY, CHECK, LAND, START, THROWN = range(5)  # what has to be done before the state is advanced
 
 _SLACK = 1e-9  # relative increase of the friction limit for a contact that slips and sticks at one instant
 
@@ -234,7 +234,7 @@ def disagreement(t, mode_set, key, begun, x, size, T, slack):
 
 
 @inlined
-def settle(t, w, state):
+def make_consistent(t, w, state):
     """Make the contact state of `state` consistent with its x. Returns DONE, NEED or JAM.
 
     A slip speed within the rounding error of the largest values of the states so far (w.size) counts as zero, also
@@ -259,12 +259,12 @@ def settle(t, w, state):
         if mode_set < 0:
             ic[KEY], ic[PENDING], ic[BEGUN] = key, pending, begun
             return NEED
-        if pending != SETTLE:
+        if pending != CHECK:
             if t.lands[mode_set]:
                 land(t, mode_set, x, copy)
             if pending == THROWN:
                 energy[SWITCH] -= held(t.store[mode_set], x)
-            pending = SETTLE
+            pending = CHECK
         if t.curved[mode_set]:
             inputs(t, mode_set, x, T, scratch)
         else:

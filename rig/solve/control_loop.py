@@ -44,7 +44,7 @@ NOW, COUNT, UNUSUAL = range(3)  # of Controls.clock
 DUE, ANSWERED, AS = range(3)  # of Controls.queue: in force from this tick on | tick of the measurement | status
 TICK, FOR, STATUS = range(3)  # of Controls.rows
 ROWS = 1 << 12
-"""Commands of a controller that are kept until somebody takes them, and that may wait."""
+"""Capacity per controller for commands in force not read yet, and for waiting commands."""
 
 
 class Controls(NamedTuple):
@@ -96,12 +96,12 @@ def controls(lines: int = 0, reads: int = 0, drives: int = 0, frame: int = 1) ->
 
 
 def _ask(typing: Any, address: Any, line: Any, t_ns: Any, heard: Any, command: Any, memory: Any) -> Any:
-    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         word = ir.IntType(64)
         code = builder.inttoptr(arguments[0], ir.FunctionType(word, [word] * 5).as_pointer())
         return builder.call(code, arguments[1:])
 
-    return types.int64(*[types.int64] * 6), lay
+    return types.int64(*[types.int64] * 6), codegen
 
 
 ask: Any = intrinsic(_ask)

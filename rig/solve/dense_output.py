@@ -10,7 +10,7 @@ import numpy as np
 
 from rig.kernel import inlined, inner
 from rig.solve.forces import refill
-from rig.solve.roots import NONE, first_fall
+from rig.solve.roots import NONE, first_crossing
 from rig.solve.rows import dot, rounding
 from rig.solve.segment_output import quartic
 from rig.solve.specialised import any_shape, states
@@ -136,18 +136,18 @@ def fitted(t, mode_set, w, f, g, noise):
     if off <= noise:
         off = 0.0
     poly[0] -= off
-    early = theta = first_fall(poly, 4, noise, w.roots)
+    early = theta = first_crossing(poly, 4, noise, w.roots)
     poly[0] += off
     if early < NONE:
         if off > 0.0:
-            theta = first_fall(poly, 4, noise, w.roots)
+            theta = first_crossing(poly, 4, noise, w.roots)
         if theta < NONE:
             theta = located(t, mode_set, w, f, g, theta, _FAINT * noise)
     return theta, int(4.0 * early) < int(4.0 * theta)
 
 
 @inlined
-def fall(t, mode_set, w, f):
+def first_event(t, mode_set, w, f):
     """The first event of any guard along the dense output in w.derivatives.
 
     Returns theta (or NONE), the guard, and whether the step is too long to be sure. The flag is also set if a guard
@@ -166,7 +166,7 @@ def fall(t, mode_set, w, f):
         else:
             for c in range(5):
                 poly[c] = dot(t.G[mode_set, g], w.derivatives[c])
-            theta = first_fall(poly, 4, noise, w.roots)
+            theta = first_crossing(poly, 4, noise, w.roots)
         if theta < first:
             first, guard = theta, g
             unseen = unseen or (abs(poly[0]) <= noise and poly[1] >= -noise and theta < _EARLY)
@@ -176,7 +176,10 @@ def fall(t, mode_set, w, f):
 
 @inlined
 def clear(shape, f, d, size):
-    """Whether the coefficients alone prove that no guard has an event along the dense output. Else `fall` decides."""
+    """Whether the coefficients alone prove that no guard has an event along the dense output.
+
+    If not, `first_event` decides.
+    """
     for g in range(f.G.shape[0]):
         if f.needs[g]:
             return False

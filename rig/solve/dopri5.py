@@ -17,12 +17,12 @@ import numpy as np
 from rig.kernel import inlined, inner
 from rig.lent_records import lent
 from rig.solve.contact_state import land, passed
-from rig.solve.dense_output import at, clear, dense, fall
+from rig.solve.dense_output import at, clear, dense, first_event
 from rig.solve.forces import lend, rate, refill
 from rig.solve.instant_readings import add_energy
 from rig.solve.records import HOPED, KEY, LENGTH, MOST, PLACE, REACHED, TICK, TRIALS, TRY
 from rig.solve.rows import dot
-from rig.solve.runge_kutta_stage import begin, complete, rubbing, stage
+from rig.solve.runge_kutta_stage import begin, complete, patch_friction, stage
 from rig.solve.segment_output import close, crowded, part, through
 from rig.solve.specialised import any_shape, call, local, states
 
@@ -34,21 +34,21 @@ _SHARE = 0.7  # share of the tolerance that a local error may use; keeps event t
 
 
 @inlined
-def trial(shape, f, rub, k, x, h, y, z):
+def trial(shape, f, friction, k, x, h, y, z):
     """Compute the stages k[1..6] and the end y of a step h from x; k[0] is known, z is scratch."""
     n = states(shape)
     for i in range(n):
         z[i] = x[i]
-    late = stage(shape, f, rub, h * (1.0 / 5.0), z, k, 0, begin(shape, rub, k))
+    late = stage(shape, f, friction, h * (1.0 / 5.0), z, k, 0, begin(shape, friction, k))
     for i in range(n):
         z[i] = x[i] + h * ((3.0 / 40.0) * k[0, i])
-    late = stage(shape, f, rub, h * (9.0 / 40.0), z, k, 1, late)
+    late = stage(shape, f, friction, h * (9.0 / 40.0), z, k, 1, late)
     for i in range(n):
         z[i] = x[i] + h * ((44.0 / 45.0) * k[0, i] - (56.0 / 15.0) * k[1, i])
-    late = stage(shape, f, rub, h * (32.0 / 9.0), z, k, 2, late)
+    late = stage(shape, f, friction, h * (32.0 / 9.0), z, k, 2, late)
     for i in range(n):
         z[i] = x[i] + h * ((19372.0 / 6561.0) * k[0, i] - (25360.0 / 2187.0) * k[1, i] + (64448.0 / 6561.0) * k[2, i])
-    late = stage(shape, f, rub, -(h * (212.0 / 729.0)), z, k, 3, late)
+    late = stage(shape, f, friction, -(h * (212.0 / 729.0)), z, k, 3, late)
     for i in range(n):
         z[i] = x[i] + h * (
             (9017.0 / 3168.0) * k[0, i]
@@ -56,7 +56,7 @@ def trial(shape, f, rub, k, x, h, y, z):
             + (46732.0 / 5247.0) * k[2, i]
             + (49.0 / 176.0) * k[3, i]
         )
-    late = stage(shape, f, rub, -(h * (5103.0 / 18656.0)), z, k, 4, late)
+    late = stage(shape, f, friction, -(h * (5103.0 / 18656.0)), z, k, 4, late)
     for i in range(n):
         y[i] = x[i] + h * (
             (35.0 / 384.0) * k[0, i]
@@ -64,8 +64,8 @@ def trial(shape, f, rub, k, x, h, y, z):
             + (125.0 / 192.0) * k[3, i]
             - (2187.0 / 6784.0) * k[4, i]
         )
-    late = stage(shape, f, rub, h * (11.0 / 84.0), y, k, 5, late)
-    complete(shape, f, rub, k, 6, late)
+    late = stage(shape, f, friction, h * (11.0 / 84.0), y, k, 5, late)
+    complete(shape, f, friction, k, 6, late)
 
 
 @inlined
@@ -126,7 +126,7 @@ def alike(rates, count, step, size):
 
 
 @inlined
-def book_step(shape, t, w, f, theta, h, energy):
+def add_step_energy(shape, t, w, f, theta, h, energy):
     """Add the energy terms up to `theta` of the step, by Gauss-Legendre quadrature."""
     for q in range(w.nodes3.shape[0]):
         at(shape, w.derivatives, w.nodes3[q] * theta, w.y2)
@@ -220,7 +220,7 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
     n, tick_length, looked = states(shape), t.step[0], plan.with_energy or plan.emitting
     ic, fc, x, size, mode_set = state.ic, state.fc, state.x, w.size, t.mode_set_of[state.ic[KEY]]
     field = lend(t, mode_set, w.T, w.scratch)
-    f, rub = lent(field), lent(rubbing(shape, field, t, w, state, log, seg, plan))
+    f, friction = lent(field), lent(patch_friction(shape, field, t, w, state, log, seg, plan))
     k, y, z, d = local(shape, w.k), local(shape, w.y), local(shape, w.y2), local(shape, w.derivatives)
     here = local(shape, w.copy)
     tick, place, next_h, hoped, most = ic[TICK], fc[PLACE], fc[TRY], fc[HOPED], ic[MOST]
@@ -231,7 +231,7 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
     while tick < ticks:
         left = ((ticks - tick) - place) * tick_length
         h = next_h if next_h < left - 1e-9 * tick_length else left
-        trial(shape, f, rub, k, here, h, y, z)
+        trial(shape, f, friction, k, here, h, y, z)
         e = error(shape, k, y, size, h, plan.tolerance)
         ic[TRIALS] += 1
         if not (e <= 1.0):
@@ -289,8 +289,8 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     alike(w.k[0], t.damping.shape[1], tick_length, size)
     ic[MOST] = ic[TRIALS] + _MOST * (ticks - ic[TICK])
     fc[HOPED] = 0.0
-    fallen = -1
-    while ic[TICK] < ticks and fallen == -1 and not (plan.emitting and crowded(t, mode_set, seg, ticks - ic[TICK])):
+    crossed = -1
+    while ic[TICK] < ticks and crossed == -1 and not (plan.emitting and crowded(t, mode_set, seg, ticks - ic[TICK])):
         ends = call(plan.steps, shape, t, w, state, log, seg, plan, ticks)
         if ends == FAILED:
             return -2
@@ -300,17 +300,17 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         left = ((ticks - tick) - place) * tick_length
         end = 1.0
         if ends == ASKS:
-            theta, fallen, doubtful = fall(t, mode_set, w, f)
+            theta, crossed, doubtful = first_event(t, mode_set, w, f)
             if doubtful and h > 1e-12 * tick_length:
-                fc[TRY], fallen = _SHRINK * h, -1
+                fc[TRY], crossed = _SHRINK * h, -1
                 continue
-            end = theta if fallen >= 0 else 1.0
+            end = theta if crossed >= 0 else 1.0
         if plan.with_energy:
-            book_step(shape, t, w, f, end, h, state.energy)
+            add_step_energy(shape, t, w, f, end, h, state.energy)
         done, share = 0.0, tick_length / h
         while tick < ticks:  # ticks that end inside the step
-            to = reach(tick, place, done, share, ticks, fallen < 0 and h == left)
-            if to > end or (fallen >= 0 and to >= end):
+            to = reach(tick, place, done, share, ticks, crossed < 0 and h == left)
+            if to > end or (crossed >= 0 and to >= end):
                 break
             if plan.emitting:
                 since = (tick - origin + place) * tick_length
@@ -323,15 +323,15 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
                 since = (tick - origin + place) * tick_length
                 emit(t, w, f, done, end, h, since, seg)
             place += (end - done) * h / tick_length
-        if fallen >= 0:
+        if crossed >= 0:
             at(shape, path, end, x)
         else:
             swing(shape, t, w, ((tick - origin) + place) * tick_length, w.y)
             accept(shape, t, mode_set, w, w.k, w.y, x, x)
         ic[TICK], fc[PLACE] = tick, place
-    if fallen >= 0:
-        passed(t, mode_set, fallen, ic, x)
+    if crossed >= 0:
+        passed(t, mode_set, crossed, ic, x)
     elif ic[TICK] == ticks:
         for i in range(n):
             log.out[ticks - 1, i] = x[i]
-    return fallen
+    return crossed

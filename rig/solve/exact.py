@@ -12,14 +12,14 @@ from __future__ import annotations
 from rig.kernel import inlined, inner
 from rig.solve.contact_state import passed
 from rig.solve.energy_balance import add_energy
-from rig.solve.many_states import add_energy as book_part
+from rig.solve.many_states import add_energy as add_part_energy
 from rig.solve.many_states import along as along_cell
-from rig.solve.many_states import earliest as fall_of
+from rig.solve.many_states import earliest as earliest_in_cell
 from rig.solve.many_states import emit as emit_cells
 from rig.solve.many_states import expand
 from rig.solve.many_states import quiet as quiet_cell
-from rig.solve.records import KEY, OPENED, PLACE, REACHED, TICK
-from rig.solve.roots import NONE, first_fall
+from rig.solve.records import KEY, PLACE, REACHED, SUBDIVIDED, TICK
+from rig.solve.roots import NONE, first_crossing
 from rig.solve.rows import dot, rounding
 from rig.solve.segment_output import crowded, emit_linear
 from rig.solve.specialised import call, local, states
@@ -115,7 +115,7 @@ def earliest(t, mode_set, size, derivatives, terms, poly, work):
     for k in range(t.guards[mode_set]):
         for d in range(terms + 1):
             poly[d] = dot(G[k], derivatives[d])
-        u = first_fall(poly, terms, rounding(G[k], size), work)
+        u = first_crossing(poly, terms, rounding(G[k], size), work)
         if u < first:
             first, guard = u, k
     return first, guard
@@ -154,7 +154,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         ic[TICK] += done
         if done == block:
             return -1
-    guard = opened(t, w, state, seg, plan, mode_set)
+    guard = subdivide(t, w, state, seg, plan, mode_set)
     if guard < 0:
         for i in range(n):
             log.out[ic[TICK], i] = x[i]
@@ -164,7 +164,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
 
 
 @inlined
-def opened(t, w, state, seg, plan, mode_set):
+def subdivide(t, w, state, seg, plan, mode_set):
     """Subdivide one tick, or the rest of it, and advance the state to its end or to the first event.
 
     Returns the guard of the event, or -1 at the end of the tick.
@@ -174,7 +174,7 @@ def opened(t, w, state, seg, plan, mode_set):
     begin = (ic[TICK] - ic[REACHED]) * h
     depth, terms = t.depth[mode_set], t.order[mode_set]
     cells = 2.0**depth
-    ic[OPENED] += 1
+    ic[SUBDIVIDED] += 1
     u = fc[PLACE]
     while u < 1.0:
         position = u * cells
@@ -211,12 +211,12 @@ def opened(t, w, state, seg, plan, mode_set):
                 continue
         length = (int(position) + 1) / cells - u
         if wide:
-            fall, guard = fall_of(t, mode_set, x, w.size, length * cells, w.poly, w.roots)
+            place, guard = earliest_in_cell(t, mode_set, x, w.size, length * cells, w.poly, w.roots)
             expand(t, mode_set, x)
         else:
             series(t.A[mode_set], x, length * h, terms, w.derivatives)
-            fall, guard = earliest(t, mode_set, w.size, w.derivatives, terms, w.poly, w.roots)
-        reach = 1.0 if guard < 0 else fall
+            place, guard = earliest(t, mode_set, w.size, w.derivatives, terms, w.poly, w.roots)
+        reach = 1.0 if guard < 0 else place
         if reach > 0.0:
             if plan.emitting:
                 if wide:
@@ -225,9 +225,9 @@ def opened(t, w, state, seg, plan, mode_set):
                     emit_linear(t, mode_set, x, begin + u * h, reach * length * h, seg, w.spare)
             if with_energy:
                 if wide:
-                    book_part(t, mode_set, reach * length * cells, reach * length * h)
+                    add_part_energy(t, mode_set, reach * length * cells, reach * length * h)
                 else:
-                    book_series(t, mode_set, w, terms, reach, length * h, energy)
+                    add_series_energy(t, mode_set, w, terms, reach, length * h, energy)
             if wide:
                 along_cell(t, reach * length * cells)
                 for i in range(n):
@@ -244,7 +244,7 @@ def opened(t, w, state, seg, plan, mode_set):
 
 
 @inlined
-def book_series(t, mode_set, w, terms, reach, length, energy):
+def add_series_energy(t, mode_set, w, terms, reach, length, energy):
     """Add the energy terms along a Taylor cell up to `reach`, by Gauss-Legendre quadrature at eight nodes."""
     for q in range(w.nodes.shape[0]):
         along(w.derivatives, terms, w.nodes[q] * reach, w.y)

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 TRAVEL, SLID, FIRST, POINTS, DIRECTIONS, DAMPED = range(6)
-"""Of Riding.where: states of the travel, of the way slid, of the first force on a coordinate; points; directions; 1 for
-a damped film."""
+"""Indices of Riding.where: state of the travel; state of the distance slid; first of the states that hold the forces on
+the coordinates; number of points; number of directions; 1 for a damped film."""
 PITCH, LONGEST, STIFFNESS, DAMPING, SHEAR, FRICTIONAL = range(6)
-"""Of Riding.numbers."""
+"""Indices of Riding.numbers."""
 GROUP = 5
-"""Steps that the sensors are told of together, by one polynomial: at five sixths of a radian a step, which is 66 kHz
-and 2 us, it is right to 1 %, where chords leave 9 %."""
+"""Number of steps that one output polynomial covers. At five sixths of a radian per step, which is 66 kHz at 2 us, its
+error is 1 %; that of chords is 9 %."""
 
 
 class Side(NamedTuple):

@@ -45,7 +45,7 @@ from rig.solve.records import PLACE, REACHED, TICK
 from rig.solve.segment_output import crowded
 
 _EDGE = 1e-11
-"""What rounding may leave of a slider that has come to the edge [m]."""
+"""Distance beyond the edge that rounding may cause [m]."""
 
 
 @inner
@@ -76,7 +76,7 @@ def _pushed(side, forces):
 
 
 @inlined
-def look(own, x, anew):
+def locate_points(own, x, anew):
     """Compute the positions of the points, own.seen, and the rows there. Returns False if the slider is off.
 
     The rows are those of the previous step plus a share of the rise; both stay in the fastest cache of the processor.
@@ -305,7 +305,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     speeds, forces, kick = x[nq : 2 * nq], x[first : first + nq], own.kick
     values, gathered = own.values, 0
     tick, done, opened = ic[TICK], int(fc[PLACE] * substeps + 0.5), 0
-    within = look(own, x, True)
+    within = locate_points(own, x, True)
     if emitting:
         read(own, x, values[0])
     while within and tick < ticks and not (emitting and crowded(t, 0, seg, ticks - tick)):
@@ -319,7 +319,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             seen, last = own.seen[direction], own.last[direction]
             for i in range(seen.shape[0]):
                 last[i] = seen[i]
-        within = look(own, x, done == 0)
+        within = locate_points(own, x, done == 0)
         opened += press(own, x, travelled, h)
         push(own, forces)
         for i in range(nq):

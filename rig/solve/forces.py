@@ -72,7 +72,7 @@ def lend(t, mode_set, T, scratch):
 
 
 @inlined
-def drag(f, p, x, others):
+def friction_force(f, p, x, others):
     """The friction force of patch p at x; 0 if its friction does not depend on speed.
 
     mu(pace x) (bear x + others): both rows carry the sign of the slip; `others` is the part of the load that depends on
@@ -110,7 +110,7 @@ def fill(f, x):
         others = 0.0
         for q in range(patches, f.T.shape[0]):
             others += f.bear_t[p, q] * f.T[q]
-        f.T[p] = drag(f, p, x, others)
+        f.T[p] = friction_force(f, p, x, others)
     if f.coupled:
         couple(f.sigma, f.code, f.numbers, f.pace, f.bear_t, x, f.T, f.scratch)
     late(f.t, f.mode_set, x, f.T)
@@ -169,7 +169,7 @@ def rate(shape, f, bent, x, k):
     if bent:
         if not (multiplies(shape) or f.coupled):
             for p in range(f.sigma.shape[0]):
-                force = drag(f, p, x, 0.0)
+                force = friction_force(f, p, x, 0.0)
                 for i in range(states(shape)):
                     k[i] += f.b[i, p] * force
         else:

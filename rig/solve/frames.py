@@ -13,7 +13,7 @@ from rig.kernel import kernel
 from rig.solve.advance import start
 from rig.solve.contact_state import DONE, LOOK
 from rig.solve.control_loop import NOW, Controls, control
-from rig.solve.random_input import Chance, shake, spent
+from rig.solve.random_input import Chance, spent, write_next
 from rig.solve.records import BEYOND, EVENTS, REACHED
 from rig.solve.sampling import SHORT, Rack, sample
 from rig.solve.specialised import any_shape, call
@@ -43,7 +43,7 @@ def frames(tables, loan, begin, first, last, steps, around):
             if origin > first and not control(controls, rack.latest, state.x):
                 return LOOK
             if last > first:
-                shake(around.chance, state.x)
+                write_next(around.chance, state.x)
             start(tables, work, state, seg, origin)
         begin = True
         end = min(origin + steps, last)

@@ -44,12 +44,12 @@ class Flow(NamedTuple):
     """
 
     step: Array  # [mode set, block, n, BLOCK] propagator minus one, projection of stick included
-    look: Array  # [mode set, block, n, BLOCK] normal force of each point, then the rows
+    rows: Array  # [mode set, block, n, BLOCK] normal force of each point, then the rows
     push: Array  # [mode set, block, point, BLOCK]
     work: Array  # [mode set, term, n, n] integrals of the powers over a step
     whole: Array  # [mode set, n, n padded to blocks] sum of x x^T over the steps, after the first half kick
     moved: Array  # scratch [columns of `step`]
-    seen: Array  # scratch [columns of `look`]
+    seen: Array  # scratch [columns of `rows`]
     given: Array  # scratch [columns of `push`]
     filled: Array  # scratch [n padded to blocks]
     force: Array  # scratch [point]
@@ -60,7 +60,7 @@ class Flow(NamedTuple):
 @inlined
 def press(own, mode_set, x):
     """Compute the normal forces and the rows at x, own.seen, and the effect of the forces, own.given."""
-    multiply(own.look[mode_set], x, 0, own.look.shape[1], own.seen)
+    multiply(own.rows[mode_set], x, 0, own.rows.shape[1], own.seen)
     for k in range(own.force.shape[0]):
         own.force[k] = max(own.seen[k], 0.0)
     multiply(own.push[mode_set], own.force, 0, own.push.shape[1], own.given)
@@ -89,7 +89,7 @@ def add_energy(own, nq, patches, x, scale, shift, energy):
 
 
 @inlined
-def commanded(own, n, nq, patches):
+def add_load_work(own, n, nq, patches):
     """Add half of the work on the springs over a step in which a load was moved, at the present forces."""
     first = nq + 2 * (own.before.shape[0] + patches) + patches + 2 * nq
     s = 0.0
@@ -108,25 +108,25 @@ def noise(own, t, mode_set, g, x):
 
 
 @inlined
-def fell(own, t, mode_set, nq, x):
+def crossed_guard(own, t, mode_set, nq, x):
     """The first guard that is no longer positive at x, or is clearly negative; -1 if there is none.
 
     Updates own.before, the values of the guards.
     """
-    fallen = -1
+    crossed = -1
     points, at_once = own.force.shape[0], nq + own.before.shape[0] + 2 * t.slip.shape[0]
     for g in range(t.guards[mode_set]):
         value = own.seen[points + g] + own.given[at_once + g]
-        if fallen < 0 and value <= 0.0:
+        if crossed < 0 and value <= 0.0:
             rounded = noise(own, t, mode_set, g, x)
             if own.before[g] > rounded or value < -rounded:
-                fallen = g
+                crossed = g
         own.before[g] = value
-    return fallen
+    return crossed
 
 
 @inlined
-def tell(own, t, mode_set, T, x, values):
+def read_outputs(own, t, mode_set, T, x, values):
     """Write the outputs that sensors read at x; `press` must have been called at x.
 
     No patch has speed-dependent friction here.
@@ -152,14 +152,14 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     h = t.step[0] / substeps
     begin, end = w.values[0], w.values[1]
     given, seen, moved = own.given, own.seen, own.moved
-    tick, done, fallen = ic[TICK], int(fc[PLACE] * substeps + 0.5), -1
+    tick, done, crossed = ic[TICK], int(fc[PLACE] * substeps + 0.5), -1
     press(own, mode_set, x)
-    fell(own, t, mode_set, nq, x)  # the guards at the begin, kept in own.before
+    crossed_guard(own, t, mode_set, nq, x)  # the guards at the begin, kept in own.before
     if with_energy:
         add_energy(own, nq, patches, x, 0.5 * h, 0.25 * h, energy)
     if emitting:
-        tell(own, t, mode_set, w.T, x, begin)
-    while tick < ticks and fallen < 0 and not (emitting and crowded(t, mode_set, seg, ticks - tick)):
+        read_outputs(own, t, mode_set, w.T, x, begin)
+    while tick < ticks and crossed < 0 and not (emitting and crowded(t, mode_set, seg, ticks - tick)):
         for i in range(nq):
             x[nq + i] += 0.5 * h * given[i]
         if with_energy:
@@ -170,10 +170,10 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         for i in range(n):
             x[i] += moved[i]
         if with_energy:
-            commanded(own, n, nq, patches)
+            add_load_work(own, n, nq, patches)
         press(own, mode_set, x)  # serves both the kick that ends this step and the one that begins the next
         if with_energy:
-            commanded(own, n, nq, patches)
+            add_load_work(own, n, nq, patches)
         for i in range(nq):
             x[nq + i] += 0.5 * h * given[i]
         for r in range(own.before.shape[0] + 2 * patches):
@@ -181,11 +181,11 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         if with_energy:
             add_energy(own, nq, patches, x, h, 0.0, energy)
         if emitting:
-            tell(own, t, mode_set, w.T, x, end)
+            read_outputs(own, t, mode_set, w.T, x, end)
             emit_chord(begin, end, (tick - origin) * t.step[0] + done * h, h, seg)
             for s in range(begin.shape[0]):
                 begin[s] = end[s]
-        fallen = fell(own, t, mode_set, nq, x)
+        crossed = crossed_guard(own, t, mode_set, nq, x)
         done += 1
         if done == substeps:
             for i in range(n):
@@ -195,6 +195,6 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     if with_energy:  # the kick that begins the next step belongs to the next stretch
         add_energy(own, nq, patches, x, -0.5 * h, 0.25 * h, energy)
     ic[TICK], fc[PLACE] = tick, done / substeps
-    if fallen >= 0:
-        passed(t, mode_set, fallen, ic, x)
-    return fallen
+    if crossed >= 0:
+        passed(t, mode_set, crossed, ic, x)
+    return crossed

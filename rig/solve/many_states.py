@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from rig.kernel import inlined, inner, kernel
 from rig.solve.column_blocks import BLOCK, gather, multiply
 from rig.solve.roots import DEGREE as ORDER
-from rig.solve.roots import NONE, first_fall
+from rig.solve.roots import NONE, first_crossing
 from rig.solve.rows import rounding
 from rig.solve.segments import DEGREE
 
@@ -89,7 +89,7 @@ def quiet(t, mode_set, x, y, w, plan, start, seg):
     for g in range(guards):
         for k in range(QUICK + 1):
             if not z[n + g * (QUICK + 1) + k] > bound[g]:
-                if t.depth[mode_set] > 0 or falls(t, mode_set, g, x, w):
+                if t.depth[mode_set] > 0 or has_event(t, mode_set, g, x, w):
                     return False
                 break
     for i in range(n):
@@ -105,11 +105,11 @@ def quiet(t, mode_set, x, y, w, plan, start, seg):
 
 
 @inlined
-def falls(t, mode_set, g, x, w):
+def has_event(t, mode_set, g, x, w):
     """Whether guard g has an event in a tick from x that is a single cell."""
     poly = t.wide.poly
     multiply(t.wide.guard[mode_set], x, g, 1, poly)
-    return first_fall(poly, ORDER, rounding(t.G[mode_set, g], w.size), w.roots) < NONE
+    return first_crossing(poly, ORDER, rounding(t.G[mode_set, g], w.size), w.roots) < NONE
 
 
 @inner
@@ -193,7 +193,7 @@ def earliest(t, mode_set, x, size, share, poly, work):
             f *= share
         if lowest > 0.0:
             continue
-        u = first_fall(poly, ORDER, rounding(t.G[mode_set, g], size), work)
+        u = first_crossing(poly, ORDER, rounding(t.G[mode_set, g], size), work)
         if u < first:
             first, guard = u, g
     return first, guard

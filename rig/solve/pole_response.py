@@ -60,7 +60,7 @@ def weigh(poles: Any, p: int, at: int, h: float) -> None:
 
 
 @inner
-def settle(poles: Any, p: int, at: int, coef: Any, j: int, column: int, a: float) -> complex:
+def state_after(poles: Any, p: int, at: int, coef: Any, j: int, column: int, a: float) -> complex:
     """The state of pole p after the first share `a` of segment j of `coef`.
 
     `at`: column where the weights for that length begin; `column`: the output.

@@ -38,7 +38,7 @@ def spent(chance: Any) -> bool:
 
 
 @inner
-def shake(chance: Any, x: Any) -> None:
+def write_next(chance: Any, x: Any) -> None:
     """Write the next number to the state that holds it; keep that state if no number is left."""
     if chance.at[PLACE] >= 0 and not spent(chance):
         x[chance.at[PLACE]] = chance.numbers[chance.at[DRAWN]]

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 from rig.solve.segments import Segments
 
 Array = NDArray[np.float64]
-TICK, KEY, PENDING, EVENTS, OPENED, TRIALS, REPEAT, BEYOND, PAST, REACHED, BEGUN, MOST, FELL = range(13)
-"""Of State.ic. Row of the log to be written next | mode set | what settling has to do first | events of the block, and
-of all blocks before | ticks that were opened | trial steps | how often the same instant had an event | first output
-beyond its bound | row up to which blocks are done | mode set of which settling has begun, -1 when it is done | trials
-up to which a stretch may go | guard that a leaf has seen to fall."""
-COUNTERS = FELL + 1
+TICK, KEY, PENDING, EVENTS, SUBDIVIDED, TRIALS, REPEAT, BEYOND, PAST, REACHED, BEGUN, MOST, CROSSED = range(13)
+"""Indices of State.ic. Next row of the log | key of the mode set | what has to be done first | events of the block, and
+of all blocks before | subdivided ticks | trial steps | repeated events at one instant | first output beyond its bound |
+row up to which blocks are done | key at which the search for the contact state began, -1 when it is done | limit of
+trial steps for a stretch | guard whose event a leaf has found."""
+COUNTERS = CROSSED + 1
 PLACE, TRY, HOPED, LENGTH = range(4)
-"""Of State.fc. Place in the tick, a share of it | step [s] to try next | that the error of the last one promised | of
-the step that a leaf hands over."""
+"""Indices of State.fc. Place in the tick, as a share of it | length [s] of the next trial step | length that the error
+of the last step suggested | length of the step that a leaf returns."""
 PLACES = LENGTH + 1
 
 

@@ -12,7 +12,7 @@ from rig.lent_records import lent
 from rig.solve.contact_state import land, passed
 from rig.solve.forces import guard, inputs, lend, rate
 from rig.solve.instant_readings import add_energy, read
-from rig.solve.records import FELL, KEY, LENGTH, PLACE, REACHED, TICK
+from rig.solve.records import CROSSED, KEY, LENGTH, PLACE, REACHED, TICK
 from rig.solve.rows import rounding
 from rig.solve.segment_output import crowded, emit_quartic
 from rig.solve.specialised import bends, call, local, states
@@ -43,17 +43,17 @@ def noise(row, row_t, needs, x, T):
 
 
 @inlined
-def fell(shape, f, bent, x, y):
+def crossed_guard(shape, f, bent, x, y):
     """The first guard that is positive at x and not at y, or is clearly negative at y; -1 if there is none."""
-    fallen = -1
+    crossed = -1
     for g in range(f.G.shape[0]):
-        if fallen < 0 and guard(shape, f, bent, g, y) <= 0.0:
+        if crossed < 0 and guard(shape, f, bent, g, y) <= 0.0:
             before = guard(shape, f, bent, g, x)
             if before > noise(f.G[g], f.GT[g], f.needs[g], x, f.T):
-                fallen = g
+                crossed = g
             elif guard(shape, f, bent, g, y) < -noise(f.G[g], f.GT[g], f.needs[g], y, f.T):
-                fallen = g
-    return fallen
+                crossed = g
+    return crossed
 
 
 @inlined
@@ -70,14 +70,14 @@ def bisect(shape, f, bent, x, h, w):
         if middle <= low or middle >= high:
             break
         move(shape, f, bent, k, x, middle, y, z)
-        if fell(shape, f, bent, x, y) >= 0:
+        if crossed_guard(shape, f, bent, x, y) >= 0:
             high = middle
         else:
             low = middle
     move(shape, f, bent, k, x, high, y, z)
     for i in range(states(shape)):
         w.y[i] = y[i]
-    return high, max(fell(shape, f, bent, x, y), 0)
+    return high, max(crossed_guard(shape, f, bent, x, y), 0)
 
 
 @inlined
@@ -119,7 +119,7 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
     """Take steps from state.x to the end of the ticks or to a step that `stretch` must handle.
 
     A leaf (rig.solve.specialised). Returns ENDED or ASKS. With ASKS the end of the step is in w.y, its length in
-    fc[LENGTH], the guard that had an event in ic[FELL]; state, tick and place are those at its begin.
+    fc[LENGTH], the guard that had an event in ic[CROSSED]; state, tick and place are those at its begin.
     """
     n, looked, bent = states(shape), plan.with_energy or plan.emitting, bends(shape)
     ic, fc, x, substeps, out = state.ic, state.fc, state.x, plan.substeps, log.out
@@ -133,9 +133,9 @@ def steps(shape, t, w, state, log, seg, plan, ticks):
     while tick < ticks:
         rate(shape, f, bent, here, k[0])
         move(shape, f, bent, k, here, h, y, z)
-        fallen = fell(shape, f, bent, here, y)
-        if looked or fallen >= 0:
-            ic[FELL], fc[LENGTH], ends = fallen, h, ASKS
+        crossed = crossed_guard(shape, f, bent, here, y)
+        if looked or crossed >= 0:
+            ic[CROSSED], fc[LENGTH], ends = crossed, h, ASKS
             for i in range(n):
                 w.y[i] = y[i]
             break
@@ -170,13 +170,13 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
     n, full, origin = x.shape[0], t.step[0] / plan.substeps, ic[REACHED]
     mode_set = t.mode_set_of[ic[KEY]]
     f = lent(lend(t, mode_set, w.T, w.scratch))
-    fallen = -1
-    while ic[TICK] < ticks and fallen < 0 and not (plan.emitting and crowded(t, mode_set, seg, ticks - ic[TICK])):
+    crossed = -1
+    while ic[TICK] < ticks and crossed < 0 and not (plan.emitting and crowded(t, mode_set, seg, ticks - ic[TICK])):
         if call(plan.steps, shape, t, w, state, log, seg, plan, ticks) == ENDED:
             break
-        tick, place, length, fallen = ic[TICK], fc[PLACE], fc[LENGTH], ic[FELL]
-        if fallen >= 0:
-            length, fallen = bisect(shape, f, bent, x, length, w)
+        tick, place, length, crossed = ic[TICK], fc[PLACE], fc[LENGTH], ic[CROSSED]
+        if crossed >= 0:
+            length, crossed = bisect(shape, f, bent, x, length, w)
         if plan.with_energy or plan.emitting:
             start = (tick - origin + place) * t.step[0]
             for i in range(n):
@@ -188,7 +188,7 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
             land(t, mode_set, x, w.copy)
         whole, _ = next_step(place, substeps, full)
         reached = place * substeps + length / full
-        if fallen >= 0 and reached < substeps - 1e-12:
+        if crossed >= 0 and reached < substeps - 1e-12:
             place = reached / substeps
         elif whole >= substeps:
             for i in range(n):
@@ -198,6 +198,6 @@ def stretch(shape, t, w, state, log, seg, plan, ticks):
         else:
             place = whole / substeps
         ic[TICK], fc[PLACE] = tick, place
-    if fallen >= 0:
-        passed(t, mode_set, fallen, ic, x)
-    return fallen
+    if crossed >= 0:
+        passed(t, mode_set, crossed, ic, x)
+    return crossed

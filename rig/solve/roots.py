@@ -80,7 +80,7 @@ def _split(work, row, d):
 
 
 @inner
-def first_fall(c, degree, zero, work):
+def first_crossing(c, degree, zero, work):
     """The smallest u in [0, 1] at which sum_k c[k] u**k becomes zero or negative; NONE if it stays positive.
 
     `zero`: up to this value of |c[0]| the guard counts as starting at zero. `work`: float64[WORK_ROWS, WORK_COLUMNS].

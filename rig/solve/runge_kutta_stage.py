@@ -24,7 +24,7 @@ from rig.solve.specialised import call, local, multiplies, states
 Array = NDArray[np.float64]
 
 
-class Rub(NamedTuple):
+class PatchFriction(NamedTuple):
     """The friction of the only patch.
 
     `alone`: there is one patch, its friction depends on speed, and there are no products. ask . x: argument of the law,
@@ -50,8 +50,8 @@ class Rub(NamedTuple):
 
 
 @inlined
-def rubbing(shape, f, t, w, state, log, seg, plan):
-    """The Rub of field f; the other arguments are kept for calls by address (rig.solve.specialised)."""
+def patch_friction(shape, f, t, w, state, log, seg, plan):
+    """The PatchFriction of field f; the other arguments are kept for calls by address (rig.solve.specialised)."""
     n = states(shape)
     ask, bear = local(shape, w.ask), local(shape, w.bear)
     ask_x, bear_x = local(shape, w.ask_x), local(shape, w.bear_x)
@@ -69,7 +69,7 @@ def rubbing(shape, f, t, w, state, log, seg, plan):
             for i in range(n):
                 ask_x[i] += ask[j] * f.A[j, i]
                 bear_x[i] += bear[j] * f.A[j, i]
-    return Rub(alone, ask, ask_x, ask_f, bear, bear_x, bear_f, w.at, w.rates, t, w, state, log, seg, plan)
+    return PatchFriction(alone, ask, ask_x, ask_f, bear, bear_x, bear_f, w.at, w.rates, t, w, state, log, seg, plan)
 
 
 @inner
@@ -90,29 +90,29 @@ def whole(shape, t, w, state, log, seg, plan, ticks):
 
 
 @inlined
-def begin(shape, rub, k):
+def begin(shape, friction, k):
     """The first argument `late` of `stage`, for a complete k[0].
 
     No force is missing; the rates are those of the argument of the law and of the load.
     """
     asked, borne = 0.0, 0.0
-    if rub.alone:
+    if friction.alone:
         for i in range(states(shape)):
-            asked += rub.ask[i] * k[0, i]
-            borne += rub.bear[i] * k[0, i]
+            asked += friction.ask[i] * k[0, i]
+            borne += friction.bear[i] * k[0, i]
     return 0.0, asked, borne
 
 
 @inlined
-def complete(shape, f, rub, k, last, late):
+def complete(shape, f, friction, k, last, late):
     """Add the missing friction force to derivative k[last]."""
-    if rub.alone:
+    if friction.alone:
         for i in range(states(shape)):
             k[last, i] += f.b[i, 0] * late[0]
 
 
 @fused
-def stage(shape, f, rub, reach, z, k, last, late):
+def stage(shape, f, friction, reach, z, k, last, late):
     """Add reach times derivative k[last] to z and compute k[last + 1] there without its friction force.
 
     Also completes k[last]. `late`: the force missing in k[last], and the rates, without it, of the argument of the law
@@ -120,24 +120,24 @@ def stage(shape, f, rub, reach, z, k, last, late):
     """
     n = states(shape)
     force, asked, borne = 0.0, 0.0, 0.0
-    if rub.alone:
+    if friction.alone:
         u, N = 0.0, 0.0
         for i in range(n):
-            u += rub.ask[i] * z[i]
-            N += rub.bear[i] * z[i]
-        u = (u + reach * late[1]) + (reach * rub.ask_f) * late[0]
-        N = (N + reach * late[2]) + (reach * rub.bear_f) * late[0]
+            u += friction.ask[i] * z[i]
+            N += friction.bear[i] * z[i]
+        u = (u + reach * late[1]) + (reach * friction.ask_f) * late[0]
+        N = (N + reach * late[2]) + (reach * friction.bear_f) * late[0]
         for i in range(n):
             z[i] = (z[i] + reach * k[last, i]) + (reach * f.b[i, 0]) * late[0]
-        complete(shape, f, rub, k, last, late)
+        complete(shape, f, friction, k, last, late)
         if f.code[0] == STRIBECK:
             coarse, fine = factors(u)
             force = N * f.numbers[0, 0] + ((N * f.numbers[0, 1]) * coarse) * fine
         else:
             force = coefficient(f.code[0], f.numbers[0], u) * N
         for i in range(n):
-            asked += rub.ask_x[i] * z[i]
-            borne += rub.bear_x[i] * z[i]
+            asked += friction.ask_x[i] * z[i]
+            borne += friction.bear_x[i] * z[i]
             s = 0.0
             for j in range(n):
                 s += f.A[i, j] * z[j]
@@ -145,8 +145,18 @@ def stage(shape, f, rub, reach, z, k, last, late):
     else:  # arrays kept in registers must not be passed: copy
         for i in range(n):
             z[i] += reach * k[last, i]
-            rub.at[i] = z[i]
-        call(rub.plan.whole, shape, rub.t, rub.w, rub.state, rub.log, rub.seg, rub.plan, 0)
+            friction.at[i] = z[i]
+        call(
+            friction.plan.whole,
+            shape,
+            friction.t,
+            friction.w,
+            friction.state,
+            friction.log,
+            friction.seg,
+            friction.plan,
+            0,
+        )
         for i in range(n):
-            k[last + 1, i] = rub.rates[i]
+            k[last + 1, i] = friction.rates[i]
     return force, asked, borne

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig.kernel import inner, kernel
-from rig.solve.pole_response import PART, PEEK, RESIDUE, STATE, STEP, polynomial, settle, weigh
+from rig.solve.pole_response import PART, PEEK, RESIDUE, STATE, STEP, polynomial, state_after, weigh
 
 # One instrument: what it is, then where it stands. Sample n is published at `instant` n and taken `delay` earlier.
 FRONT = np.dtype(
@@ -188,7 +188,7 @@ def sample(r: Any, segments: Any) -> None:
                         weigh(poles, p, PEEK, part)
                 x = 0.0
                 for p in range(s.first, s.last):
-                    x += (poles[p, RESIDUE] * settle(poles, p, PEEK, coef, j, column, part / h)).real
+                    x += (poles[p, RESIDUE] * state_after(poles, p, PEEK, coef, j, column, part / h)).real
                 if s.averages:
                     x, base = (x - base) * share(s), x
                 if s.direct != 0.0:
@@ -206,7 +206,7 @@ def sample(r: Any, segments: Any) -> None:
                         weigh(poles, p, PART, h)
             x = -base
             for p in range(s.first, s.last):
-                z = settle(poles, p, at, coef, j, column, 1.0)
+                z = state_after(poles, p, at, coef, j, column, 1.0)
                 poles[p, STATE] = z
                 x += (poles[p, RESIDUE] * z).real
             if due <= end_ns and (tau <= end + snap or j == last):  # a sample at the end of the segment

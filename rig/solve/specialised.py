@@ -34,16 +34,16 @@ class Shape(types.Type):  # type: ignore[misc]
 
 register_model(Shape)(models.OpaqueModel)
 ANY = Shape(0, products=True, bends=True)
-"""The shape of code for all rigs."""
+"""The shape of code that serves all rigs."""
 
 
 def _any_shape(typing: Any, n: Any) -> Any:
     """The shape of code that is compiled for any number of states, with the actual number n."""
 
-    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return builder.inttoptr(arguments[0], cgutils.voidptr_t)
 
-    return ANY(types.intp), lay
+    return ANY(types.intp), codegen
 
 
 any_shape: Any = intrinsic(_any_shape)
@@ -52,12 +52,12 @@ any_shape: Any = intrinsic(_any_shape)
 def _states(typing: Any, shape: Any) -> Any:
     """The number of states of a shape."""
 
-    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         if shape.states:
             return context.get_constant(types.intp, shape.states)
         return builder.ptrtoint(arguments[0], context.get_value_type(types.intp))
 
-    return types.intp(shape), lay
+    return types.intp(shape), codegen
 
 
 states: Any = intrinsic(_states)
@@ -66,10 +66,10 @@ states: Any = intrinsic(_states)
 def _multiplies(typing: Any, shape: Any) -> Any:
     """Whether there may be products of states. If not, the code that evaluates them is not compiled."""
 
-    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return context.get_constant(types.boolean, shape.products)
 
-    return types.boolean(shape), lay
+    return types.boolean(shape), codegen
 
 
 multiplies: Any = intrinsic(_multiplies)
@@ -78,10 +78,10 @@ multiplies: Any = intrinsic(_multiplies)
 def _bends(typing: Any, shape: Any) -> Any:
     """Whether inputs have to be computed: not if the system is linear in every mode set."""
 
-    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         return context.get_constant(types.boolean, shape.bends)
 
-    return types.boolean(shape), lay
+    return types.boolean(shape), codegen
 
 
 bends: Any = intrinsic(_bends)
@@ -95,7 +95,7 @@ def _place(typing: Any, shape: Any, like: Any) -> Any:
     """
     kind = types.Array(like.dtype, like.ndim, "C")
 
-    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         if not shape.states:
             return arguments[1]
         lengths = [ROWS] * (like.ndim - 1) + [shape.states]
@@ -115,7 +115,7 @@ def _place(typing: Any, shape: Any, like: Any) -> Any:
         )
         return array._getvalue()  # noqa: SLF001
 
-    return kind(shape, like), lay
+    return kind(shape, like), codegen
 
 
 local: Any = intrinsic(_place)
@@ -129,14 +129,14 @@ def _call(
     Its arguments are passed as pointers, so that the caller need not know its shape.
     """
 
-    def lay(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         kinds = signature.args[1:]
         code = context.call_conv.get_function_type(types.int64, kinds).as_pointer()
         leaf = builder.inttoptr(arguments[0], code)
         _, found = context.call_conv.call_function(builder, leaf, types.int64, kinds, arguments[1:])
         return found
 
-    return types.int64(types.int64, shape, t, w, state, log, seg, plan, types.int64), lay
+    return types.int64(types.int64, shape, t, w, state, log, seg, plan, types.int64), codegen
 
 
 call: Any = intrinsic(_call)

@@ -54,8 +54,8 @@ def test_a_propagator_carries_the_landing(rigs):
         assert mode_sets.tables.E[at, 0] + np.eye(system.n) == pytest.approx(expected, rel=1e-9, abs=1e-13)
 
 
-def test_a_deeper_ladder_leaves_the_older_slots_alone(rigs):
-    """Stick of P4 has the network's frequencies too; slots of different depth share one table."""
+def test_a_deeper_ladder_leaves_the_older_mode_sets_alone(rigs):
+    """Stick of P4 has the network's frequencies too; mode sets of different depth share one table."""
     system = rigs.p3()
     mode_sets = ModeSets(system, 5e-3, [])
     first = mode_sets.add(system.key([SLIP_PLUS], [0], []))

@@ -21,8 +21,8 @@ def weigh(poles, p, at, h):
 
 
 @kernel
-def settle(poles, p, at, coef, j, column, a):
-    return pole_response.settle(poles, p, at, coef, j, column, a)
+def state_after(poles, p, at, coef, j, column, a):
+    return pole_response.state_after(poles, p, at, coef, j, column, a)
 
 
 def table(pole):
@@ -75,11 +75,11 @@ def test_two_parts_make_the_whole(real, imag, share, coef):
     weigh(poles, 0, STEP, h)
     weigh(poles, 0, PEEK, share * h)
     weigh(poles, 0, PART, (1.0 - share) * h)
-    whole = settle(poles, 0, STEP, y[None, None, :], 0, 0, 1.0)
-    poles[0, STATE] = settle(poles, 0, PEEK, y[None, None, :], 0, 0, share)
+    whole = state_after(poles, 0, STEP, y[None, None, :], 0, 0, 1.0)
+    poles[0, STATE] = state_after(poles, 0, PEEK, y[None, None, :], 0, 0, share)
     rest = np.polynomial.Polynomial(y)(np.polynomial.Polynomial([share, 1.0 - share])).coef
     rest = np.pad(rest, (0, DEGREE + 1 - len(rest)))
-    assert abs(settle(poles, 0, PART, rest[None, None, :], 0, 0, 1.0) - whole) < 1e-14 * (1.0 + 100.0 * abs(whole))
+    assert abs(state_after(poles, 0, PART, rest[None, None, :], 0, 0, 1.0) - whole) < 1e-14 * (1.0 + 100.0 * abs(whole))
 
 
 def transfer(modal, s):

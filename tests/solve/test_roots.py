@@ -9,20 +9,20 @@ from hypothesis import strategies as st
 
 from rig.kernel import kernel
 from rig.solve.roots import NONE, WORK_COLUMNS, WORK_ROWS
-from rig.solve.roots import first_fall as inner_first_fall
+from rig.solve.roots import first_crossing as inner_first_crossing
 
 GRID = np.linspace(0.0, 1.0, 4001)
 
 
 @kernel
-def first_fall(c, degree, zero, work):
-    return inner_first_fall(c, degree, zero, work)
+def first_crossing(c, degree, zero, work):
+    return inner_first_crossing(c, degree, zero, work)
 
 
 def fall(coefficients, zero=0.0):
     c = np.zeros(13)
     c[: len(coefficients)] = coefficients
-    return first_fall(c, len(coefficients) - 1, zero, np.zeros((WORK_ROWS, WORK_COLUMNS)))
+    return first_crossing(c, len(coefficients) - 1, zero, np.zeros((WORK_ROWS, WORK_COLUMNS)))
 
 
 def from_roots(roots, sign=1.0):

@@ -19,7 +19,7 @@ from numba import types
 from rig.controllers.blocks.base import Controller, State, Values, hears
 from rig.controllers.runtime.body import Untranslatable
 from rig.controllers.runtime.translate import Translated, fact, found, translate, words
-from rig.kernel import as_python, called_by_address, told_as
+from rig.kernel import announce_compiling, as_python, called_by_address
 
 typeof: Any = _typeof
 _MADE: dict[Any, Any] = {}
@@ -164,7 +164,7 @@ def _made(controller: Any, state: State, shape: _Shape) -> tuple[Any, Any, Any]:
             return paths, facts, code
     translated = translate(controller)
     try:
-        with told_as(f"controllers of class {type(controller).__name__}"):
+        with announce_compiling(f"controllers of class {type(controller).__name__}"):
             code = _compiled(controller, translated, state, shape)
     except Exception as error:
         _MADE[key].append((translated.paths, translated.facts, None))
