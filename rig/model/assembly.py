@@ -1,4 +1,4 @@
-"""A rig as plants and effects write it down: rows by name, its outputs, its inputs.
+"""A rig as plants and effects describe it: rows by name, its outputs, its inputs.
 
 Outputs are extended rows: they may also name accelerations and forces (rig.model.named_rows).
 """
@@ -21,7 +21,7 @@ Write = Callable[[NDArray[np.float64], Mapping[str, float], float], None]
 
 @dataclass(frozen=True)
 class Output:
-    """A quantity of the rig that an instrument may read: an extended row and its unit."""
+    """A quantity of the rig that a sensor may read: an extended row and its unit."""
 
     row: Row
     unit: str
@@ -29,13 +29,13 @@ class Output:
 
 @dataclass(frozen=True)
 class Input:
-    """An actuator: its unit, its range, its value in force at the start and the one it takes when left alone.
+    """An actuator: its unit, its range, its value at the start and the safe value it takes without commands.
 
-    A command is put in force by writing the state `state`; a ramp by writing `slope` as well (a state too, so that no
-    command changes a matrix). `write(x, values, t)` serves inputs that act on several states: `values` holds what is
-    commanded of every input, t is the time [s]. An input without any of these changes the scene key of its own name.
-    `lagging`: the state that follows the command, which has reached it when a run begins. `ramped`: what a scene needs
-    for a ramp of an input that takes steps only.
+    A command comes into force by writing the state `state`; a ramp also writes `slope`, which is a state too, so that
+    no command changes a matrix. `write(x, values, t)` serves inputs that act on several states: `values` holds the
+    command of every input, t is the time [s]. An input without any of these changes the scene key of its own name.
+    `lagging`: the state that follows the command; at the start of a run it equals the command. `ramped`: what a scene
+    needs for a ramp of an input that takes steps only.
     """
 
     unit: str
@@ -54,8 +54,8 @@ class Input:
 class Assembly(Rows):
     """A rig under construction: its rows, its outputs and inputs. `system()` turns names into matrices.
 
-    `free`: natural frequencies [Hz] of a part of the rig by itself, told beside those of the rig. `limits`:
-    coefficients of friction at which something of it is used up.
+    `free`: natural frequencies [Hz] of a part of the rig on its own, listed beside those of the rig. `limits`: friction
+    coefficients at which the rig reaches a limit of its own, by name.
     """
 
     outputs: dict[str, Output] = field(default_factory=dict)
@@ -64,11 +64,11 @@ class Assembly(Rows):
     limits: dict[str, float] = field(default_factory=dict)
 
     def system(self) -> System:
-        """The matrices. Raises SceneError when a row names an unknown state."""
+        """The matrices. Raises SceneError if a row names an unknown state."""
         if self.film is not None:
             lay(self, self.film)
         return matrices(self)
 
     def sliding(self) -> System:
-        """The matrices without what the points of a film do in time: all that small motions about sliding need."""
+        """The matrices without the time-dependent states of a film's points: enough for linearisation about sliding."""
         return matrices(self)

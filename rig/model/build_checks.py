@@ -1,4 +1,4 @@
-"""What is said of a rig before it runs."""
+"""The findings about a rig before it runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ Level = Literal["info", "warning", "error"]
 
 @dataclass(frozen=True)
 class Finding:
-    """One verdict: how grave, what, the number that says so (a rate in 1/s where it is growth) and what helps."""
+    """One finding: its level, what it is, its number (a growth rate in 1/s, if it is growth) and the remedy."""
 
     level: Level
     what: str
@@ -18,5 +18,5 @@ class Finding:
     remedy: str
 
     def to_json(self) -> dict[str, object]:
-        """As plain values."""
+        """The finding as plain values."""
         return dict(vars(self))

@@ -1,18 +1,19 @@
-"""A film of points between a structure and a rigid slider that travels over it.
+"""A film of contact points between a structure and a rigid slider that travels over it.
 
     d = n(s) . q             compression of a point         n, t: rows over the coordinates, by the travel s
-    u = t(s) . q             how far the coordinates carry it along
-    P = k d + c d'           what it presses with; not below zero, and none where d <= 0
-    f                        what its friction pushes the structure with: |f| <= mu P
+    u = t(s) . q             displacement of the structure along the travel
+    P = k d + c d'           pressure force; not below zero, and none where d <= 0
+    f                        friction force on the structure: |f| <= mu P
     M q'' + D q' + K q = other forces + sum (-n P + t f)
 
-A point sticks by the shear of the film itself, f' = k_t (s' - u') while |f| < mu P. That stiffness is the material's,
-no number of ours: nothing has to be solved for all points at once, and a point that sticks creeps by mu P / k_t at most
-before it slips. Across the travel, where asked, t has a second row and (f_x, f_y) keeps to a circle.
+A point sticks by the shear of the film itself: f' = k_t (s' - u') while |f| < mu P. This stiffness belongs to the
+material; it is not a numerical parameter. So stick need not be solved for all points at once, and a stuck point creeps
+by at most mu P / k_t before it slips. With friction across the travel, t has a second row, and (f_x, f_y) stays within
+a circle.
 
-Rows are given at equal steps of the travel and are interpolated between them at every step of the integrator.
-What the points do are states of the rig, which a step of rig.solve.film_steps writes anew: forces on the coordinates,
-sums over the points, and of each point what it presses with and what its friction is.
+Rows are given at equal steps of the travel and interpolated at every step of the integrator. Forces on the coordinates,
+sums over the points, and pressure and friction of each point are states of the rig, which each step of
+rig.solve.film_steps overwrites.
 """
 
 from __future__ import annotations
@@ -29,16 +30,15 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Film:
-    """The points of a film; `travel`: the signal that says where the slider is, `slid`: how far the points have slid.
+    """The points of a film. `travel`: the state with the slider's position; `slid`: the state with the distance slid.
 
-    The rig is its own mirror image on both sides of the line of travel, so that half of the points says it all: the
-    first half, and then their images. A coordinate moves both sides alike (`parity` 1; across the travel against each
-    other) or against each other (-1): half the work of rows for all of them.
+    The rig is mirror-symmetric about the line of travel, so half of the points suffice: the first half, followed by
+    their images. A coordinate moves both sides alike (`parity` 1; across the travel in opposite directions) or in
+    opposite directions (-1). This halves the work with the rows.
 
-    rows [place, direction, coordinate, pair]: normal, along and, where asked, across the travel, at each `pitch` [m].
-    `longest`: how far the slider can travel [m].
-    parity [coordinate]. `stiffness`, `shear` [N/m], `damping` [N s/m]: of each point. `mu`: friction. x, y [point]:
-    where the points are on the slider [m].
+    rows [place, direction, coordinate, pair]: normal, along and, if present, across the travel, at each `pitch` [m].
+    `longest`: longest travel of the slider [m]. parity [coordinate]. `stiffness`, `shear` [N/m], `damping` [N s/m]: of
+    each point. `mu`: friction coefficient. x, y [point]: positions of the points on the slider [m].
     """
 
     rows: Array
@@ -56,12 +56,12 @@ class Film:
 
     @property
     def points(self) -> int:
-        """How many."""
+        """The number of points."""
         return 2 * int(self.rows.shape[3])
 
     @property
     def directions(self) -> int:
-        """Two, or three with friction across the travel."""
+        """The number of directions: two, or three with friction across the travel."""
         return int(self.rows.shape[1])
 
     def everywhere(self, place: float) -> Array:
@@ -74,7 +74,10 @@ class Film:
         return np.concatenate([here, mirrored], axis=2)
 
     def sliding(self, pressed: Array) -> dict[str, float]:
-        """States where all points slide and the contacts press with `pressed` [N]; one that would pull is open."""
+        """The states when all points slide and the contacts press with `pressed` [N].
+
+        A contact with a negative force counts as open.
+        """
         P = np.maximum(pressed, 0.0)
         normal = float(P.sum())
         share = P / normal if normal else P
@@ -83,25 +86,25 @@ class Film:
         return found | {at("P", point): value for point, value in enumerate(P.tolist())}
 
     def creep(self, force: float) -> float:
-        """How far a point gives way before it slips [m], where `force` [N] presses it: the error of its stick."""
+        """The displacement [m] of a point under `force` [N] before it slips: the error of its stick."""
         return self.mu * force / self.shear
 
     def of_points(self) -> list[str]:
-        """What is kept of each point, in the order of the states."""
+        """The kinds of states that each point has, in the order of the states."""
         kept = ["P", "f"] + ["g"] * (self.directions - 2)
         return kept + ["c", "before"] * (self.damping > 0.0)
 
 
 def on(coordinate: str) -> str:
-    """The state that says what the film pushes a coordinate with."""
+    """The name of the state that holds the force of the film on a coordinate."""
     return f"film:{coordinate}"
 
 
 def over(quantity: str) -> str:
-    """The state of one of `SUMS`."""
+    """The name of the state that holds one of `SUMS`."""
     return f"film.{quantity}"
 
 
 def at(kept: str, point: int) -> str:
-    """The state of something that is kept of a point, by its number."""
+    """The name of a state of one point, by its index."""
     return f"{kept}:{point + 1}"

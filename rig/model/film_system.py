@@ -1,4 +1,4 @@
-"""A system with a film of points: the states that it gets, whether kick can carry it, how fast it vibrates at most."""
+"""A system with a film of points: its additional states, whether kick supports it, and its highest frequency."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from rig.model.named_rows import Rows
 from rig.model.system import System
 from rig.solve.film_sums import SUMS
 
-_LOOKED_AT = 9  # places of the slider
+_LOOKED_AT = 9  # number of examined positions of the slider
 
 
 def lay(a: Rows, film: Film) -> None:
-    """Give a rig the states of its film, behind all others."""
+    """Add the states of a film to a rig, after all others."""
     if on(a.coordinates[0]) in a.signals:
         return
     for name in a.coordinates:
@@ -37,7 +37,7 @@ def lay(a: Rows, film: Film) -> None:
 
 
 def refusal(system: System) -> str:
-    """Why a system with a film is not for kicks; "" where it is."""
+    """The reason why kick does not support this system with a film; "" if it does."""
     if system.limiters or system.sectors or system.switches or system.products or len(system.network):
         return "knows structures, a film and signals only: no drive or load with both a lag and limits"
     for matrix in (system.mass, system.damping, system.stiffness):
@@ -49,15 +49,15 @@ def refusal(system: System) -> str:
 
 
 def ridden(system: System) -> System:
-    """The system with its contacts in the film alone."""
+    """The system whose only contacts are those in the film."""
     return replace(system, patches=(), normals=())
 
 
 def fastest(system: System, h: float) -> float:
-    """The highest angular frequency [rad/s] with every point closed and stuck, wherever the slider is.
+    """The highest angular frequency [rad/s] with every point closed and stuck, over all positions of the slider.
 
-    A damped film that is seen at steps of `h` [s] counts as stiffer by what its last three places give where they
-    alternate.
+    A damped film at steps of `h` [s] counts as stiffer, by the value of its three-point damping for alternating
+    positions.
     """
     film, highest = system.film, 0.0
     assert film is not None

@@ -1,4 +1,4 @@
-"""Rows by name as matrices."""
+"""Turns rows by name into matrices."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rig.solve.product_inputs import FRICTION, NORMAL, PRESS, SINE, STATE, VERSI
 
 
 def matrices(a: Rows) -> System:
-    """The matrices of these rows. Raises SceneError when a row names an unknown state."""
+    """The system of these rows. Raises SceneError if a row names an unknown state."""
     names = a.names
     index = {name: i for i, name in enumerate(names)}
     products = _products(a, index)

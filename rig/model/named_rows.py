@@ -1,11 +1,11 @@
-"""Rows by name: the form in which plants and effects write a rig down.
+"""Rows by name: the form in which plants and effects describe a rig.
 
-State  x = [q, v, network, signals]. A row is a dict from state names to coefficients, e.g. {"one": 20, "dither": 1}.
-A coordinate "x" brings the states "x" and "x'"; "x''" is its acceleration, which only outputs may name. The signal
-"one" is constant. Outputs may also name, for a contact c, "T:c" (friction force), "N:n" (normal force n), "w:c" (slip
-speed), and "c:l", what a limiter l gives. Everything that couples is such a row, so an effect adds rows, nothing else.
+State  x = [q, v, network, signals]. A row is a dict from state names to coefficients, e.g. {"one": 20, "dither": 1}. A
+coordinate "x" has the states "x" and "x'"; "x''" is its acceleration, which only outputs may name. The state "one" is
+constant. Outputs may also name, for a contact c, "T:c" (friction force), "N:n" (normal force n), "w:c" (slip speed),
+and "c:l", the output of a limiter l. Every coupling is such a row, so an effect only adds rows.
 
-What is not linear is a product with a name of its own (`Assembly.product`), which rows of forces, normal forces and
+A nonlinear term is a product with a name of its own (`Assembly.product`), which rows of forces, normal forces and
 outputs name like a state.
 
     structure  M a + D v + K q = sum_p t_p T_p + sum_k n_k N_k + F x
@@ -27,9 +27,9 @@ Part = str | tuple[str, Row]
 
 @dataclass(frozen=True)
 class Circuit:
-    """One position of a switch by names: rates of the network states it changes, those that are zero in it.
+    """One position of a switch, by names: rates of the network states it changes, and states that are zero in it.
 
-    `gains` of limiters and `stores` as in `Assembly`, where this position has its own.
+    `gains` of limiters and `stores` as in `Assembly`, if they differ in this position.
     """
 
     name: str
@@ -54,12 +54,12 @@ class Variation(NamedTuple):
 
 @dataclass
 class Rows:
-    """Rows of a rig under construction. Plants start them, effects add to them.
+    """The rows of a rig under construction. Plants begin them, effects add to them.
 
-    Forces of the network are `coupling`: they exchange energy with its `stores`, c (row x)^2 / 2 each, and its
-    `losses`, g (row x)^2 each, whose rows may name rates of network states ("voltage'"). `keep`: what stays as it is,
-    in place of a network state, where a parameter changes. `judges` look at the rig before a run
-    (rig.stability.report). `struck`: where a knock strikes, over coordinates, if that is not along the sliding
+    Network forces on the structure are `coupling`. They exchange energy with the `stores` of the network, c (row x)^2 /
+    2 each, and with its `losses`, g (row x)^2 each, whose rows may name rates of network states ("voltage'"). `keep`:
+    the quantity that is conserved, in place of a network state, when a parameter changes. `judges` examine the rig
+    before a run (rig.stability.report). `struck`: coordinates on which a knock acts, if this is not the sliding
     direction of the first patch. `film`: see rig.model.film. `about`: a line for each owner of states that is no table
     of the scene.
     """
@@ -91,20 +91,20 @@ class Rows:
     film: Film | None = None
 
     def coordinate(self, name: str, mass: float, damping: float = 0.0, stiffness: float = 0.0) -> None:
-        """A degree of freedom with its own mass, damper and spring to ground."""
+        """Add a degree of freedom with its own mass, and with a damper and a spring to ground."""
         self.coordinates.append(name)
         self.mass[name, name] = mass
         self.damping[name, name] = damping
         self.stiffness[name, name] = stiffness
 
     def signal(self, name: str, rate: Row, start: float, owner: str, about: str = "") -> None:
-        """A state s with s' = rate; `owner`, `about`: see `own`."""
+        """Add a state s with s' = rate; `owner`, `about`: see `own`."""
         self.signals[name] = dict(rate)
         self.start[name] = start
         self.own(owner, name, about=about)
 
     def own(self, owner: str, *states: str, about: str = "") -> None:
-        """Say which effect states belong to, and in a line what it is, unless its table declares it (rig.about)."""
+        """State to which effect states belong, with a line about it, unless its table declares it (rig.about)."""
         self.owners.update(dict.fromkeys(states, owner))
         if about:
             self.about[owner] = about
@@ -114,9 +114,9 @@ class Rows:
         add(self.force.setdefault(coordinate, {}), row)
 
     def patch(self, name: str, direction: Row, surface: Row, law: Law, travel: Row | None = None) -> None:
-        """A friction patch: `direction` over coordinates, `surface` speed as a row, its friction law.
+        """Add a friction patch: `direction` over coordinates, `surface` speed as a row, and its friction law.
 
-        `travel`: what the slip speed counts of the body's motion, where that is not the direction of the force.
+        `travel`: row of the body's motion in the slip speed, if it differs from the direction of the force.
         """
         self.patches.append((name, dict(direction), dict(surface), law, travel))
 
@@ -129,60 +129,67 @@ class Rows:
         inertia: Row | None = None,
         opens: bool = True,
     ) -> None:
-        """A normal force of a patch, N = row x + inertia . a, along `direction`; opens at N = 0 or pulls."""
+        """Add a normal force to a patch, N = row x + inertia . a, along `direction`.
+
+        `opens`: it opens at N = 0; otherwise it transmits tension too.
+        """
         self.normals.append((name, patch, dict(row), dict(direction or {}), dict(inertia or {}), opens))
 
     def product(self, name: str, *factors: Part) -> None:
-        """A product for rows to name. Factors: a state, "N:normal", "T:patch", and of a row "sin", "cos-1", "press"."""
+        """Add a product for rows to name.
+
+        Factors: a state, "N:normal", "T:patch", and of a row "sin", "cos-1", "press".
+        """
         self.products[name] = factors
 
     def sector(
         self, name: str, patch: str, row: Row, turn: str, period: float, edges: tuple[float, ...], laws: tuple[Law, ...]
     ) -> None:
-        """Friction by place: `laws[i]` where edges[i] <= row < edges[i + 1], the last up to `period`; edges[0] = 0.
+        """Add friction by position: `laws[i]` for edges[i] <= row < edges[i + 1], where edges[0] = 0.
 
-        State `turn`, which `row` counts fully, is moved by a period where the place leaves [0, period).
+        The last sector ends at `period`. State `turn`, which `row` contains with factor 1, is shifted by a period when
+        the position leaves [0, period).
         """
         self.sectors.append((name, patch, dict(row), turn, period, edges, laws))
 
     def vary(self, name: str, row: Row, turn: str, period: float, factors: tuple[tuple[float, float], ...]) -> None:
-        """Stiffer or softer by place: as many equal sectors of [0, period) as there are factors (stiffness, damping).
+        """Vary the structure by position, in equal sectors of [0, period).
 
-        They act on what the structure has now: stiffness, damping, and normal forces as far as coordinates make them.
-        `turn`: see `sector`.
+        `factors`: one pair (stiffness, damping) for each sector. They act on what the structure has at this call:
+        stiffness, damping, and the part of normal forces that depends on coordinates. `turn`: see `sector`.
         """
         rows = {normal: {c: v for c, v in r.items() if c in self.coordinates} for normal, _, r, *_ in self.normals}
         now = dict(self.stiffness), dict(self.damping), rows
         self.variations.append(Variation(name, dict(row), turn, period, factors, *now))
 
     def switch(self, name: str, signal: str, circuits: tuple[Circuit, ...]) -> None:
-        """A switch of the network: the rounded value of `signal` says which of the circuits is in force."""
+        """Add a switch of the network: the rounded value of `signal` selects one of the circuits."""
         self.switches.append((name, signal, circuits))
 
     def limit(
         self, name: str, row: Row, low: float, high: float, signal: str, gain: float, excess: float = 0.0
     ) -> None:
-        """A clamp: signal', or network state', gains `gain * min(max(row x, low), high)`.
+        """Add a clamp: the rate of the state `signal` gains `gain * min(max(row x, low), high)`.
 
-        Beyond it the network stores `excess` (row x - low or high)^2 / 2 more.
+        Beyond the clamp the network stores `excess` (row x - low or high)^2 / 2 more.
         """
         self.limiters.append((name, dict(row), low, high, signal, gain, excess))
 
     def surface(self, patch: str) -> Row:
-        """The surface speed row of a patch, to add to."""
+        """The surface speed row of a patch, for adding to it."""
         return next(entry[2] for entry in self.patches if entry[0] == patch)
 
     def load(self, normal: str) -> Row:
-        """The row of a normal force, to add to."""
+        """The row of a normal force, for adding to it."""
         return next(entry[2] for entry in self.normals if entry[0] == normal)
 
     def inertia(self, normal: str) -> Row:
-        """The accelerations in a normal force, over coordinates, to add to."""
+        """The accelerations in a normal force, over coordinates, for adding to them."""
         return next(entry[4] for entry in self.normals if entry[0] == normal)
 
     @property
     def strike(self) -> Row:
-        """What a force of one newton, where a knock strikes, does on each coordinate."""
+        """The force on each coordinate for a knock of one newton."""
         return self.struck or (self.patches[0][1] if self.patches else {self.coordinates[0]: 1.0})
 
     @property

@@ -1,8 +1,8 @@
 """A rig as matrices and rows: structure, network, patches, normal forces, limiters, sectors, switches, products.
 
-State  x = [q, v, network, signals]. What is not linear in x are the inputs T = [friction forces, products]: the force
-of a patch under a law over speed, and products of states such as x y, cos(k phi) - 1 or N sin(k phi). Rows that end in
-`_t` are over T.
+State  x = [q, v, network, signals]. Terms that are not linear in x are the inputs T = [friction forces, products]: the
+force of a patch with a speed-dependent law, and products of states such as x y, cos(k phi) - 1 or N sin(k phi). Rows
+whose name ends in `_t` are over T.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from rig.solve.state_codes import CLOSED, G_LIMIT_LOW, G_NEXT, G_OPEN, G_SLIP, G
 Array = NDArray[np.float64]
 
 
-_FEW = 3  # positions of a switch that all are prepared for
-_SPELT = 8  # open contacts that are named one by one
+_FEW = 3  # up to this number, all positions of a switch are prepared
+_SPELT = 8  # up to this number, open contacts are named one by one
 
 
 @dataclass(frozen=True)
 class Patch:
-    """A friction patch: `direction` [coordinate] of the friction force, `surface` speed row [state], its law.
+    """A friction patch: `direction` [coordinate] of the friction force, `surface` speed row [state], and its law.
 
-    `travel` [coordinate]: what the slip speed counts of the body's motion; the direction of the force by default.
+    `travel` [coordinate]: row of the body's motion in the slip speed; the direction of the force by default.
     """
 
     name: str
@@ -83,10 +83,11 @@ class Change:
 
 @dataclass(frozen=True)
 class Sector:
-    """A rig that is another where edges[i] <= row x < edges[i + 1]: patch `patch` has laws[i], or changes[i] is added.
+    """Sectors along a path: for edges[i] <= row x < edges[i + 1] patch `patch` has laws[i], or changes[i] is added.
 
-    The place row x lives in [0, period): `edges` begin with 0, the last sector ends at `period`. Where it leaves that
-    range, state `turn` is moved by a period, which row must count fully. `patch` is -1 where friction stays the same.
+    The position row x lies in [0, period): `edges` begin with 0, the last sector ends at `period`. When it leaves this
+    range, state `turn`, which row contains with factor 1, is shifted by a period. `patch` is -1 if friction stays the
+    same.
     """
 
     name: str
@@ -108,9 +109,9 @@ class Sector:
 class Position:
     """One position of a switch: the `rates` [owned, n] of the network states that the switch owns.
 
-    `still`: states that are zero in it, the others keep their values when the switch is thrown. `gains`: of limiters,
-    by number, where they are not the limiter's own; 0 takes it out of the network. `store` [n, n]: twice the energy
-    that only this position stores, as a form of x.
+    `still`: states that are zero in it; the others keep their values when the switch is thrown. `gains`: of limiters,
+    by index, if they differ from the limiter's own; 0 takes the limiter out of the network. `store` [n, n]: twice the
+    energy that only this position stores, as a form of x.
     """
 
     name: str
@@ -122,7 +123,7 @@ class Position:
 
 @dataclass(frozen=True)
 class Switch:
-    """Which of its positions a network is in is what the signal `state` says, rounded; a command writes it."""
+    """A switch of the network: its position is the rounded value of state `state`, which a command writes."""
 
     name: str
     state: int
@@ -136,7 +137,7 @@ class Switch:
 
 @dataclass(frozen=True)
 class Loss:
-    """A resistor: the power conductance * (row x + rate . network rates)^2 turns into heat."""
+    """A resistor: it dissipates the power conductance * (row x + rate . network rates)^2."""
 
     conductance: float
     row: Array
@@ -149,13 +150,13 @@ Judge = Callable[["System", float], Iterable[Finding]]
 
 @dataclass(frozen=True)
 class System:
-    """A rig as matrices over x = [q, v, network, signals]; the first signal is the constant one.
+    """A rig as matrices over x = [q, v, network, signals]; the first of the signals is the constant one.
 
-    force [coordinate, state], force_t [coordinate, product]. coupling [coordinate, state]: forces of the network, which
-    exchange energy with what it stores, x.store x / 2, and with its resistors. kept: of some states by name the row of
-    what stays as it is, in place of the state, where a parameter changes: the charge in place of the voltage. judges:
-    of effects, see rig.stability.report. strike [coordinate]: what a newton does where a knock strikes. film: what the
-    contacts of the system become under the method kick, which lets them travel.
+    force [coordinate, state], force_t [coordinate, product]. coupling [coordinate, state]: network forces on the
+    structure, which exchange energy with the stored energy x.store x / 2 and with the resistors. kept: by name of a
+    state, the row of the quantity that is conserved in its place when a parameter changes (the charge instead of the
+    voltage). judges: of effects, see rig.stability.report. strike [coordinate]: the force of a knock of one newton.
+    film: what the contacts become under the method kick, which lets them travel.
     """
 
     names: tuple[str, ...]
@@ -197,7 +198,7 @@ class System:
 
     @property
     def one(self) -> int:
-        """Index of the constant signal."""
+        """The index of the constant state "one"."""
         return 2 * len(self.coordinates) + len(self.network)
 
     @property
@@ -207,22 +208,22 @@ class System:
 
     @property
     def linear(self) -> bool:
-        """Whether the motion is linear in every mode set, so that exact propagation serves it."""
+        """Whether the equations are linear in every mode set, so that exact propagation supports the system."""
         over_speed = any(not law.constant for p in range(len(self.patches)) for law in self.laws(p))
         return not self.products and not over_speed
 
     @property
     def varies(self) -> bool:
-        """Whether the structure is another in other sectors."""
+        """Whether the structure differs between sectors."""
         return any(sector.changes for sector in self.sectors)
 
     def laws(self, p: int) -> tuple[Law, ...]:
-        """The laws that patch p may meet: its own, or those of its sectors."""
+        """The laws that patch p may have: its own, or those of its sectors."""
         return next((s.laws for s in self.sectors if s.patch == p), (self.patches[p].law,))
 
     @property
     def generators(self) -> list[tuple[int, int, float]]:
-        """Signals that swing for ever: states a, b of a' = rate b, b' = -rate a, which nothing else moves, and rate."""
+        """Undamped generators: states a, b with a' = rate b, b' = -rate a, which nothing else moves, and the rate."""
         found, driven = [], {limiter.state for limiter in self.limiters}
         moving = set((self.one + np.flatnonzero(self.signals.any(axis=1))).tolist())
         for a, b in permutations(moving - driven, 2):
@@ -252,7 +253,7 @@ class System:
         sectors: Sequence[int] = (),
         switches: Sequence[int] = (),
     ) -> int:
-        """Mixed-radix number of a mode set; without `sectors` or `switches`, those of the start."""
+        """The key of a mode set, a mixed-radix number; without `sectors` or `switches`, those of the start."""
         where = sectors or [sector.at(self.start) for sector in self.sectors]
         thrown = switches or [switch.at(self.start) for switch in self.switches]
         key, base = 0, 1
@@ -262,7 +263,7 @@ class System:
         return key
 
     def modes(self, key: int) -> tuple[list[int], list[int], list[int], list[int], list[int]]:
-        """The mode set of a number: modes of patches, normals, limiters, sectors, switches."""
+        """The modes of a mode set, from its key: of patches, normal forces, limiters, sectors, switches."""
         modes = []
         for radix in self.radices:
             modes.append(key % radix)
@@ -274,10 +275,10 @@ class System:
         return out[0], out[1], out[2], out[3], out[4]
 
     def taken_over(self, old: System, key: int, x: Array | None = None) -> int:
-        """The mode set of this system that corresponds to mode set `key` of `old`, a system with the same contacts.
+        """The key in this system that corresponds to mode set `key` of `old`, a system with the same contacts.
 
-        A limiter that `old` does not have is within its range, a switch is where it starts. `x`: the state now, where
-        sectors may have other edges.
+        A limiter that `old` does not have is in its linear range, a switch is in its position at the start. `x`: the
+        present state, if sectors may have other edges.
         """
         patches, normals, limiters, sectors, switches = old.modes(key)
         limited = {one.name: mode for one, mode in zip(old.limiters, limiters)}
@@ -288,26 +289,26 @@ class System:
         return self.key(patches, normals, [limited.get(one.name, 0) for one in self.limiters], where, positions)
 
     def law(self, p: int, sectors: Sequence[int]) -> Law:
-        """The law of patch p where the sectors are these."""
+        """The law of patch p in these sectors."""
         for sector, where in zip(self.sectors, sectors):
             if sector.patch == p:
                 return sector.laws[where]
         return self.patches[p].law
 
     def change(self, sectors: Sequence[int]) -> Change:
-        """What the sectors add, all together."""
+        """The sum of what these sectors add."""
         nq, found = len(self.coordinates), [s.changes[at] for s, at in zip(self.sectors, sectors) if s.changes]
         none = Change(np.zeros((nq, nq)), np.zeros((nq, nq)), np.zeros((len(self.normals), self.n)))
         return Change(*(sum((getattr(c, part) for c in found), getattr(none, part)) for part in vars(none)))
 
     def thrown(self, key: int) -> Iterator[int]:
-        """The mode set `key` in every position of its switches."""
+        """The keys of mode set `key` with every position of its switches."""
         patches, normals, limiters, sectors, _ = self.modes(key)
         for positions in product(*(range(len(switch.positions)) for switch in self.switches)):
             yield self.key(patches, normals, limiters, sectors, positions)
 
     def contacts(self, key: int) -> Iterator[int]:
-        """The mode set `key` with its patches, normal forces and limiters in every other way."""
+        """The keys of mode set `key` with every other combination of modes of patches, normal forces and limiters."""
         *own, sectors, thrown = self.modes(key)
         counts = iter(self.radices)
         ways = [[range(next(counts)) for _ in part] for part in own]
@@ -315,13 +316,13 @@ class System:
             yield self.key(patches, normals, limiters, sectors, thrown)
 
     def _liftings(self) -> Iterator[tuple[int, ...]]:
-        """The modes that the normal forces may have together."""
+        """The combinations of modes that the normal forces can have."""
         return product(*((CLOSED, OPEN) if k.opens else (CLOSED,) for k in self.normals))
 
     def turn(self, key: int) -> Iterator[int]:
-        """The mode sets that a turn over all sectors is likely to meet: of each patch, as it is, one contact open.
+        """The keys that a turn over all sectors is likely to meet: modes of patches as they are, one contact open.
 
-        Of switches of a few positions the others too, all contacts closed.
+        If switches have few positions, also the other positions, with all contacts closed.
         """
         patches, _, limiters, _, now = self.modes(key)
         ways = []
@@ -347,7 +348,7 @@ class System:
         return ", ".join(words) or "free"
 
     def happens(self, kind: int, owner: int) -> str:
-        """What happens when a guard of that kind falls, in words, e.g. "contact releases +"."""
+        """The event of a guard of that kind, in words, e.g. "contact releases +"."""
         firsts = ((G_NEXT, self.sectors), (G_LIMIT_LOW, self.limiters), (G_OPEN, self.normals), (G_SLIP, self.patches))
         owners: Sequence[Any] = next(parts for first, parts in firsts if kind >= first)
         return f"{owners[owner].name} {GUARD_NAMES[kind]}"

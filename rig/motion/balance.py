@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 
 class Here(NamedTuple):
-    """A motion at an instant: its system, its state x [n], its mode set `key`, and the tables of its kernels."""
+    """A motion at one instant: its system, its state x [n], the key of its mode set, and the tables of its kernels."""
 
     system: System
     x: Array
@@ -30,46 +30,46 @@ class Here(NamedTuple):
     tables: Tables
 
     def stored(self) -> float:
-        """Energy of structure and network [J]."""
+        """The energy of structure and network [J]."""
         return energy_forms.stored(self.system, self.x, self.key)
 
     def held(self) -> float:
-        """Energy of the springs of the contacts [J]."""
+        """The energy of the springs of the contacts [J]."""
         return kick_tables.held(self.system, self.x)
 
     def worked(self) -> float:
-        """The work of kicks on these springs with the matrices of now [J]."""
+        """The work of the kicks on these springs, with the present matrices [J]."""
         flow = self.tables.flow
         return float(flow.spring[0]) if flow is not None else 0.0
 
 
 class Balance:
-    """The balance since the start [J]; `impulses`: what writes have given the structure at once.
+    """The energy balance since the start [J]. `impulses`: energy that writes supplied to the structure at once.
 
-    `sprung`: the contacts are springs, which kicks act on.
+    `sprung`: the contacts are springs on which kicks act.
     """
 
     def __init__(self, start: Here, sprung: bool) -> None:
         self.first = start.stored()
         self.impulses = 0.0
         self.sprung = sprung
-        self._given = start.held() - start.worked() if sprung else 0.0  # and since then in other ways than by kicks
+        self._given = start.held() - start.worked() if sprung else 0.0  # plus later supplies other than by kicks
 
     def pause(self, here: Here) -> None:
-        """State or system are changed from here on to `go_on`: what that gives the springs is no work of kicks."""
+        """Begin a change of state or system: energy that the springs gain until `go_on` is not work of the kicks."""
         if self.sprung:
             self._given += here.worked() - here.held()
 
     def go_on(self, here: Here) -> None:
-        """The end of a change."""
+        """End a change that `pause` began."""
         if self.sprung:
             self._given += here.held() - here.worked()
 
     def residual(self, here: Here, terms: Array) -> dict[str, float] | None:
-        """What the springs hold beyond what they were given, `energy` [J]; None where there are none.
+        """The energy error of the springs, `energy` [J], and its `share`; None if there are no springs.
 
-        `share`: of the largest energy of the vibration, that is what structure and springs hold, and what contacts and
-        dampers have exchanged.
+        `energy` is the energy of the springs minus the energy supplied to them. The share refers to the largest of:
+        energy of structure, energy of springs, work of contacts and dampers.
         """
         if not self.sprung:
             return None
@@ -79,11 +79,11 @@ class Balance:
         sizes += [self.first, here.stored(), here.held()]
         return {"energy": off, "share": abs(off) / max(*sizes, 1e-30)}
 
-    @np.errstate(over="ignore", invalid="ignore")  # of a state that has left the range of numbers: the run says so
+    @np.errstate(over="ignore", invalid="ignore")  # a state may overflow; the run reports that
     def told(self, here: Here, terms: Array, edges: float) -> dict[str, float]:
         """The terms by name [J], and `error`: the residual relative to the largest term or store.
 
-        `edges` [J]: what came in with the stiffness of other sectors.
+        `edges` [J]: energy supplied by changes of stiffness at the edges of sectors.
         """
         stored = here.stored() - self.first
         jumps = self.impulses + edges

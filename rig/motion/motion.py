@@ -1,7 +1,6 @@
-"""The motion of a rig: one state, its time and its modes, carried forward tick by tick.
+"""The motion of a rig: one state, its time and its contact state, advanced tick by tick.
 
-Time is an int64 tick plus the place inside it. What is simulated depends on the ticks at which states are written and
-on nothing else.
+Time is an int64 tick plus the place inside it. The result depends only on the ticks at which states are written.
 """
 
 from __future__ import annotations
@@ -52,9 +51,9 @@ SEGMENTS, MOST_SEGMENTS = 1 << 10, 1 << 18
 
 
 class Frames(NamedTuple):
-    """How a motion is carried together with instruments and controllers, by frames of `steps` ticks.
+    """How a motion is advanced together with instruments and controllers: in frames of `steps` ticks.
 
-    `around`: a rig.solve.frames.Around. It may end early, after a frame at which somebody must look.
+    `around`: a rig.solve.frames.Around. An advance may end early, after a frame at which the caller has to act.
     """
 
     steps: int
@@ -63,7 +62,7 @@ class Frames(NamedTuple):
 
 @dataclass(frozen=True)
 class Event:
-    """A change of modes at tick `tick` + `place` (a share of the step); `before`: the mode set it ended."""
+    """A change of the contact state at tick `tick` + `place` (a share of the step); `before`: the previous mode set."""
 
     tick: int
     place: float
@@ -72,7 +71,7 @@ class Event:
 
 
 class Saved(NamedTuple):
-    """State, counters and places of rig.solve.records.State, and the largest size of each state so far."""
+    """State, counters and places of rig.solve.records.State, and the largest value of each state so far."""
 
     x: Array
     ic: NDArray[np.int64]
@@ -81,19 +80,19 @@ class Saved(NamedTuple):
 
 
 class Motion:
-    """A system in motion. `write` puts a command in force, `advance` carries the state on; both act at `tick`.
+    """A system in motion. `write` puts a command into force, `advance` advances the state; both act at `tick`.
 
-    `step_ns`: sample step, the exact method's only step. `outputs`: extended rows (rig.model.assembly) of the
-    quantities that `outputs_at` evaluates; the first `read` of them go to `segments`, for the sensors.
-    `tolerance`: of dopri5, for event times and local errors relative to each state's size. `substeps`: steps of rk4 or
-    kick in a sample step. `smoothing`: of the method smooth [m/s]. `cap`: events allowed in one call (ten ticks of a
-    longer one). `limit`: largest |state| allowed.
-    `booking`: keep the energy balance. `longest`: ticks of the longest call to make room for. `bounds`: of the size of
-    outputs, by number; `beyond` then names the first output that has left its bound at the end of a call. `frames`: in
-    which the motion is carried, if not alone.
+    `step_ns`: sample step, the only step of the method exact. `outputs`: extended rows (rig.model.assembly) of the
+    outputs that `outputs_at` evaluates; the first `read` of them go to `segments`, for the sensors. `tolerance`: of
+    dopri5, for event times and for local errors relative to the largest value of each state. `substeps`: steps of rk4
+    or kick in a sample step. `smoothing`: of the method smooth [m/s]. `cap`: events allowed in one call (in ten ticks
+    of a longer one). `limit`: largest |state| allowed. `with_energy`: keep the energy balance. `longest`: ticks of the
+    longest call. `bounds`: largest absolute value of outputs, by index; `beyond` then gives the first output that
+    exceeds its bound at the end of a call. `frames`: how the motion is advanced together with instruments and
+    controllers, if at all.
 
-    Raises ValueError for a method that cannot serve the system; while running Diverged, Jammed, Chatter (rig.errors)
-    with time, mode and state. The state is kept then.
+    Raises ValueError for a method that does not support the system; while running Diverged, Jammed, Chatter
+    (rig.errors) with time, mode and state. The state is kept then.
     """
 
     def __init__(
@@ -150,7 +149,7 @@ class Motion:
         self._prepare()
 
     def restart(self, x: Array) -> None:
-        """Start anew at tick 0 from state `x` [n], as if nothing had been before; mode sets that are built are kept."""
+        """Start again at tick 0 from state `x` [n], as a new motion. Mode sets already built are kept."""
         state, system = self.state, self.system
         for part in (state.ic, state.fc, state.energy, state.edges, state.tally, self.work.size):
             part[:] = 0
@@ -166,26 +165,26 @@ class Motion:
         self._begun = state.x.copy()
 
     def save(self) -> Saved:
-        """What `go_back` needs to carry on from here once more."""
+        """What `go_back` needs to continue from here once more."""
         state = self.state
         return Saved(state.x.copy(), state.ic.copy(), state.fc.copy(), self.work.size.copy())
 
     def go_back(self, saved: Saved) -> None:
-        """Back to a state of the same system that was saved; energy, ticks and log go on being those of now."""
+        """Return to a saved state of the same system. Energy, ticks and log are not reset."""
         state = self.state
         state.x[:], state.ic[:], state.fc[:] = saved.x, saved.ic, saved.fc
         self.work.size[:] = saved.size
 
     def _prepare(self) -> None:
-        """Build what a turn over such sectors or a switch will meet: a paced run could not afford it on the way."""
+        """Build the mode sets of a turn over all sectors or of a switch in advance: a paced run has no time for it."""
         for key in self.system.turn(self.key) if self.system.varies else self.system.thrown(self.key):
             add(self.mode_sets, key)
 
     def foresee(self, keys: Iterable[int] = (), most: int = 32) -> None:
-        """Build the mode sets `keys`, and those that events of the contacts lead to, if there are at most so many.
+        """Build the mode sets `keys` and those that events of the contacts lead to, if there are at most `most`.
 
-        Each takes some milliseconds when it is first met, which a paced run cannot afford on the way. From here on
-        `ready` does so as well.
+        Each takes some milliseconds at its first visit, for which a paced run has no time. From now on `ready` does
+        this too.
         """
         self._foresees = most
         foreseen(self.mode_sets, self.key, keys, most)
@@ -195,11 +194,10 @@ class Motion:
         self.plan, self._told, self._now, self._carry = made.plan, made.told, made.now, made.carry
 
     def ready(self, system: System, outputs: list[dict[str, float]] | None = None) -> Ready:
-        """Another system, made ready for `replace` with the mode sets that this motion has met.
+        """Prepare another system for `replace`, with the mode sets that this motion has visited.
 
-        It leaves the motion as it is, so that another thread may call it while the motion is carried on. Raises
-        ValueError where the systems differ in their patches, normal forces or sectors, or where the method cannot
-        serve the new one.
+        The motion itself is not changed, so another thread may call this while the motion advances. Raises ValueError
+        if the systems differ in their patches, normal forces or sectors, or if the method does not support the new one.
         """
         new = made(system, self._outputs if outputs is None else outputs, self.how)
         old, key = self.system, self.key
@@ -213,7 +211,7 @@ class Motion:
         return new._replace(carry=carry)
 
     def _room(self, rows: int, ticks: int) -> None:
-        """Rows for states, and as many events as a block of `ticks` may have."""
+        """Make room for rows of states and for as many events as a block of `ticks` may have."""
         none = np.zeros(0)
         self.log = Log(np.zeros((rows, self.system.n)), np.zeros(rows, dtype=np.int64), none.astype(np.int64), none)
         self._events(ticks)
@@ -229,21 +227,21 @@ class Motion:
 
     @property
     def x(self) -> Array:
-        """The state now."""
+        """The present state."""
         return self.state.x
 
     @property
     def key(self) -> int:
-        """The mode set now."""
+        """The key of the present mode set."""
         return int(self.state.ic[KEY])
 
     @property
     def mode_set(self) -> int:
-        """The mode set of the mode set now."""
+        """The index of the present mode set in the tables."""
         return int(self.mode_sets.tables.mode_set_of[self.key])
 
     def counts(self) -> dict[str, int]:
-        """Ticks, events, opened ticks, dopri5 trial steps, mode sets visited."""
+        """Ticks, events, subdivided ticks, trial steps of dopri5, mode sets visited."""
         ic = self.state.ic
         return {
             "ticks": self.tick,
@@ -254,14 +252,14 @@ class Motion:
         }
 
     def stick_share(self) -> float:
-        """Share of the ticks so far in which every loaded patch was stuck."""
+        """The share of the ticks so far in which every loaded patch was stuck."""
         tally = self.state.tally[: len(self.mode_sets.sets)]
         return float(tally[self.mode_sets.sticks[:TALLIED]].sum() / max(int(self.state.tally.sum()), 1))
 
     def write(self, index: int, value: float) -> None:
-        """Put state `index` to `value` now; modes are settled before the next step.
+        """Set state `index` to `value` now. The contact state is checked before the next step.
 
-        The energy that this gives the structure is booked as an impulse.
+        The energy that this supplies to the structure counts as an impulse in the energy balance.
         """
         balance, before = self.balance, 0.0
         structural = index < 2 * len(self.system.coordinates)
@@ -276,19 +274,19 @@ class Motion:
             balance.go_on(self._here())
 
     def begin(self) -> None:
-        """Settle the modes as at the start, where states were written since: before the first step."""
+        """Determine the contact state as at a start, after states were written and before the first step."""
         if self.tick == 0 and (self.state.x.shape != self._begun.shape or (self.state.x != self._begun).any()):
             self.state.ic[PENDING], self.state.ic[BEGUN] = START, -1
             self._run(0, 0)
             self._begun = self.state.x.copy()
 
     def replace(self, ready: Ready) -> None:
-        """Go on as another system from here: equal states keep their values, or what the systems say is kept.
+        """Continue as another system: states of the same name keep their values, or what the systems name as conserved.
 
-        Modes are settled anew. What the change does to the stored energy is booked as an impulse.
+        The contact state is checked again. The change of the stored energy counts as an impulse in the energy balance.
         """
         old, balance, before = self.system, self.balance, self._here().stored()
-        self.terms()  # the sums of the mode sets that are given up
+        self.terms()  # collect the sums of the mode sets that are dropped
         balance.pause(self._here())
         spent = dict(zip(self.mode_sets.keys, self.state.tally.tolist()))
         x, key, system = self.state.x, self.key, ready.system
@@ -310,10 +308,10 @@ class Motion:
         self._run(0, 0)
 
     def advance(self, ticks: int, keep: bool = False) -> bool:
-        """Carry the state `ticks` ticks on; `states` and `slots_of_states` then hold what came at their ends.
+        """Advance the state by `ticks` ticks. `states` and `mode_sets_of_states` then hold what was reached.
 
-        `keep`: behind what the calls before have kept; set `kept` to 0 to begin anew. True: carried in `frames` it has
-        ended, perhaps early, after a frame at which somebody must look; `events` are those of this frame.
+        `keep`: append to what earlier calls kept; set `kept` to 0 to begin anew. Returns True if an advance in `frames`
+        ended, perhaps early, after a frame at which the caller has to act; `events` are then those of this frame.
         """
         first = self.kept if keep else 0
         last = first + ticks
@@ -327,17 +325,17 @@ class Motion:
 
     @property
     def states(self) -> Array:
-        """States at the ends of the ticks of the last call, [tick, n]."""
+        """The states at the ends of the ticks of the last call, [tick, n]."""
         return self.log.out[self._first : self.kept]
 
     @property
     def mode_sets_of_states(self) -> NDArray[np.int64]:
-        """The mode sets they are in, [tick]."""
+        """The indices of their mode sets, [tick]."""
         return self.log.modes[self._first : self.kept]
 
     @property
     def beyond(self) -> int:
-        """Number of the first output beyond its bound at the end of the last call; -1 if none."""
+        """The index of the first output beyond its bound at the end of the last call; -1 if there is none."""
         return int(self.state.ic[BEYOND])
 
     def _run(self, first: int, last: int) -> bool:
@@ -367,7 +365,7 @@ class Motion:
         self.tick += last - first
 
     def _more_segments(self) -> None:
-        """Double the room for the segments of a frame; those that are there stay."""
+        """Double the room for the segments of a frame; existing segments are kept."""
         old, count = self.segments, int(self.segments.count[0])
         self.segments = empty_segments(self.how.read, 2 * len(old.start))
         self.segments.count[0] = count
@@ -381,7 +379,7 @@ class Motion:
         return time, *where(self.system, self.key, self.state.x)
 
     def events(self) -> list[Event]:
-        """Events of the last call of `advance`."""
+        """The events of the last call of `advance`."""
         first, events, places = self.met()
         met = zip(events.tolist(), places.tolist())
         return [
@@ -389,12 +387,18 @@ class Motion:
         ]
 
     def met(self) -> tuple[int, NDArray[np.int64], Array]:
-        """The same as numbers: ticks count from the first; [event, 4] tick, guard kind, owner, key before; places."""
+        """The events of the last call as numbers, with ticks counted from the returned first tick.
+
+        Returns first tick; [event, 4] tick, guard kind, owner, key before; [event] places in the tick.
+        """
         count = self.event_count
         return self.tick - int(self.state.ic[TICK]), self.log.event[:count].copy(), self.log.place[:count].copy()
 
     def outputs_at(self, states: Array, mode_sets: NDArray[np.int64]) -> Array:
-        """Every output [state, output] at `states` [state, n], each in the mode set of its mode set."""
+        """Every output [state, output] at `states` [state, n].
+
+        `mode_sets` [state]: index of the mode set in which each is evaluated.
+        """
         values = np.zeros((len(states), len(self._outputs)))
         evaluate(self.mode_sets.handle, self.loan, states, mode_sets, values)
         return values
@@ -409,7 +413,7 @@ class Motion:
 
     @property
     def event_count(self) -> int:
-        """Events in the last call of `advance`."""
+        """The number of events in the last call of `advance`."""
         return int(self.state.ic[EVENTS])
 
     def terms(self) -> Array:
@@ -419,11 +423,11 @@ class Motion:
         return energy.copy()
 
     def residual(self) -> dict[str, float] | None:
-        """Residual of kick in the energy of its contacts (rig.motion.balance); None for other methods."""
+        """The energy residual of the contacts under kick (rig.motion.balance); None for other methods."""
         return self.balance.residual(self._here(), self.terms()) if self.balance.sprung else None
 
     def energy(self) -> dict[str, float]:
-        """The energy balance so far [J], and `error`: what does not close, relative to the largest term or store."""
+        """The energy balance so far [J]; `error` is its residual relative to the largest term or store."""
         terms = self.terms()
         return self.balance.told(self._here(), terms, float(self.state.edges[0]))
 

@@ -1,4 +1,4 @@
-"""A system made ready for a motion: mode sets, workspace, plan of its kernels."""
+"""Prepares a system for a motion: mode sets, workspace, plan of its kernels."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 
 class How(NamedTuple):
-    """How a motion is integrated: see `rig.motion.motion.Motion`. `lent`: what is around the plant, if anything."""
+    """How a motion is integrated: see `rig.motion.motion.Motion`. `lent`: what surrounds the plant, if anything."""
 
     step_ns: int
     method: str
@@ -37,7 +37,7 @@ class How(NamedTuple):
 
 
 class Ready(NamedTuple):
-    """A system as a motion needs it to go on with, mode sets and compiled code included (`Motion.ready`)."""
+    """A system prepared for a motion to continue with, including mode sets and compiled code (`Motion.ready`)."""
 
     system: System
     outputs: list[dict[str, float]]
@@ -50,7 +50,7 @@ class Ready(NamedTuple):
 
 
 def made(system: System, outputs: list[dict[str, float]], how: How) -> Ready:
-    """A system as the method sees it, without a mode set yet. Raises ValueError where the method cannot serve it."""
+    """The system as the method sees it, without mode sets. Raises ValueError if the method does not support it."""
     system = seen(system, how.method, how.smoothing)
     mode_sets = ModeSets(system, how.step_ns * 1e-9, outputs, how.read, how.substeps if how.method == "kick" else 0)
     return Ready(
@@ -66,27 +66,33 @@ def made(system: System, outputs: list[dict[str, float]], how: How) -> Ready:
 
 
 def add(mode_sets: ModeSets, key: int) -> int:
-    """The mode set of a mode set, which is built if it is not there yet."""
+    """The index of mode set `key`, which is built if it is missing."""
     if mode_sets.tables.mode_set_of[key] < 0:
         mode_sets.add(key)
     return int(mode_sets.tables.mode_set_of[key])
 
 
 def foreseen(mode_sets: ModeSets, now: int, keys: Iterable[int], most: int) -> None:
-    """Build the mode sets `keys`, and what events of the contacts lead to from `now`, if that is at most so many."""
+    """Build the mode sets `keys` and those that events of the contacts lead to from `now`.
+
+    The latter only if there are at most `most` of them.
+    """
     near = list(islice(mode_sets.system.contacts(now), most + 1))
     for key in (*keys, *(near if len(near) <= most else ())):
-        with suppress(ArithmeticError, np.linalg.LinAlgError):  # no such motion: it will not be met
+        with suppress(ArithmeticError, np.linalg.LinAlgError):  # no such motion exists: a run will not meet it
             add(mode_sets, key)
 
 
 def parts(system: System) -> tuple[list[str], ...]:
-    """What two systems must share for one to go on as the other."""
+    """What two systems must have in common for a motion to continue from one to the other."""
     return [p.name for p in system.patches], [k.name for k in system.normals], [s.name for s in system.sectors]
 
 
 def kept_by(system: System, old: System, x: Array) -> Array:
-    """The state [n] of `system` after state `x` of `old`: equal names keep their values, or what both say is kept."""
+    """The state [n] of `system` that follows state `x` of `old`.
+
+    States of equal name keep their values, or the quantities that both systems conserve do.
+    """
     values = dict(zip(old.names, x.tolist()))
     kept = np.array([values.get(name, start) for name, start in zip(system.names, system.start.tolist())])
     for name in (name for name in system.kept.keys() & old.kept.keys() if name in system.names):

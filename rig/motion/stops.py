@@ -17,7 +17,7 @@ Why = tuple[type[NumericsError], str]
 
 
 def why(status: int, system: System, how: How, state: State, log: Log, room: int) -> Why:
-    """The error that a status of the kernels stands for, and its text. `room`: for smooth segments in a frame."""
+    """The error that a status of the kernels means, and its text. `room`: for smooth segments in a frame."""
     if status == JAM:
         return Jammed, "no contact mode agrees with the equations: jamming (Painleve)"
     if status == CHATTER:
@@ -31,7 +31,7 @@ def why(status: int, system: System, how: How, state: State, log: Log, room: int
     assert status == LOST
     film = system.film
     if film is not None and not 0.0 <= state.x[system.names.index(film.travel)] <= film.longest:
-        return NumericsError, f"the slider has come to the end of its way, {film.longest:g} m"
+        return NumericsError, f"the slider has reached the end of its travel, {film.longest:g} m"
     if np.all(np.abs(state.x) <= how.limit):
         return Diverged, f"no step is short enough for the tolerance {how.tolerance:g}"
     what = f"the state has left the limit of {how.limit:g} or is not finite"
@@ -41,6 +41,6 @@ def why(status: int, system: System, how: How, state: State, log: Log, room: int
 
 
 def where(system: System, key: int, x: NDArray[np.float64]) -> tuple[str, dict[str, float]]:
-    """The mode set in words and the state by name; of a film its structure alone."""
+    """The mode set in words and the state by name; for a rig with a film only the states of the structure."""
     own = system.names[: system.names.index(on(system.coordinates[0]))] if system.film else system.names
     return system.describe(key), dict(zip(own, x.tolist()))

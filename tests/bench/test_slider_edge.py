@@ -33,7 +33,7 @@ def test_a_slider_at_the_edge_is_told_as_far_as_the_run_goes(duration, told):
     run = rig.simulate(scene, duration)
     assert bool(run.fault) == told
     if told:
-        assert "the slider has come to the end of its way, 0.0437 m" in run.fault
+        assert "the slider has reached the end of its travel, 0.0437 m" in run.fault
         assert run.time[-1] == pytest.approx(0.1 + 0.0632, abs=1e-3)
 
 
@@ -48,4 +48,4 @@ def test_a_command_says_so_before_it_runs(rig):
     code, _, said = rig("simulate", "plate", *changes, "-p", "slider.position=43.5 mm", "--duration", "0.2")
     assert code == 4
     assert said.startswith("warning: the protocol takes the slider beyond the plate's edge by 0.2 s")
-    assert "the slider has come to the end of its way, 0.0437 m\n  at t = 0.163" in said
+    assert "the slider has reached the end of its travel, 0.0437 m\n  at t = 0.163" in said

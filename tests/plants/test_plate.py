@@ -254,7 +254,7 @@ def test_the_position_is_exact_at_the_end_of_the_whole_travel():
     found = ride({"load.force": 10.0, "drive.speed": 0.01, "plate.modes": 4}, 4.37, 4000, 20_000)
     time = 2e-5 * np.arange(1, len(found.places) + 1)
     assert np.abs(found.at("position") - 0.01 * time).max() < 1e-12
-    with pytest.raises(NumericsError, match=r"the slider has come to the end of its way, 0\.0437 m\n  at t = 4\.37"):
+    with pytest.raises(NumericsError, match=r"the slider has reached the end of its travel, 0\.0437 m\n  at t = 4\.37"):
         found.motion.advance(1)
 
 

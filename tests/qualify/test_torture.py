@@ -99,7 +99,7 @@ def test_rows_that_follow_the_slider_late_are_caught():
 def test_a_slider_that_comes_to_the_edge_stops_with_a_word():
     [cell] = torture.matrix(["film_beyond_edge"], quick=True)
     assert cell.good
-    assert "the slider has come to the end of its way, 0.0437 m" in cell.result.told
+    assert "the slider has reached the end of its travel, 0.0437 m" in cell.result.told
 
 
 def test_points_of_a_film_are_held_to_their_cone():
