@@ -7,13 +7,12 @@ regions             stable and unstable regions over two parameters
 control_loop        eigenvalues and margins of a closed loop (rig.design.sampled)
 averaged            friction under dither, averaged over a period
 cycle               the limit cycle: orbit steps the plant, shooting and repetition find the cycle, floquet computes its
-                    multipliers, turning_points serve vibration without events, cycle_report prints
-                    the result
+                    multipliers, turning_points serve vibration without events, cycle_report prints the result
 map                 steady-state behaviour over one or two parameters
 three_stages        the speeds at which stick ends and begins: accelerate, hold, decelerate
 amplitude           the amplitude index of a measured vibration; upper_speed: the highest speed of stick-slip
-identify            the experiments that tell the parameters of the lever rig
-recorded, sound     spectra, orders, hysteresis, pressure; what a microphone heard
-repeat              one scene with many seeds
-kernel_shapes       what the kernels of a scene are compiled for, and which of them have been
+identify            parameters of the lever rig from simulated experiments
+recorded, sound     spectra, orders, hysteresis, pressure; the sound at a microphone
+repeat              one scene simulated with many seeds
+kernel_shapes       the properties that a scene's kernels are compiled for, and the shapes compiled so far
 """

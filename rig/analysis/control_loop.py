@@ -1,8 +1,9 @@
 """A control loop of a scene, linearised: closed-loop eigenvalues, gain range, phase margin and delay margin.
 
-The loop is that of the scene: the controller's own numbers, its instrument, its delay, sample and hold, all exactly
-discretised (rig.design.sampled). Margins come from the exact frequency response L(exp(i w T)) of the opened loop. A rig
-that rubs may be unstable without control, so gain has a range, not a margin: below it friction wins, above it the loop.
+The loop contains the controller with its own parameters, its sensor, its delay, and sample and hold, all discretised
+exactly (rig.design.sampled). Margins come from the exact frequency response L(exp(i w T)) of the open loop. A rig with
+friction may be unstable without control. Therefore the gain has a range instead of one margin: below it friction
+destabilises the rig, above it the loop does.
 
     gain range     gains of both signs between which every eigenvalue decays
     phase margin   the smallest phase at |L| = 1 that makes L = -1

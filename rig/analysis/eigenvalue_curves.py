@@ -30,10 +30,10 @@ DEPTH = 8  # most halvings of a step between two values whose pairs are not cert
 class Spectrum(NamedTuple):
     """Eigenvalues `rates` [i], least stable first, right and left vectors [state, i], names of the states.
 
-    The first states are those of the rig, `own` of them, and of these the first are its `coordinates`. `exists`:
-    whether the rig slides steadily there; `counts`: whether the rates say something; `note`: what speaks against it,
-    and `why`, in words. `inertia`: determinant of the mass matrix with friction in it over that without; the rig jams
-    below zero. `energy`: rig.design.linearised.energy_form over the first states; empty where it is not known.
+    The first `own` states belong to the rig, and the first of these are its `coordinates`. `exists`: whether steady
+    sliding exists there; `counts`: whether the eigenvalues are valid; `note`: what makes them invalid, with the reason
+    `why` in words. `inertia`: determinant of the mass matrix with friction over that without; below zero the rig jams.
+    `energy`: rig.design.linearised.energy_form over the first states; empty if it is not known.
     """
 
     rates: Complex

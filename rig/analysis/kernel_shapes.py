@@ -1,8 +1,8 @@
-"""Kernel shapes: what the kernels of a scene are compiled for, and which of them have been.
+"""Kernel shapes: the properties that the kernels of a scene are compiled for, and the shapes compiled so far.
 
-A kernel is compiled for the number of states and for what a method brings (laws over speed, fixed steps), never for a
-value: many scenes share one shape. What is done is noted beside the compiled kernels, in the directory that belongs to
-exactly these sources, so that it goes when they change.
+A kernel depends on the number of states and on the method (laws over speed, fixed steps), never on values, so that many
+scenes share one shape. Compiled shapes are noted beside the compiled kernels, in the directory of exactly these
+sources, so that the notes disappear when the sources change.
 """
 
 from __future__ import annotations
@@ -31,11 +31,11 @@ from rig.process import as_process
 from rig.scenes.scene import Scene
 
 FRAMES = 3
-TYPICAL = 9.0  # s for one shape on one core, measured; only the first estimate
+TYPICAL = 9.0  # s for one shape on one core, measured; the first estimate only
 
 
 class Shape(NamedTuple):
-    """What a compiled kernel depends on."""
+    """The properties that a compiled kernel depends on."""
 
     states: int  # 0: any number
     curved: bool
@@ -47,19 +47,19 @@ class Shape(NamedTuple):
 VARIANTS = tuple(
     Shape(*one)
     for one in product(range(UNROLLED + 1), (False, True), (False, True), (False, True), (False, True))
-    if one[1] or not one[3]  # a product of states is no linear motion
-    if not one[4] or (one[1] and one[2] and one[3])  # kicks come from products, in fixed steps
+    if one[1] or not one[3]  # products of states are never linear
+    if not one[4] or (one[1] and one[2] and one[3])  # kicks need products and fixed steps
 )
-"""Every shape that there can be: what is compiled does not grow with the number of effects."""
+"""Every possible shape: the number of compiled kernels does not grow with the number of effects."""
 
 
 def shape(scene: Scene) -> Shape:
-    """The kernel shape of a scene."""
+    """Return the kernel shape of a scene."""
     return shape_of(scene.assemble().system(), scene.clock.method)
 
 
 def shape_of(system: System, method: str) -> Shape:
-    """The kernel shape of a system and a method of integration."""
+    """Return the kernel shape of a system and an integration method."""
     how, states = chosen(method, system), system.n if system.n <= UNROLLED else 0
     pressed = how == "kick" or (how in ("dopri5", "rk4") and crowded(system))
     curved = not system.linear or pressed or how == "smooth"
@@ -69,9 +69,10 @@ def shape_of(system: System, method: str) -> Shape:
 def prepare(
     wanted_scenes: Iterable[Scene], report: Callable[[str], object] | None = None, workers: int = 1
 ) -> dict[Shape, float]:
-    """Compile what these scenes need and is not there yet, in so many processes.
+    """Compile the missing kernels of these scenes in `workers` processes.
 
-    Seconds for each shape compiled. `report` gets a line before and after each, with an estimate of what is left.
+    Returns seconds for each compiled shape. `report` gets a line before and after each, with an estimate of the
+    remaining time.
     """
     say = report or (lambda _: None)
     wanted: dict[Shape, list[Scene]] = {}
@@ -95,14 +96,14 @@ def prepare(
 
 
 class Progress:
-    """What is told of shapes that are compiled, by number."""
+    """Messages on shapes that are compiled, by number."""
 
     def __init__(self, missing: Mapping[Shape, Scene], workers: int, say: Callable[[str], object]) -> None:
         self.spent: dict[Shape, float] = {}
         self._missing, self._workers, self._say = list(missing.items()), workers, say
 
     def begins(self, number: int) -> None:
-        """One is being compiled."""
+        """Report that a shape is being compiled."""
         (one, scene), count = self._missing[number], len(self._missing)
         each = max(self.spent.values(), default=TYPICAL)
         left = each * -(-(count - len(self.spent)) // self._workers)
@@ -110,7 +111,7 @@ class Progress:
         self._say(f"{number + 1} of {count}: {scene.name}, {states}; at most {left:.0f} s left")
 
     def ends(self, number: int, seconds: float) -> None:
-        """It is there."""
+        """Report that a shape is ready."""
         one, _ = self._missing[number]
         self.spent[one] = seconds
         note(one)
@@ -118,9 +119,9 @@ class Progress:
 
 
 def together(scenes_: list[Scene], workers: int, progress: Progress) -> None:
-    """Compile for these scenes in so many processes, which take one after the other.
+    """Compile for these scenes in several processes, each of which takes the next scene.
 
-    What several of them need, each compiles for itself unless another was faster: they keep it one at a time.
+    Kernels that several of them need are compiled by each, unless another was faster; one at a time stores them.
     """
     with tempfile.TemporaryDirectory(prefix="friction-rig-") as folder:
         for number, scene in enumerate(scenes_):
@@ -136,7 +137,7 @@ def together(scenes_: list[Scene], workers: int, progress: Progress) -> None:
                     else:
                         progress.ends(int(said[1]), float(said[2]))
                 if lost := [child.told for child in crew if child.code]:
-                    raise WorkerError(f"{'; '.join(lost)}. What was compiled is kept")
+                    raise WorkerError(f"{'; '.join(lost)}. Finished kernels are kept")
                 time.sleep(0.05)
         finally:
             end(crew, 0.0)
@@ -168,7 +169,7 @@ def _run(scene: Scene) -> None:
 
 
 def ready() -> set[Shape]:
-    """Shapes that have been compiled for these sources and this processor."""
+    """Return the shapes that have been compiled for these sources and this processor."""
     try:
         return {Shape(*one) for one in json.loads(notes().read_text())}
     except (OSError, ValueError, TypeError):  # not there, or damaged: what is compiled is found all the same
@@ -181,7 +182,7 @@ def notes() -> Path:
 
 
 def note(one: Shape) -> None:
-    """Remember that the kernels of a shape have been compiled."""
+    """Note that the kernels of a shape have been compiled."""
     noted, place = sorted(ready() | {one}), notes()
     draft = place.with_suffix(f".{os.getpid()}")
     try:

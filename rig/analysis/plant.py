@@ -1,7 +1,7 @@
 """The rig as a linear plant for control design: small motions about steady sliding, from actuators to outputs.
 
-The matrices of rig.design.linearised at the sliding equilibrium of the scene's own values. Limits of the actuators are
-left out, and dither is off.
+The matrices are those of rig.design.linearised at the sliding equilibrium of the scene's own values. Limits of the
+actuators are left out, and dither is off.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
-"""The rig as a control engineer sees it: small motions about steady sliding, from actuators to outputs.
+"""The rig as a linear plant for control design: small motions about steady sliding, from actuators to outputs.
 
     dx' = A dx + B du        dy = C dx + D du        u: commands of the actuators, y: outputs of the rig
 
-The same matrices as in the simulation. What nothing commands and nothing moves is not a state.
+The matrices are those of the simulation. A quantity that is neither commanded nor moving is not a state.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Plant:
-    """Matrices, the names of their rows and columns, and the `equilibrium` [state] that the x are counted from.
+    """Matrices, the names of their rows and columns, and the `equilibrium` [state] that x is relative to.
 
     `energy`: the form of `energy_form` over the states.
     """
@@ -39,7 +39,7 @@ class Plant:
 
 
 def linear(assembly: Assembly, at: Steady) -> Plant:
-    """The rig about the equilibrium `at`; actuators that are no states of this assembly are left out."""
+    """Linearise the rig about the equilibrium `at`; actuators that are not states of this assembly are left out."""
     system = at.system
     commands = {name: system.names.index(one.state) for name, one in assembly.inputs.items() if one.state}
     given = np.array(list(commands.values()), dtype=np.int64)
@@ -66,7 +66,9 @@ def linear(assembly: Assembly, at: Steady) -> Plant:
 
 
 def energy_form(at: Steady) -> Array:
-    """Twice the kinetic energy of the structure and, state by state, that of the network, as a form of x [n, n]."""
+    """Return the energy as a quadratic form of x [n, n]: twice the structure's kinetic energy, and that of each network
+    state.
+    """
     system = at.system
     nq, form = len(system.coordinates), np.zeros((system.n, system.n))
     form[nq : 2 * nq, nq : 2 * nq] = system.mass

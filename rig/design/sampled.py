@@ -184,7 +184,7 @@ def _with_front_end(plant: Plant, drive: int, reads: int, end: FrontEnd) -> tupl
 
 
 def _arithmetic(form: Linear) -> tuple[Array, Array, Array, float]:
-    """A, b, c, d of xi+ = A xi + b y, u = c xi + d y: read off the controller's own update, which is linear."""
+    """A, b, c, d of xi+ = A xi + b y, u = c xi + d y: obtained from the controller's own update, which is linear."""
 
     def step(xi: Array, y: float) -> tuple[Array, float]:
         after, u = form.step(xi.tolist(), y)

@@ -61,7 +61,7 @@ def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clo
         while True:
             tick = runner.tick
             if tick % _ROW == 0:
-                runner.hand_over(truth)  # which a paced run does not keep: not within a measured frame
+                runner.hand_over(truth)  # a paced run does not keep it: keep it out of the measured frames
             begin = clock()
             if not operation.begin():
                 break

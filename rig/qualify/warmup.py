@@ -1,4 +1,4 @@
-"""Compiling ahead: every kernel shape of the shipped scenes and of the torture test."""
+"""Compilation ahead of time: every kernel shape of the shipped scenes and of the torture test."""
 
 from __future__ import annotations
 

@@ -24,13 +24,13 @@ _ABOVE_MEAN = 5.0
 
 @dataclass(frozen=True)
 class Points(FilmPoints):
-    """The points of a scene's film. `load` [N]: the largest that the scene presses with."""
+    """The points of a scene's film. `load` [N]: the largest load of the scene."""
 
     load: float
 
     @classmethod
     def of(cls, scene: Scene) -> Self | None:
-        """The points of a scene's film; None where it has none, or is bonded."""
+        """Return the points of a scene's film; None if it has no film, or a bonded one."""
         found: FilmPoints | None = getattr(scene.parameters, "film_points", None)
         if found is None:
             return None

@@ -54,9 +54,9 @@ class Run:
     energy: dict[str, float] = field(default_factory=dict)
     summary: dict[str, Any] = field(default_factory=dict)
     mode: Integers = field(default_factory=lambda: np.empty(0, np.int64))
-    """Number of the contact mode at `time`, [n]; -1 where a recording lost it; empty where it was not recorded."""
+    """Number of the mode set at `time`, [n]; -1 where a recording lost it; empty if it was not recorded."""
     controllers: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """Controllers of the scene as their processes need them (controllers.described); empty where others took part."""
+    """Settings of the scene's controllers for their processes (controllers.described); empty if others took part."""
     provenance: dict[str, str] = field(default_factory=dict)
     models: tuple[bytes, ...] = ()
     """The reduced models that its scene names."""

@@ -28,7 +28,7 @@ def save(
 ) -> None:
     """Write `run` to `path`. Log times are simulated times, so that equal runs give equal messages.
 
-    A file that is there is overwritten only to `replace` it, else LogError is raised.
+    An existing file is overwritten only with `replace`, else LogError is raised.
     """
     setup = Setup(
         run=name,

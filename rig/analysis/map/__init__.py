@@ -1,13 +1,13 @@
 """Maps of the steady-state behaviour of a rig over one or two parameters: sliding, stick-slip, or both.
 
-job        scene, axes, settings; the units of work      compute    these, in batches
-track      the rig of one row, to be put and moved along the x axis and watched
-row        runs along it: carried up and down, near and far starts
-judge      what a motion has settled to
-dither     the boundary of dither over frequency and amplitude: averaged beside simulated
-store      results in a folder as they come; a broken run goes on
-crew       worker processes
-chart      the map as it is read            figure   as a picture
+job            scene, axes, settings; the units of work      compute   computes the units, in batches
+track          the rig of one row: started anywhere, moved along the x axis, simulated until it settles
+row            runs along a row: carried up and down, near and far starts
+steady_state   decides what a motion has settled to
+dither         the boundary of dither over frequency and amplitude: averaged and simulated
+store          results in a folder; an interrupted map continues from there
+workers        worker processes
+chart          the finished map                              figure    as a picture
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The units of a map computed, in batches: each a pure function of the job."""
+"""Computation of the units of a map, in batches: each is a pure function of the job."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from rig.errors import NumericsError, SceneError, Singular
 
 
 def compute(job: Job, units: Sequence[int], said: Callable[[int], object] | None = None) -> dict[int, Arrays]:
-    """The units of one batch, by number: a pure function of the job. `said` is told each unit that is done."""
+    """Compute the units of one batch, by number: a pure function of the job. `said` gets the number of each finished
+    unit.
+    """
     found: dict[int, Arrays] = {}
     for number in units:
         unit = job.units[number]

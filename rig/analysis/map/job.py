@@ -1,4 +1,4 @@
-"""What a map is made of: a scene, axes, settings; cut into units of work."""
+"""The description of a map: scene, axes, settings; divided into units of work."""
 
 from __future__ import annotations
 

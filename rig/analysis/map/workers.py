@@ -54,7 +54,7 @@ def make(job: Job, store: Store, workers: int, progress: Progress) -> dict[int, 
 
 
 def _compile(job: Job) -> None:
-    """Have the kernels ready before several workers ask for them."""
+    """Compile the kernels before several workers ask for them."""
     track = Track(job.at(0), job.x, job.settings)
     shape = kernel_shapes.shape_of(track.system(track.value), job.scene.clock.method)
     if shape not in kernel_shapes.ready():

@@ -156,7 +156,7 @@ def _folded(run: Run, name: str, output: bool, rate: float) -> str:
     if scene is None or not (output or getattr(scene.sensors.get(name), "ideal", False)):
         return ""
     highest = _highest_mode(scene)
-    if highest <= 0.505 * rate:  # what is folded by 1 % of the rate is where it belongs, almost
+    if highest <= 0.505 * rate:  # aliasing by 1 % of the rate hardly moves a line
         return ""
     return (
         f"{name} is sampled at {rate:.6g} Hz and not filtered, and the plate's modes reach {highest:.6g} Hz: "
@@ -165,7 +165,7 @@ def _folded(run: Run, name: str, output: bool, rate: float) -> str:
 
 
 def _highest_mode(scene: Scene) -> float:
-    """The highest frequency [Hz] of the modes of a scene's plate; 0 where it has no plate."""
+    """The highest frequency [Hz] of the modes of a scene's plate; 0 without a plate."""
     parameters = scene.parameters
     return float(parameters.reduced().frequencies[-1]) if isinstance(parameters, plate.Parameters) else 0.0
 
