@@ -95,8 +95,10 @@ def classified(figure: Figure) -> Iterator[Comparison]:
     border.set(xlabel="pressure [bar]", ylabel="friction coefficient", xlim=(0.0, 31.0), ylim=(0.48, 0.8))
     border.legend()
     loud = [one for one in found if one.growth > 0.0]
-    yield Comparison("squeals from: measured 12, predicted 15", "bar", min(one.pressure for one in loud), 13.5, "paper",
-                     absolute=1.5)  # fmt: skip
+    lowest = min(one.pressure for one in loud)
+    yield Comparison(
+        "lowest pressure with squeal (measured 12, predicted 15)", "bar", lowest, 13.5, "paper", absolute=1.5
+    )
     for which, frequency in (("lowest", min), ("highest", max)):
         hertz = frequency(one.frequency for one in loud)
         yield Comparison(f"{which} frequency of squeal, predicted", "Hz", hertz, 2140.0, "paper", relative=0.015)

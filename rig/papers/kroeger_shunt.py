@@ -203,7 +203,7 @@ def stability(figure: Figure) -> Iterator[Comparison]:
                 yield Comparison(f"delta {delta:g}, {R:g} ohm: stable {which} L / L_LRC", "", edge, expected,
                                  "reference", absolute=5e-3)  # fmt: skip
     limit = brentq(lambda R: growth(brake, 0.0, R, 0.985), 100.0, 200.0, xtol=1e-3)
-    yield Comparison("delta 0: nothing helps beyond", "ohm", limit, 150.0, "paper", absolute=1.0)
+    yield Comparison("delta 0: resistance above which no tuning stabilises", "ohm", limit, 150.0, "paper", absolute=1.0)
 
 
 ENTRIES = (

@@ -50,9 +50,9 @@ def sound(figure: Figure) -> Iterator[Comparison]:
     first = full & (heard.times > 0.3) & (heard.times < begin - 0.05)
     mean, amplitude, period = _sine(heard.times[first], heard.frequency[first], turn)
     yield Comparison("squeal, mean of a turn", "Hz", mean, 3400.0, "paper", relative=2e-3)
-    yield Comparison("swing of its frequency", "Hz", amplitude, _SWING, "paper", absolute=1.0)
-    yield Comparison("period of the swing", "s", period, 2.6, "paper", absolute=0.05)
-    yield Comparison("period of the swing: a turn", "s", period, turn, "theory", relative=0.01)
+    yield Comparison("amplitude of the frequency variation", "Hz", amplitude, _SWING, "paper", absolute=1.0)
+    yield Comparison("period of the variation", "s", period, 2.6, "paper", absolute=0.05)
+    yield Comparison("period of the variation: one turn", "s", period, turn, "theory", relative=0.01)
     v = ran.signals["velocity"]
     direct = value(scene, "sensors.microphone.radiation") * float(np.abs(v[ran.time < begin]).max())
     yield Comparison("largest pressure, without the echoes", "Pa", direct, 2.0, "paper", relative=0.1)
@@ -61,15 +61,15 @@ def sound(figure: Figure) -> Iterator[Comparison]:
         return float(np.abs(v[(ran.time >= at) & (ran.time < at + 0.01)]).max())
 
     before, late, later = (envelope(begin + after) for after in (-0.02, 0.03, 0.09))
-    yield Comparison("connected, fall after 30 ms", "dB", _decibel(before / late), 20.0, "paper", floor=True)
+    yield Comparison("level drop 30 ms after connecting", "dB", _decibel(before / late), 20.0, "paper", floor=True)
     rate = math.log(late / later) / 0.06
-    yield Comparison("connected, decays with", "1/s", rate, 22.85443, "reference", relative=0.05)
+    yield Comparison("decay rate while connected", "1/s", rate, 22.85443, "reference", relative=0.05)
     silent = (t > begin + 1.0) & (t < end)
     left = float(np.sqrt(np.mean(heard.v[silent] ** 2)))
-    yield Comparison("what is left while connected", "Pa", left, 0.035, "paper", absolute=0.015)
+    yield Comparison("remaining pressure while connected", "Pa", left, 0.035, "paper", absolute=0.015)
     again = [one for one in heard.squeals if one.begin > end]
     yield Comparison("squeals after disconnecting", "", len(again), 1.0, "paper")
-    yield Comparison("comes back with", "1/s", again[0].growth, 40.0, "reference", relative=0.05)
+    yield Comparison("growth rate after disconnecting", "1/s", again[0].growth, 40.0, "reference", relative=0.05)
 
 
 def _decibel(ratio: float) -> float:

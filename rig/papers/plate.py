@@ -142,8 +142,8 @@ def ramps(figure: Figure) -> Iterator[Comparison]:
     )
     yield Comparison("speed at 0.15 s", "m/s", at("surface_speed", 0.15), 0.005, "paper", relative=1e-9)
     yield Comparison("speed at 0.3 s", "m/s", at("surface_speed", 0.3), 0.01, "paper", relative=1e-9)
-    yield Comparison("way at 0.1 s", "m", at("position", 0.1), 0.0, "theory", absolute=1e-12)
-    yield Comparison("way at 0.2 s", "m", at("position", 0.2), 5e-4, "theory", relative=1e-6)
+    yield Comparison("travel at 0.1 s", "m", at("position", 0.1), 0.0, "theory", absolute=1e-12)
+    yield Comparison("travel at 0.2 s", "m", at("position", 0.2), 5e-4, "theory", relative=1e-6)
 
 
 ENTRIES = (

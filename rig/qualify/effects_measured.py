@@ -104,7 +104,7 @@ def signals(scene: Scene) -> Iterator[Told]:
             yield Told(name, frames, "watched by a limit")
         else:
             points = f"{name} of {len(groups[name])} points" if len(groups[name]) > 1 else name
-            yield Told(points, 0.0, "nobody: only in state messages and in what rig simulate keeps")
+            yield Told(points, 0.0, "no reader: only in state messages and in the results of rig simulate")
 
 
 def topics(scene: Scene) -> Iterator[Told]:
@@ -119,7 +119,7 @@ def topics(scene: Scene) -> Iterator[Told]:
     yield Told("step", pieces, f"controllers {', '.join(outside)}" if outside else "whoever joins")
     for name, section in scene.sensors.items():
         rate = section.rate
-        used = f", and heard by {', '.join(readers[name])} in the step" if name in readers else ""
+        used = f", and read by {', '.join(readers[name])} in the step" if name in readers else ""
         yield Told(f"meas/{name}", min(rate, BLOCKS), f"the recorder{used}")
     yield Told("state", min(frames, STATES), "recorder and viewer")
     for name, section in scene.controllers.items():
