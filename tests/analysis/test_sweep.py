@@ -227,7 +227,7 @@ def test_a_loop_is_swept_through_a_point_without_sliding():
 
     assert one.value == pytest.approx(brentq(growth, 0.01, 0.1), rel=1e-3)
     assert found.notes[0] == "no loop"
-    assert "no loop at 0 m/s: nothing slides steadily" in found.text()
+    assert "no loop at 0 m/s: no steady sliding" in found.text()
 
 
 def test_one_of_two_growing_motions_leaves():
