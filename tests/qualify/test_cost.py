@@ -9,10 +9,11 @@ import pytest
 
 import rig
 from rig.errors import Chatter, UsageError
-from rig.qualify.cost import Row, Table, cost, folder_of, measuring, pareto, recommended, reference
+from rig.qualify.cost import Row, Table, cost, folder_of, measuring, recommended, reference
 from rig.qualify.cost.figure import draw
 from rig.qualify.cost.measures import Seen, errors, observe
 from rig.qualify.cost.measuring import timed
+from rig.qualify.cost.pareto import front
 from rig.qualify.cost.problem import held, problem
 from rig.qualify.cost.report import notes
 from rig.qualify.cost.settings import Setting, eligible, ladder
@@ -181,7 +182,7 @@ def test_methods_come_from_the_rig_and_ladders_end_where_it_is_stable():
 
 def test_the_front_has_what_no_other_beats():
     rows = [row(1e-3, 10.0), row(1e-4, 20.0), row(1e-4, 30.0), row(1e-5, 15.0), row(math.inf, 1.0)]
-    assert pareto(rows, "period") == [rows[0], rows[3]]
+    assert front(rows, "period") == [rows[0], rows[3]]
 
 
 def test_the_setting_taken_is_the_cheapest_that_is_enough():
