@@ -9,6 +9,7 @@ import pytest
 
 import rig
 from rig.motion.motion import Motion
+from rig.plants import PLANTS
 
 KROGER = json.loads((Path(__file__).parents[1] / "reference" / "kroger.json").read_text())
 RIGS = json.loads((Path(__file__).parents[1] / "reference" / "kroger_rigs.json").read_text())
@@ -35,7 +36,7 @@ def scenes():
 def move(scene, changes=None, step_ms=1.0, duration=0.0, method=None, moved=None, **how):
     """The plant of a scene, run for `duration` s in one call; `moved`: actuators as states, as a scene would ask."""
     loaded = rig.load(scene, changes or {})
-    plant = rig.scenes.scene.plant_module(loaded.plant)
+    plant = PLANTS[loaded.plant]
     assembly = plant.assemble(loaded.parameters, moved or {})
     system = assembly.system()
     chosen = method or ("exact" if system.linear else "dopri5")

@@ -16,7 +16,7 @@ import rig
 from rig.bench.runner import PlantRunner
 from rig.effects import shunt_limits
 from rig.effects.stack import Stack
-from rig.scenes.scene import plant_module
+from rig.plants import brake
 from rig.stability.linearisation import sliding_key, steady
 from rig.stability.report import stability_report
 
@@ -36,7 +36,7 @@ def system(kind="series", mu=None, **values):
         {"connected": True, "resistance": 0.0, "inductance": 0.0, "delta": 0.0} | values if kind == "series" else {}
     )
     shunt = type(p).model_validate(p.model_dump() | {"shunt": {"kind": kind} | values}).shunt
-    return plant_module("brake").assemble(p.model_copy(update={"shunt": shunt}), {}).system()
+    return brake.assemble(p.model_copy(update={"shunt": shunt}), {}).system()
 
 
 def least(*kind, **values):

@@ -14,7 +14,7 @@ import pytest
 import rig
 from rig.bench.runner import PlantRunner
 from rig.errors import SceneError
-from rig.scenes.scene import plant_module
+from rig.plants import belt
 from rig.stability.linearisation import sliding_key, steady
 
 REFERENCE = Path(__file__).parents[1] / "reference"
@@ -166,7 +166,7 @@ def test_small_values_come_to_what_none_is(kept):
 
     def least(**values):
         changes = STACK | {"piezo.coupling": 1e-3} | shunt(**{**LONE, **kept, **values})
-        system = plant_module("belt").assemble(rig.load("belt_shunt", FREE | changes).parameters, {}).system()
+        system = belt.assemble(rig.load("belt_shunt", FREE | changes).parameters, {}).system()
         at = steady(system, sliding_key(system)).eigenvalues()
         return complex(at[np.argmin(np.abs(at - 31.6j))]), [name for name in system.names if name.startswith("shunt")]
 
