@@ -1,9 +1,8 @@
-"""Controllers within the compiled loop (rig.solve.control_loop): what it needs of them before, and what it has done
-after.
+"""Lends controllers to the compiled loop (rig.solve.control_loop) for many frames, and takes the results back.
 
-Between two stretches of frames everything is as if each controller had been asked from here: its line, its queue and
-its counts go on. What is not as usual is left to the exchange at that tick: an actuator that is no state of the rig, a
-line on safe values, an answer that fails.
+After that everything is as if each controller had been called from Python: its queue and its counts are up to date. The
+loop leaves unusual cases to the exchange at their tick: an actuator that is not a state of the rig, a controller on
+safe values, an answer that fails.
 """
 
 from __future__ import annotations
@@ -21,12 +20,12 @@ from rig.controllers.runtime.native import Native
 from rig.solve.control_loop import ANSWERED, AS, COUNT, DUE, NOW, ROWS, UNUSUAL
 
 _Answer = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
-"""It takes the first argument only, which is all that it needs."""
+"""A callback that uses only the first argument of the compiled call."""
 _NEVER = 1 << 62  # frames
 
 
 class Lent(NamedTuple):
-    """A line that is lent, its parts of the arrays, and who commands: somebody at work, or a recording."""
+    """A command queue that is lent, its slices of the arrays, and its source: a controller at work or a recording."""
 
     line: Line
     reads: slice
@@ -37,7 +36,7 @@ class Lent(NamedTuple):
 
 
 class Inside:
-    """Lends controllers of `operation` to the compiled loop while the plant runner is carried through many frames."""
+    """Lends controllers of `operation` to the compiled loop while the plant runner computes many frames."""
 
     def __init__(self, operation: Operation) -> None:
         self._exchange, self._runner = operation.exchange, operation.runner
@@ -51,9 +50,9 @@ class Inside:
         self._address = ctypes.cast(self._asked, ctypes.c_void_p).value
 
     def lend(self, working: Sequence[Working]) -> Collection[str]:
-        """Lend what can be lent of these, which have answered what was due at this tick, or of a recording; the names.
+        """Lend all controllers of `working`, or of a recording, that the loop can handle; returns their names.
 
-        What a recording has for this tick is in force.
+        The controllers have given the answers due at this tick, and recorded commands of this tick are in force.
         """
         c = self._controls
         c.clock[NOW], c.clock[COUNT], c.clock[UNUSUAL] = self._runner.tick, 0, 0
@@ -117,12 +116,12 @@ class Inside:
         count = len(tick)
         c.queue[i, :count, DUE], c.queue[i, :count, ANSWERED], c.queue[i, :count, AS] = tick, answered, status
         c.queued[:count, found.drives] = values
-        c.low[found.drives], c.high[found.drives] = -inf, inf  # they are as they were in force
+        c.low[found.drives], c.high[found.drives] = -inf, inf  # recorded commands are already clamped
         record["answer"], record["due"], record["waiting"] = 0, -1, count
         record["period"], record["last"] = _NEVER, 0
 
     def take_back(self) -> None:
-        """Take over what the lent controllers have done."""
+        """Update queues, counts and states of the lent controllers with what the loop has done."""
         c = self._controls
         for i, found in enumerate(self._lent):
             line, record, drives = found.line, c.lines[i], found.drives
@@ -159,10 +158,11 @@ class Inside:
             line.counts.oldest = max(line.counts.oldest, line.delay)
 
     def _answers(self) -> Generator[int, int, None]:
-        """What the compiled loop calls with the place of who is due: 1 if the command is there, 0 if one has to look.
+        """The callback of the compiled loop: takes the index of the controller that is due; yields 1 if it answered.
 
-        A generator, since a Ctrl-C strikes where Python begins again after compiled code, or a loop begins again: here
-        both are inside of `try`. A function would lose it, as no compiled code lets an exception through.
+        It yields 0 if the exchange must handle the case. It is a generator because Ctrl-C raises where Python resumes
+        after compiled code or where a loop repeats, and here both are inside `try`. A function would lose the
+        exception, since compiled code does not propagate it.
         """
         result, i = 0, 0
         while True:

@@ -1,4 +1,4 @@
-"""A controller that works in this process: it is asked at its ticks, and its command is received at once."""
+"""A controller that works in this process: it is called at its ticks, and its command is received at once."""
 
 from __future__ import annotations
 
@@ -14,24 +14,24 @@ from rig.controllers.runtime.loop import Loop
 from rig.controllers.runtime.native import Native
 
 TRIALS = 200
-"""Answers that are held against Python's before a compiled controller is believed. # chosen"""
+"""Answers of a compiled controller that are compared with Python's before it is used. # chosen"""
 WORTH = 500_000
-"""Answers of controllers of one class in this process from which on it is compiled: Python takes 1.4 s for them, the
-compiler 1 to 3 s. # chosen"""
+"""Number of answers of one class of controllers in this process that makes compiling worth it: Python takes 1.4 s for
+them, the compiler 1 to 3 s. # chosen"""
 _EXPECTED: Counter[type] = Counter()
 _TRIED: set[int] = set()
-"""Addresses of compiled controllers that have given these answers in this process."""
+"""Addresses of compiled controllers that have passed this comparison in this process."""
 
 
 def asked_often(controller: Controller) -> None:
-    """Controllers of this class are worth compiling in this process, however short the next run is."""
+    """Declare that controllers of this class are worth compiling in this process, even for a short run."""
     _EXPECTED[type(controller)] += WORTH
 
 
 class Working:
     """A controller that works in this process. `due`: tick of its next answer.
 
-    `given`: what it has answered at this tick, if it has been asked already; `fault`: what came of that.
+    `given`: its answer at this tick, if it was already called; `fault`: the exception that it raised.
     """
 
     def __init__(self, name: str, loop: Loop, operation: Operation) -> None:
@@ -49,7 +49,7 @@ class Working:
         self._latest = self._bank.latest.item
 
     def expect(self, answers: int) -> None:
-        """So many answers will be asked of it in this run: it is compiled where that is worth it."""
+        """Announce the number of answers in this run, which decides whether the controller is compiled."""
         _EXPECTED[type(self.loop.controller)] += answers
         self._worth = _EXPECTED[type(self.loop.controller)] >= WORTH
 
@@ -67,7 +67,7 @@ class Working:
         self._receive(self.name, tick, values)
 
     def ask(self, tick: int) -> Values:
-        """Have it answer the measurements of this tick."""
+        """Call the controller with the measurements of this tick and return its answer."""
         self.due = tick + self.line.period
         if self.loop.hears:
             heard: Any = tuple([self._bank.samples(i).tolist() for i in self.columns])
@@ -80,7 +80,7 @@ class Working:
         return self.given
 
     def native(self) -> Native | None:
-        """Its compiled `update` at the state of now, once that has given the answers that it has given itself."""
+        """Its compiled `update`, set to the present state; None unless it has passed the comparison with Python."""
         if self._worth and self._native is None:
             self._worth = False
             with suppress(Untranslatable):
@@ -92,7 +92,7 @@ class Working:
         return self._native
 
     def _try(self, t_ns: int, heard: Values) -> None:
-        """Hold the compiled `update` against the answer that was just given; where they differ, do without it."""
+        """Compare the compiled `update` with the answer just given; discard it if they differ."""
         native, loop = self._native, self.loop
         assert native is not None
         self._trial -= 1
@@ -104,7 +104,7 @@ class Working:
             _TRIED.add(native.address)
 
     def catch_up(self, tick: int) -> None:
-        """Give the answers due before `tick`, which nobody has waited for."""
+        """Call the controller for all answers due before `tick`; it is disconnected, so nobody has used them."""
         if self.due >= tick:
             return
         frame = self._runner.frame_ns

@@ -1,8 +1,8 @@
-"""The controllers of a scene that work in the plant's process: asked at their ticks, as in a run in one process.
+"""The controllers of a scene that work in the plant process: called at their ticks, as in a run in one process.
 
-The answer to the measurement of tick k is received at tick k, with no bus in between. Everything else is as of a
-controller with a process of its own: its name is taken, its parameters are asked for and set on its own topic, its
-events and last words are its own. One that raises leaves; its last command is held, then safe values step in.
+The answer to the measurement of tick k is received at tick k, without the bus. Otherwise such a controller behaves like
+one with its own process: it has its own name on the bus, its own topic for parameters, its own events and totals. A
+controller that raises an exception leaves the run; its last command is held, then safe values replace it.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _NEVER = 1 << 62
 
 
 class _Resident(Working):
-    """One such controller, which speaks on a `session` of its own. What it raises ends it, not the plant."""
+    """A controller in the plant process, with its own `session`. An exception ends the controller, not the plant."""
 
     def __init__(self, name: str, loop: Loop, operation: Operation, session: Session) -> None:
         super().__init__(name, loop, operation)
@@ -36,7 +36,7 @@ class _Resident(Working):
         """See `Working.answer`."""
         try:
             super().answer()
-        except Exception as error:  # of whatever it computes
+        except Exception as error:  # raised by the controller's own code
             self._fail(error)
 
     def catch_up(self, tick: int) -> None:
@@ -54,7 +54,7 @@ class _Resident(Working):
         self.service.session.close()
 
     def look(self) -> None:
-        """Bring what it says up to this tick: which one it has heard last, and whether a value was missing."""
+        """Update what it publishes: the tick that it answered last, and whether a measurement was missing."""
         if not self.left:
             self.service.tick = self.due - self.line.period
             self.service.t_ns = max(self.service.tick, 0) * self._runner.frame_ns
@@ -63,14 +63,17 @@ class _Resident(Working):
                 self.service.held()
 
     def leave(self) -> None:
-        """The last words, once."""
+        """Publish the last messages, once."""
         if not self.left:
             self.left = True
             self.service.leave()
 
 
 class InPlant:
-    """All of them. `described`: by rig.design; `notice` is called when one has failed and left."""
+    """All controllers in the plant process.
+
+    `described`: their descriptions by rig.design; `notice` is called when a controller has failed and left.
+    """
 
     def __init__(
         self, session: Session, operation: Operation, described: Mapping[str, Any], notice: Callable[[], object]
@@ -88,9 +91,7 @@ class InPlant:
             one.service.session.announce()
 
     def carry_on(self, until: int) -> None:
-        """Carry the plant runner on to tick `until`, or as far as no limit is passed; only controllers act on the
-        way.
-        """
+        """Step the plant runner to tick `until` or until a limit is exceeded; on the way only controllers act."""
         carry_on(self._operation, self._at_work, until, self._inside)
         for one in self._at_work:
             one.look()
@@ -99,18 +100,18 @@ class InPlant:
             self._notice()
 
     def poll(self) -> None:
-        """Answer who asks for parameters, or sets them."""
+        """Answer queries that read or set parameters."""
         for one in self._at_work:
             one.service.server.poll()
 
     def retune(self, name: str, changes: Mapping[str, Any]) -> None:
-        """Change parameters of one at this tick. Raises UsageError if it cannot be, or if it has left."""
+        """Change parameters of a controller at this tick. Raises UsageError if they are invalid or it has left."""
         one = self._all[name]
         if one.left:
             raise UsageError(f"controller {name} has left")
         one.service.asked({"set": dict(changes)})
 
     def leave(self) -> None:
-        """The run has ended: the last words of those who are still at work."""
+        """At the end of the run: publish the last messages of all controllers that still work."""
         for one in self._at_work:
             one.leave()

@@ -1,13 +1,15 @@
-"""One experiment on a plant runner: what happens at a tick between measurement and integration, in every mode alike.
+"""One experiment on a plant runner: everything that happens at a tick between measurement and integration.
+
+It is the same in every mode:
 
     operation.open()                       once, before anything is measured: the protocol at tick 0
-    operation.begin()                      protocol, limits: what is due at this tick
+    operation.begin()                      carry out what is due at this tick: protocol, limits
     exchange.receive(...)                  answers of the controllers to the measurements of this tick, or older ones
-    operation.take_over()                  commands in force
-    stand.frame()                          integrate to the next tick
+    operation.take_over()                  put commands into force
+    runner.frames(1)                       integrate to the next tick
 
-What comes from outside (an operator's change of a parameter, a knock, a controller of somebody's own) is put in
-between `begin` and `take_over`, and written down with its tick, so that the run can be simulated again.
+Actions from outside (an operator changes a parameter or knocks, a user's own controller is admitted) are carried out
+between `begin` and `take_over` and recorded with their tick, so that the run can be simulated again.
 """
 
 from __future__ import annotations
@@ -34,17 +36,17 @@ from rig.scenes.protocol import Connect, flat
 from rig.scenes.scene import Scene, controller_drives
 
 RUN_DOWN_NS = 500_000_000
-"""Time that the drive gets to stop when a limit has ended the experiment. # chosen"""
+"""Time in which the drive stops after a limit has ended the experiment. # chosen"""
 BEGIN, PLANT = "begin", "plant"
 
 Retune = Callable[[str, dict[str, Any]], None]
 
 
 class Operation:
-    """The experiment of `scene` on `stand`. It ends after `duration_ns`, or when its protocol is done.
+    """The experiment of `scene` on `runner`. It ends after `duration_ns`, or when its protocol is done.
 
     `retune(controller, changes)` changes parameters of a controller, wherever it works. `events` are those of a
-    recorded run: what came from outside then comes again, at the same ticks. Only what the plant says was in force.
+    recorded run: actions from outside are repeated at the same ticks. Only events of the plant count.
     """
 
     def __init__(
@@ -68,17 +70,17 @@ class Operation:
         self.tuning = Tuning(scene, runner, self.exchange, self.journal)
         self.protocol = Protocol(scene.protocol, runner.frame_ns, units, runner.inputs)
         self.over = ""
-        """Why the experiment has ended; empty while it goes on."""
+        """Why the experiment has ended; empty while it runs."""
         self.aborted = ""
-        """The limit that was passed; empty otherwise."""
+        """The limit that was exceeded; empty otherwise."""
         self._retune = retune if exchange is not Playback else _nobody
         self._end = None if duration_ns is None else -(-duration_ns // runner.frame_ns)
         length = scene.duration_ns if duration_ns is None else duration_ns
         self._unseen: set[str] = set()
-        """Keys of what is told to be delayed too much."""
+        """Keys of sensors and controllers for which a warning about their delay was given."""
         if length is not None:
             self._warn(length)
-        told = [event for event in events if event.get("source", PLANT) == PLANT]  # others may say anything
+        told = [event for event in events if event.get("source", PLANT) == PLANT]  # others may publish anything
         self.builds = Builds(runner)
         self.postponed = Postponed(runner, self.journal, self._wants, self.builds, told)
         first = next((i for i, event in enumerate(told) if event["kind"] == BEGIN), 0)
@@ -88,7 +90,7 @@ class Operation:
         )
 
     def open(self) -> None:
-        """Carry out what is due at the first tick and needs no measurement: it is in force in the first samples."""
+        """Carry out what is due at the first tick and needs no measurement, so that it acts on the first samples."""
         while self._before:
             self._repeat(self._before.popleft())
         for action in self.protocol.due(0, np.full(len(self.runner.bank.names), np.nan)):
@@ -96,7 +98,7 @@ class Operation:
         self.runner.start()
 
     def begin(self) -> bool:
-        """Carry out what is due at this tick; whether the experiment goes on."""
+        """Carry out what is due at this tick; whether the experiment continues."""
         runner = self.runner
         tick = runner.tick
         if not self.aborted:
@@ -117,27 +119,27 @@ class Operation:
         return not self.over
 
     def end(self) -> None:
-        """Tell what only the end shows: what never took effect, and what came too late for a run of this length."""
+        """Record what only the end shows: steps that never took effect, and delays as long as the run."""
         self.postponed.end()
         if self.runner.tick:
             self._warn(self.runner.t_ns)
 
     def _warn(self, length_ns: int) -> None:
-        """Tell what is delayed so much that a run of this length does not see it."""
+        """Record a warning for each delay that is as long as the run."""
         for key, text in late(self.scene, length_ns):
             if key not in self._unseen:
                 self._unseen.add(key)
                 self.journal.note("warning", f"{key}: {text}")
 
     def until(self) -> int:
-        """The first tick after this one at which `begin` may have something to do, unless a limit is passed before."""
+        """The first later tick at which `begin` may have something to do, unless a limit is exceeded before."""
         tick = self.runner.tick
         due = [self._end, None if self.aborted else self.protocol.until(tick)]
         due += [self.postponed.until(), self._outside[0]["tick"] if self._outside else None]
         return max(min((one for one in due if one is not None), default=tick + 1), tick + 1)
 
     def take_over(self) -> list[Line]:
-        """Put the commands of this tick into force; the lines that changed."""
+        """Put the commands of this tick into force; returns the command queues that changed."""
         return self.exchange.take_over()
 
     def _watch(self) -> None:
@@ -147,7 +149,7 @@ class Operation:
             self.abort(f"{name} = {value:.4g} {unit} is beyond its limit of {limit:g} {unit}")
 
     def abort(self, why: str) -> None:
-        """Go to the safe state: actuators to safe values, no more commands, then the end."""
+        """Go to the safe state: actuators go to safe values, commands have no more effect, then the run ends."""
         self.aborted = why
         self.journal.note("limit", f"{why}: to the safe state")
         ticks = max(RUN_DOWN_NS // self.runner.frame_ns, 1)
@@ -166,7 +168,7 @@ class Operation:
         try:
             finite(impulse, "N*s")
         except ValueError as fault:
-            raise UsageError(f"an impulse of {impulse:g} N s cannot be struck: it {fault}") from None
+            raise UsageError(f"the body cannot be knocked with an impulse of {impulse:g} N s: it {fault}") from None
         self.runner.knock(impulse)
         self.journal.note("knock", f"knock with {impulse:g} N s", by=by, impulse=impulse)
 
@@ -182,22 +184,22 @@ class Operation:
     def admission(
         self, controller: str, drives: Sequence[str], period_ns: int, hears: bool = False, gone: Collection[str] = ()
     ) -> list[Wanted]:
-        """The rigs that `admit` needs one after the other to let this controller in. Raises UsageError if it never can.
+        """The rigs that `admit` needs, one after the other. Raises UsageError if this controller cannot be admitted.
 
-        Controllers that are `gone` give up their actuators to it.
+        `gone`: controllers that have left, whose actuators it takes.
         """
         if hears and period_ns != self.runner.frame_ns:
             frame = f"{self.runner.frame_ns / 1e6:g} ms"
-            raise UsageError(f"{controller:.80} wants every sample, so its period must be one frame, {frame}")
+            raise UsageError(f"{controller:.80} reads every sample, so its period must be one frame, {frame}")
         if controller in self.scene.controllers:
-            raise UsageError(f"{controller} is a controller of the scene already; give yours another name")
+            raise UsageError(f"the scene already has a controller {controller}; give yours another name")
         self.exchange.check(controller, drives, period_ns, gone)
         lacking = self.runner.lacking(drives)
         found = [wanted for other in gone for wanted in self.given_back(other)]
         return [*found, *([Wanted({}, lacking)] if lacking else []), *self.given_back(controller)]
 
     def given_back(self, controller: str) -> list[Wanted]:
-        """The rigs that it takes, one after the other, to disconnect a controller."""
+        """The rigs that are needed, one after the other, to disconnect a controller."""
         line = self.exchange.lines.get(controller)
         back = self.exchange.given_back(line) if line is not None else {}
         return [Wanted({drive: value}) for drive, value in back.items() if self.runner.rebuilds(drive, value)]
@@ -210,13 +212,13 @@ class Operation:
         hears: bool = False,
         gone: Collection[str] = (),
     ) -> None:
-        """Let a controller that the scene does not know drive actuators that nobody drives, or nothing changes.
+        """Admit a controller that is not in the scene; it drives actuators that no other controller drives.
 
-        `gone`: controllers that give up their actuators to it.
+        `gone`: controllers that have left, whose actuators it takes. Raises UsageError, and then changes nothing.
         """
         for variant in self.runner.variants(self.admission(controller, drives, period_ns, hears, gone)):
             self.runner.keep(variant)
-        for other in gone:  # nothing is refused from here on
+        for other in gone:  # from here on nothing can be refused
             self.dismiss(other)
         self.runner.go_on(Wanted({}, self.runner.lacking(drives)))
         if controller in self.exchange.lines:
@@ -227,7 +229,7 @@ class Operation:
         self.journal.note("admitted", text, by=OPERATOR, **told)
 
     def dismiss(self, controller: str) -> None:
-        """A controller that was admitted has gone: its actuators go back to what the protocol asks for."""
+        """Remove a controller that was admitted and has left: its actuators return to the values of the protocol."""
         self.exchange.dismiss(controller)
         self.journal.note("dismissed", f"{controller} is dismissed", by=OPERATOR, controller=controller)
 
@@ -245,7 +247,7 @@ class Operation:
             self.dismiss(data["controller"])
 
     def _wants(self, action: Action) -> list[Wanted]:
-        """The rigs that an action of the protocol needs one after the other."""
+        """The rigs that an action of the protocol needs, one after the other."""
         if isinstance(action, Switch):
             return [] if action.on else self.given_back(action.controller)
         try:
@@ -256,7 +258,7 @@ class Operation:
                 one = self.runner.inputs[action.name]
                 value = min(max(action.value, one.low), one.high)
                 return [Wanted({action.name: value})] if self.runner.rebuilds(action.name, value) else []
-        except RigError:  # it is told when the action is carried out
+        except RigError:  # reported when the action is carried out
             pass
         return []
 
@@ -285,11 +287,11 @@ class Operation:
                 self.journal.note("parameter", f"{action.key} = {action.value:g}", by="protocol")
             else:
                 self.tuning.change({action.key: action.value}, "protocol")
-        except RigError as fault:  # the experiment goes on, and its record says that this did not happen
+        except RigError as fault:  # the experiment continues, and the recording contains the refusal
             self.journal.note("refused", f"{action.key} = {action.value:g}: {fault}", by="protocol")
 
     def progress(self) -> Progress:
-        """Where the experiment stands."""
+        """Progress of the experiment."""
         told = self.protocol.progress(self.runner.tick)
         if self._end is None:
             return told
@@ -300,7 +302,7 @@ class Operation:
 
 
 def late(scene: Scene, duration_ns: int) -> Iterator[tuple[str, str]]:
-    """Key of what is delayed so much that a run of `duration_ns` does not see it, and what is to be said of it."""
+    """(key, warning) of each sensor and controller whose delay is at least `duration_ns`."""
     length = f"the run of {duration_ns * 1e-9:g} s"
     for name, sensor in scene.sensors.items():
         delay = sensor.front_end().delay_ns
@@ -320,4 +322,4 @@ def late(scene: Scene, duration_ns: int) -> Iterator[tuple[str, str]]:
 
 
 def _nobody(controller: str, changes: dict[str, Any]) -> None:
-    """In a run that is simulated again no controller works: its commands are known."""
+    """Do nothing: in a re-simulation no controller works, because its commands are recorded."""

@@ -1,8 +1,8 @@
-"""How many frames a live run carries in one piece: with one look at the clock and at the bus for all of them.
+"""Pieces: the frames that a live run computes at once, with one look at the clock and at the bus for all of them.
 
-A frame of 50 us has no time for the bus, and needs none where its controllers work in the plant's process. What is due
-at a tick still happens at that tick: protocol, limits, these controllers. What comes from other processes is taken at
-the first tick of a piece, and what is published of its ticks goes out at its end.
+A frame of 50 us has no time for the bus, and needs none if its controllers work in the plant process. Protocol, limits
+and these controllers still act at their ticks. Messages of other processes are read at the first tick of a piece, and
+messages about its ticks are sent at its end.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from rig.bench.timing import Timing
 from rig.scenes.scene import Scene
 
 LONGEST_NS = 1_000_000
-"""Longest piece [ns of the wall clock]. # chosen: what others notice of it is below what the bus takes at times"""
+"""Longest piece [ns of the wall clock]. # chosen: other processes see less delay from it than from the bus at times"""
 
 
 def length(scene: Scene, pace: float | None, periods: Collection[int] | None = None) -> int:
-    """Frames in a piece of `scene` at `pace` (None: without a clock, as at pace 1).
+    """Number of frames in a piece of `scene` at `pace` (None: without a clock, as at pace 1).
 
-    `periods`: of the controllers in other processes [frames]; by default of those of the scene. They are asked at the
-    first tick of a piece, so that every tick at which one is due begins a piece. Where all controllers are in other
-    processes a piece is one frame: their commands take effect one frame later.
+    `periods`: periods [frames] of the controllers in other processes, by default of those in the scene. They get a step
+    at the first tick of a piece, so a piece begins at every tick at which one is due. If all controllers are in other
+    processes, a piece is one frame, because their commands take effect one frame later.
     """
     if periods is None:
         outside = [one for name, one in scene.controllers.items() if name not in scene.in_plant]
@@ -38,24 +38,24 @@ def length(scene: Scene, pace: float | None, periods: Collection[int] | None = N
 
 
 class Pieces:
-    """The pieces of a run."""
+    """The division of a run into pieces of several frames."""
 
     def __init__(self, operation: Operation, pace: float | None) -> None:
         self._runner, self._lines = operation.runner, operation.exchange.lines
         self._scene, self._pace = operation.scene, pace
         self._short = length(self._scene, pace, ()) == 1
-        """Whether a frame is a piece anyway."""
+        """Whether every piece is one frame."""
 
     @property
     def length(self) -> int:
-        """Frames in a whole piece, as long as nobody joins or leaves."""
+        """Number of frames in a whole piece, as long as no controller joins or leaves."""
         if self._short:
             return 1
         in_plant = self._scene.in_plant
         return length(self._scene, self._pace, [o.period for name, o in self._lines.items() if name not in in_plant])
 
     def next(self, timing: Timing) -> int:
-        """Frames from the present tick up to the first tick of the next piece; `timing` is told of another length."""
+        """Number of frames up to the first tick of the next piece; tells `timing` the length of a whole piece."""
         if self._short:
             return 1
         whole = self.length

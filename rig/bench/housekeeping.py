@@ -1,4 +1,4 @@
-"""What a plant need not do in every frame: notice who comes and goes, tell its health, count time that was given up."""
+"""Tasks of a plant that are not needed in every frame: presence of processes, health messages, skipped time."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from rig.bench.timing import Timing
 ATTEND_NS = 20_000_000
 HEALTH_NS = 200_000_000
 MISSED = ("controller", "recorder")
-"""Roles whose leaving before the end the verdict tells."""
+"""Roles whose early leaving the timing verdict mentions."""
 
 
 class Housekeeper:
-    """Looks after a run, 50 times a second; its health is told 5 times a second."""
+    """Does these tasks 50 times per second, and publishes the health of the run 5 times per second."""
 
     def __init__(self, hub: Hub, operator: Operator, job: Job, timing: Timing) -> None:
         self.faults: list[str] = []
-        """What the verdict must say beside the timing."""
+        """Reasons for the timing verdict that are not about timing."""
         self.health: dict[str, Any] = {}
         self.gone = False
-        """Whether the process that this plant belongs to has gone."""
+        """Whether the parent process has ended."""
         self.pacer: pace.Pacer | None = None
         self._hub, self._operator, self._job, self._timing = hub, operator, job, timing
         self._operation, self._runner = hub.operation, hub.runner
@@ -35,23 +35,23 @@ class Housekeeper:
         self._given_up = 0
         self._passed_ns: list[int] = []
         self._known: set[tuple[str, str]] = set(job.expect)
-        """Who was expected, or here at the first frame."""
+        """Processes that were expected, or present at the first frame."""
         self._left: dict[tuple[str, str], str] = {}
-        """Who has left and not come back, and the fault that tells it."""
+        """Processes that have left and not come back -> the entry in `faults`."""
         self._asleep = pace.asleep_ns()
         self._begun, self._stolen = 0, 0
         self._counted = False
         self._statistics: dict[str, Any] = {}
 
     def begin(self, now: int, pacer: pace.Pacer | None) -> None:
-        """The first frame begins now."""
+        """Start: the first frame begins at `now`."""
         self._due = self._health_due = now
         self._marked, self.pacer = (now, 0), pacer
         self._begun, self._stolen = now, pace.stolen_ns()
         self._known |= self._hub.watch.present
 
     def look(self, now: int) -> bool:
-        """Do what is due now; whether health was told."""
+        """Do what is due now; whether the health was published."""
         if now < self._due:
             return False
         self._due = now + ATTEND_NS
@@ -60,7 +60,7 @@ class Housekeeper:
         self._hub.serve_scene()
         if now < self._health_due:
             return False
-        if not self._counted:  # in three turns, since one frame has no time for all
+        if not self._counted:  # spread over three calls, because one frame has no time for all
             self._count(now)
             return False
         if not self._statistics:
@@ -72,18 +72,18 @@ class Housekeeper:
         return True
 
     def _tell_passed(self, late_ns: int) -> None:
-        """One fault for all times without a frame: a machine that is too busy has many of them."""
+        """Keep one fault for all pauses without a frame: an overloaded machine has many of them."""
         passed = self._passed_ns
         before = _passed(*passed)
         passed.append(late_ns)
         self.faults = [fault for fault in self.faults if fault != before] + [_passed(*passed)]
 
     def orphaned(self) -> bool:
-        """Whether the process that this plant belongs to has gone."""
+        """Whether the parent process has ended."""
         return self._job.parent not in (0, os.getppid())
 
     def notice(self) -> None:
-        """Write down who has joined and who has left."""
+        """Record which processes have joined and left."""
         note = self._operation.journal.note
         for who in self._hub.look():
             known = {"role": who.role, "name": who.name}
@@ -98,22 +98,22 @@ class Housekeeper:
                 self._left[who.role, who.name] = text
 
     def _missed(self, role: str, name: str) -> bool:
-        """Whether the run relied on who has left; a guest that comes later may call itself anything.
+        """Whether the run relied on a process that has left.
 
-        It relied on those that it waited for or began with, on controllers that drive something, and on who bears a
-        name that no guest can take: the recorder that somebody started by hand.
+        It relied on processes that it waited for or began with, on controllers that drive something, and on reserved
+        names, such as a recorder started by hand. A guest that joins later can have any other name and does not count.
         """
         driving = role == "controller" and name in self._operation.exchange.lines
         return (role, name) in self._known or driving or name in self._hub.session.door.reserved
 
     def _is_back(self, role: str, name: str) -> None:
-        """Who left has come again: the fault is the time in between."""
+        """A process has come back: shorten its fault to the time of its absence."""
         if (text := self._left.pop((role, name), None)) in self.faults:
             back = f"{self._runner.t_ns / 1e9:.3f} s"
             self.faults[self.faults.index(text)] = f"{text.replace(' left at t = ', ' was away from t = ')} to {back}"
 
     def miss(self, missing: Iterable[str]) -> None:
-        """Write down who ("role name") was expected and is not here at the first frame."""
+        """Record which expected processes ("role name") are not present at the first frame."""
         for who in missing:
             text = f"{who} was not here when the run began"
             self._operation.journal.note("missing", text)
@@ -121,7 +121,7 @@ class Housekeeper:
                 self.faults.append(text)
 
     def tell_health(self, now: int) -> None:
-        """Publish how things stand."""
+        """Publish the health of the run now."""
         self._count(now)
         self._publish(now)
 
@@ -139,7 +139,7 @@ class Housekeeper:
             timing.stolen_share = (pace.stolen_ns() - self._stolen) / whole if whole else 0.0
 
     def _flooded(self, text: str) -> None:
-        """Tell each controller that sends too much once: its flood costs the time that frames lack."""
+        """Record once that a controller sends too many commands, since reading them makes frames late."""
         name = text.partition(" sent ")[0]
         if not any(fault.startswith(f"{name} sent ") for fault in self.faults):
             self.faults.append(text)
@@ -171,7 +171,7 @@ class Housekeeper:
         self._hub.put_health(**self.health)
 
     def _count_given_up(self, pacer: pace.Pacer) -> None:
-        """Time of the wall clock that was given up is told, and counts as late."""
+        """Record time of the wall clock that was skipped; its frames count as late."""
         new = pacer.given_up[self._given_up :]
         self._given_up += len(new)
         self._timing.given_up += sum(one.frames for one in new)

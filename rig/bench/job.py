@@ -1,4 +1,4 @@
-"""What a plant process is to do; travels from the one who starts it as a file of JSON."""
+"""The job of a plant process: the run that it performs. Its parent passes it as a JSON file."""
 
 from __future__ import annotations
 
@@ -11,29 +11,29 @@ from rig.scenes.scene import Scene
 
 @dataclass(frozen=True)
 class Job:
-    """One run of the plant."""
+    """The settings of one run of the plant. Raises UsageError for a pace that is not positive."""
 
     scene: str
-    """The scene, `Scene.to_json`."""
+    """The scene as JSON text (`Scene.to_json`)."""
     run: str | None = None
     endpoint: str | None = None
     pace: float | None = 1.0
-    """Simulated over wall time; None: as fast as the controllers answer, in lockstep."""
+    """Simulated time over wall time; None: lockstep, as fast as the controllers answer."""
     lockstep: bool = False
     duration: float | None = None
-    """Simulated seconds; by default as long as the protocol takes."""
+    """Simulated time [s]; by default the duration of the protocol."""
     expect: tuple[tuple[str, str], ...] = ()
-    """(role, name) of those to wait for before the first frame."""
+    """(role, name) of the processes for which the first frame waits."""
     wait: float = 20.0
     """Longest wait for them [s]."""
     parent: int = 0
-    """Process without which this one ends; 0: none."""
+    """Id of the parent process; this process ends when the parent has ended. 0: none."""
     command: tuple[str, ...] = ()
-    """What the user typed, for the recording."""
+    """The user's command line, for the recording."""
 
     def __post_init__(self) -> None:
         if self.pace is not None and self.pace <= 0.0:
-            raise UsageError(f"a pace of {self.pace:g} is not above zero")
+            raise UsageError(f"the pace is {self.pace:g}; it must be above zero")
 
     @property
     def in_lockstep(self) -> bool:
@@ -41,22 +41,22 @@ class Job:
         return self.lockstep or self.pace is None
 
     def to_json(self) -> str:
-        """As JSON text."""
+        """The job as JSON text."""
         return json.dumps(asdict(self))
 
     @classmethod
     def from_json(cls, text: str) -> Job:
-        """From JSON text."""
+        """The job from the JSON text of `to_json`."""
         found = json.loads(text)
         found["expect"] = tuple((role, name) for role, name in found["expect"])
         return cls(**{**found, "command": tuple(found["command"])})
 
 
 def keeps_up(scene: Scene, pace: float | None) -> None:
-    """Raise UsageError where `scene` says that it cannot keep up with the clock at `pace` (None: without a clock)."""
+    """Raise UsageError if `pace` exceeds the pace limit that `scene` states (None: without a clock)."""
     limit = scene.clock.pace_limit
     if pace is not None and limit is not None and pace > limit:
         raise UsageError(
             f"{scene.name} cannot run at a pace of {pace:g}: {scene.slow}. What works: rig simulate; "
-            f"rig run --lockstep; rig run --pace {limit:g}. To run it all the same: -p clock.pace_limit={pace:g}"
+            f"rig run --lockstep; rig run --pace {limit:g}. To try it anyway: -p clock.pace_limit={pace:g}"
         )

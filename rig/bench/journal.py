@@ -1,4 +1,4 @@
-"""What happened in a run, line by line; the same lines in every mode. `repeated` keeps a fault from flooding it."""
+"""The journal of a run: its events in order, the same in every mode."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 OPERATOR = "operator"
-"""Who did it, where somebody from outside did."""
+"""Value of `by` in the data of events that somebody outside the plant caused."""
 
 
 class Event(NamedTuple):
-    """One line: when, who, what kind, in words, and as data."""
+    """One event: time, source, kind, text and data."""
 
     t_ns: int
     tick: int
@@ -21,7 +21,7 @@ class Event(NamedTuple):
 
 
 class Journal:
-    """The events of a run in order. `now` gives the tick at which things happen."""
+    """The events of a run in order. `now()` returns the present tick."""
 
     def __init__(self, frame_ns: int, now: Callable[[], int], source: str = "plant") -> None:
         self.events: list[Event] = []
@@ -30,12 +30,12 @@ class Journal:
         self._said: dict[str, tuple[int, int]] = {}
 
     def note(self, kind: str, text: str, **data: Any) -> None:
-        """Write a line."""
+        """Add an event."""
         tick = self._now()
         self.events.append(Event(tick * self._frame_ns, tick, self._source, kind, text, data))
 
     def repeated(self, kind: str, text: str, **data: Any) -> None:
-        """Write a line unless the same was written less than a second of simulated time ago; then count it."""
+        """Add an event unless the same was added less than 1 s of simulated time ago; then only count it."""
         tick = self._now()
         key = f"{kind} {text}"
         last, unsaid = self._said.get(key, (tick - self._apart, 0))

@@ -1,9 +1,9 @@
-"""Lockstep: a frame begins when every controller that has joined and is due has answered its step.
+"""Lockstep: the plant integrates a frame after every controller that has joined and is due has answered its step.
 
-A step without an answer is sent again, at first after 10 ms, then ever more rarely: a controller answers a step that
-it knows as it did before. One that has not answered for `EVICTED` seconds is evicted, and missed like one that died.
-Who joins or leaves does so between two ticks. Answers are taken over in the order of names, whatever their order of
-arrival, so that the run does not depend on it.
+A step without an answer is sent again, first after 10 ms, then at growing intervals; a controller answers a repeated
+step with the same command. A controller that has not answered for `EVICTED` seconds is evicted and treated like one
+that died. Controllers join and leave between two ticks. Answers are processed in the order of names, so that the run
+does not depend on their order of arrival.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ AGAIN = 0.01
 EVICTED = 5.0
 _LOOK = 0.1
 MOST = 1 << 10
-"""Commands that are looked at in a frame in which nobody is due."""
+"""Most commands that are read in a frame in which no controller is due."""
 
 
 class Lockstep:
-    """The waiting for answers, until `stopped()`."""
+    """Sends steps and waits for the answers, until `stopped()`."""
 
     def __init__(self, hub: Hub, housekeeper: Housekeeper, stopped: Callable[[], bool]) -> None:
         self._hub, self._housekeeper, self._stopped = hub, housekeeper, stopped
@@ -30,7 +30,7 @@ class Lockstep:
         self._evicted: set[str] = set()
         self._due: set[str] = set()
         self.again = 0
-        """Steps that were sent more than once."""
+        """Number of repeated steps."""
 
     def ask(self) -> None:
         """Send the step of this tick."""
@@ -46,7 +46,7 @@ class Lockstep:
         self._hub.put_step()
 
     def wait(self) -> None:
-        """Wait for the answers to the step, and hand them on."""
+        """Wait for the answers to the step and pass them to the exchange."""
         if not self._due:
             self._pass_over()
             return
@@ -77,7 +77,7 @@ class Lockstep:
             self._hub.operation.exchange.receive(name, tick, found[name])
 
     def _pass_over(self) -> None:
-        """Nobody is due: what comes is a second answer to a step that was sent again, or one of a stranger."""
+        """Read commands when no controller is due: answers to repeated steps, or from controllers without admission."""
         for _ in range(MOST):
             command = self._hub.command()
             if command is None:
@@ -86,7 +86,7 @@ class Lockstep:
                 self._hub.operation.exchange.receive(command[0], command[1].tick, ())
 
     def _look(self, waited: float) -> None:
-        """Wait no longer for those who have gone, or who are hung."""
+        """Stop waiting for controllers that have left, or that hang (these are evicted)."""
         self._hub.serve_scene()
         self._hub.session.flush()
         self._housekeeper.notice()

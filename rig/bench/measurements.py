@@ -1,4 +1,4 @@
-"""Every sample that the sensors of a plant runner have published, kept while it runs."""
+"""All measurements of the sensors of a plant runner, collected while it runs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from rig.sensors.chain.bank import Bank
 
 
 class Measurements:
-    """The samples of a bank from t = 0 on. The bank holds the last ones; `take` them before it is filled up."""
+    """The samples of a sensor bank from t = 0 on. The bank keeps only the last ones; call `take` before it is full."""
 
     def __init__(self, bank: Bank) -> None:
         self._bank = bank
@@ -18,14 +18,14 @@ class Measurements:
         self._count = [0] * len(bank.names)
 
     def take(self) -> None:
-        """Keep what has been published since the last call."""
+        """Keep the samples published since the last call."""
         for i, taken in enumerate(self._taken):
             new = self._bank.since(i, self._count[i])
             taken.append(new.copy())
             self._count[i] += len(new)
 
     def samples(self) -> dict[str, Samples]:
-        """What each sensor published: times [ns], which sensors of one rate share, and values."""
+        """Sensor -> its samples: times [ns], one shared array for sensors of the same rate, and values."""
         self.take()
         series = list(zip(self._bank.instants, self._count))
         times = {one: one[0].at(np.arange(one[1])) for one in set(series)}

@@ -1,4 +1,4 @@
-"""The random numbers of process noise (rig.effects.noise), drawn ahead."""
+"""The random numbers of process noise (rig.effects.noise), drawn in advance."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from rig.sensors.chain.streams import Stream
 from rig.solve.random_input import DRAWN, PLACE, Chance
 
 ROOM = 1 << 12
-_NAME = "process noise"  # no instrument has this name, as it is not one word
+_NAME = "process noise"  # no instrument can have this name, since it has a space
 
 
 class Numbers:
-    """Standard normal numbers, one for each frame of a run; `record` is what the compiled loop takes them from.
+    """Standard normal numbers, one for each frame of a run; the compiled loop takes them from `record`.
 
-    They depend on the seed of the scene alone, not on who listens or on the sensors.
+    They depend only on the seed of the scene, not on sensors or other processes.
     """
 
     def __init__(self, system: System, seed: int) -> None:
@@ -25,12 +25,12 @@ class Numbers:
         self.find(system)
 
     def find(self, system: System) -> None:
-        """Look where `system` has the signal, if it has one: its next frame has a number."""
+        """Find the noise signal in `system`, if it has one, and make a number available for its next frame."""
         self.record.at[PLACE] = system.names.index(SIGNAL) if SIGNAL in system.names else -1
         self.fill()
 
     def fill(self) -> None:
-        """Draw anew where all are used up."""
+        """Draw new numbers when all are used up."""
         if self.record.at[PLACE] >= 0 and self.record.at[DRAWN] == ROOM:
             self.record.numbers[:] = self._stream.noise(ROOM)
             self.record.at[DRAWN] = 0

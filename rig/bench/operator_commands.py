@@ -1,17 +1,17 @@
-"""The operator's desk: what `cmd/plant` and `param/plant` let others do to a running plant.
+"""Commands of operators: what other processes can do to a running plant through `cmd/plant` and `param/plant`.
 
-    cmd/plant     {"do": "begin"}: wait no longer for those who are expected, or "without" one of them ("role name")
+    cmd/plant     {"do": "begin"}: stop waiting for expected processes, or for the one in "without" ("role name")
                   {"do": "stop" | "pause" | "resume"}
                   {"do": "knock", "impulse": N s}
                   {"do": "connect" | "disconnect", "controller": name}
                   {"do": "admit", "controller": name, "drives": [actuators], "period_ns": ns,
                    "reads": [sensors], "hears": whether it wants every sample of them}
-    param/plant   {"get": [keys]} or {"set": {key: value}}: actuators, and parameters of the rig, by their scene keys;
-                  {"list": true}: what can be set, with its units
-                  The answer tells which of these actuators are `overruled`, and by which controller: a value that was
-                  set waits until that one is disconnected, one that was got is in force.
+    param/plant   {"get": [keys]} or {"set": {key: value}}: actuators and parameters of the rig, by their scene keys;
+                  {"list": true}: everything that can be set, with units
+                  `overruled` in the answer names the actuators that a controller commands, and this controller. A value
+                  set for such an actuator takes effect when the controller is disconnected; a value read is in force.
 
-Every answer carries the tick at which it holds.
+Every answer contains the tick at which it is valid.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from rig.quantities import si
 
 
 class Admission(BaseModel):
-    """What a controller that the scene does not know says of itself; whether it can be is for the exchange to judge."""
+    """What a controller outside the scene states about itself; the exchange decides on its admission."""
 
     model_config = ConfigDict(strict=True, extra="forbid")
 
@@ -43,15 +43,15 @@ class Admission(BaseModel):
 
 
 class Operator:
-    """Serves operators; `poll` between the protocol and the commands of a tick."""
+    """Answers operators; `poll` it between the protocol and the commands of a tick."""
 
     def __init__(self, hub: Hub) -> None:
         self.stopped = ""
-        """Who asked for the end; empty while nobody did."""
+        """Why the run shall stop; empty while no operator has asked for it."""
         self.begun = False
-        """Whether somebody asked to begin without those who are missing."""
+        """Whether an operator asked to begin without missing processes."""
         self.excused: set[str] = set()
-        """Who need not be waited for."""
+        """Processes ("role name") for which the plant need not wait."""
         self.paused = False
         self._hub, self._operation, self._runner = hub, hub.operation, hub.runner
         self._does = {
@@ -67,25 +67,25 @@ class Operator:
         self.cmd = hub.session.serve("cmd/plant", self.command)
 
     def poll(self) -> None:
-        """Do what was asked since the last tick."""
+        """Carry out the requests that arrived since the last tick."""
         self._param.poll()
         self.cmd.poll()
 
     def close(self) -> None:
-        """The run has ended: refuse what was still being built."""
+        """At the end of the run: refuse requests whose rigs were still being built."""
         for server in (self._param, self.cmd):
             server.give_up("the run ended before it was done")
 
     def parameters(self, body: dict[str, Any]) -> dict[str, Any] | Later:
-        """The answer to `param/plant`, or what will give it."""
+        """The answer to `param/plant`, or a function that returns it later."""
         return self._answered(body, self._tuned(body))
 
     def command(self, body: dict[str, Any]) -> dict[str, Any] | Later:
-        """The answer to `cmd/plant`, or what will give it."""
+        """The answer to `cmd/plant`, or a function that returns it later."""
         return self._answered(body, self._carried_out(body))
 
     def _answered(self, body: dict[str, Any], how: Later) -> dict[str, Any] | Later:
-        """The answer to a request, or where it takes a while what will give it."""
+        """The answer to a request or, if it takes time, a function that returns it later."""
 
         def later() -> dict[str, Any] | None:
             found = self._done(body, how)
@@ -94,7 +94,7 @@ class Operator:
         return later() or later
 
     def _done(self, body: dict[str, Any], how: Later) -> dict[str, Any] | None:
-        """What `how` gives; what makes no sense is refused, whatever it breaks: the run goes on."""
+        """Call `how`; any exception becomes a refusal, so that a senseless request cannot end the run."""
         try:
             return how()
         except RigError:
@@ -105,9 +105,9 @@ class Operator:
             raise UsageError(f"{body!r:.200} cannot be done: {type(fault).__name__}: {fault}") from None
 
     def _rebuilt(self, wanted: Callable[[], list[Wanted]], then: Callable[[], dict[str, Any]]) -> Later:
-        """Does `then` at the tick at which the rigs have been built that are `wanted` for it, one after the other.
+        """A function that calls `then` at the tick at which all rigs of `wanted` are built.
 
-        In a run that is not paced that is the tick of the request: nobody minds that it takes longer.
+        In a run without pacing that is the tick of the request, because frames may take longer there.
         """
         builds = self._operation.builds
 
@@ -131,7 +131,7 @@ class Operator:
             overruled = {key: owner for key in found if (owner := tuning.exchange.overruler(key))}
             return {"values": json.loads(json.dumps(found, default=_plain)), "overruled": overruled}
 
-        if not changes:  # to set nothing is no event
+        if not changes:  # an empty change is not an event
             return lambda: told({})
         now()  # raises for an unknown key, before anything is changed
         return self._rebuilt(
@@ -172,14 +172,14 @@ class Operator:
     def _knock(self, body: dict[str, Any]) -> None:
         impulse = body["impulse"]
         if isinstance(impulse, bool) or not isinstance(impulse, int | float):
-            raise UsageError(f"an impulse of {impulse!r:.80} cannot be struck; expected a number [N s]")
+            raise UsageError(f'"impulse" is {impulse!r:.80}; expected a number [N s]')
         self._operation.knock(si(impulse, "N*s"))
 
     def _switch(self, body: dict[str, Any]) -> None:
         self._operation.switch(str(body["controller"]), body["do"] == "connect")
 
     def _admitted(self, body: dict[str, Any]) -> Later:
-        """Let a controller of the user's own in; one that was admitted before and has gone holds nothing any more."""
+        """Admit a controller of the user. Controllers that were admitted before and have left lose their actuators."""
         try:
             asked = Admission.model_validate(body)
         except ValidationError as error:
@@ -189,7 +189,7 @@ class Operator:
         told = (name, asked.drives, asked.period_ns, asked.hears)
 
         def gone() -> list[str]:
-            """Who was admitted for one of these actuators, and is not here any more."""
+            """Controllers that were admitted for one of these actuators and are no longer present."""
             here, lines = hub.watch.present, operation.exchange.lines
             others = [other for other in lines if other not in operation.scene.controllers and other != name]
             others = [other for other in others if not hub.awaited(other, user)]
@@ -199,7 +199,7 @@ class Operator:
             here = ("controller", name) in hub.watch.present or hub.awaited(name, user)
             if here or name in hub.session.door.reserved:
                 raise UsageError(
-                    f"the name {name!r:.80} is taken in this run; give the controller another one, or end that one"
+                    f"the name {name!r:.80} is taken in this run; choose another one, or end that controller"
                 )
             hub.places(asked.reads)  # raises for a sensor that is not there
             return operation.admission(*told, gone())

@@ -1,4 +1,4 @@
-"""What is left of a run when it has ended: its summary, its recording, an exit code."""
+"""The outcome of a run that has ended: its summary, its recording, its exit code."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from rig.bench.timing import NOTHING_LOST
 
 @dataclass(frozen=True)
 class Outcome:
-    """A run that has ended."""
+    """The outcome of a run."""
 
     summary: Mapping[str, Any]
-    """As the plant told it; of a plant that died, what is known."""
+    """The summary that the plant published; if the plant died, what is known."""
     log: str = ""
-    """The recording."""
+    """Path of the recording."""
     said: str = ""
-    """What the recorder said of it when it had finished its file; empty if it did not."""
+    """The recorder's text about the finished recording; empty if it did not finish it."""
     died: tuple[str, ...] = field(default_factory=tuple)
-    """Processes that ended otherwise than they should."""
+    """Processes that died or had to be killed, in words."""
     unrecorded: bool = False
-    """Whether the recording that was asked for is not there, or not complete."""
+    """Whether a recording was requested that is missing or incomplete."""
 
     def without_recording(self, why: str) -> Outcome:
-        """The outcome of a run whose recording is not complete: at best DEGRADED; `why` tells what is lost."""
+        """The same outcome for a run with an incomplete recording: at best DEGRADED; `why` says what is lost."""
         reasons = [reason for reason in self.summary["reasons"] if reason != NOTHING_LOST]
         verdict = "DEGRADED" if self.summary["verdict"] == "VALID" else self.summary["verdict"]
         told = {**self.summary, "verdict": verdict, "reasons": [*reasons, f"the recording is not complete: {why}"]}
@@ -34,16 +34,16 @@ class Outcome:
 
     @property
     def exit_code(self) -> int:
-        """0 as it should be, 1 plant died or recording not complete, 3 timing invalid, 4 diverged or beyond a limit."""
+        """0: success, 1: plant died or recording incomplete, 3: timing invalid, 4: diverged or beyond a limit."""
         return int(self.summary["exit_code"]) or int(self.unrecorded)
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """The outcome as plain values for JSON."""
         return {**self.summary, "log": self.log, "died": list(self.died)}
 
     def text(self) -> str:
-        """The summary in lines, with what to try next."""
-        broken = self.unrecorded and not self.said  # of a finished file there is nothing to recover
+        """The summary as text, with commands to try next."""
+        broken = self.unrecorded and not self.said  # a finished file needs no recovery
         commands = ("recover",) if broken else ("verify", "replay")
         following = [f"rig {command} {self.log}" for command in commands] if self.log else []
         return status.summary(self.to_json(), self.said or self.log, following)

@@ -1,17 +1,17 @@
-"""The pace of the wall clock: frame k is due at start + k frame / pace, whatever the frames before it took.
+"""Paces a run by the wall clock: frame k is due at start + k frame / pace, however long earlier frames took.
 
-Deadlines are absolute, so a late frame delays nothing but itself. A frame that begins more than one frame late is an
-overrun, and the scene says what follows:
+Deadlines are absolute, so a late frame does not delay later ones. A frame that begins more than one frame late is an
+overrun. The scene states the policy for overruns:
 
-    catch-up   nothing: the next frames run without a wait until the plant is on time again
-    skip       the frames of the wall clock that passed are given up; simulated time falls behind by as many
-    slow       the wall clock is given up: the frame counts as on time, all later ones are due that much later
+    catch-up   the next frames run without waiting until the plant is on time again
+    skip       the frames of the wall clock that passed are skipped; simulated time falls behind by as many
+    slow       the deadlines move: this frame counts as on time, and all later ones are due that much later
     stop       the run ends
 
-Several frames may be carried in one piece (`rig.bench.frame_batches`): a piece then is what a frame is here.
+If several frames are computed in one piece (`rig.bench.frame_batches`), a piece takes the place of a frame here.
 
-Behind by more than `PAUSE`, the process was stopped or the machine busy beyond repair: then even catch-up gives the
-time up, in one piece and reported, for a burst of thousands of frames is no experiment.
+If a frame is late by more than `PAUSE`, the process was stopped or the machine is overloaded. Then even catch-up skips
+the time and reports it, because a burst of thousands of frames is no meaningful experiment.
 """
 
 from __future__ import annotations
@@ -37,27 +37,27 @@ _TIMER_SLACK = 29  # PR_SET_TIMERSLACK of <linux/prctl.h>
 
 
 class Clock(Protocol):
-    """What tells the time and waits for it."""
+    """A clock that can wait."""
 
     def now(self) -> int:
-        """Nanoseconds since some moment; never goes back."""
+        """Monotonic time [ns]."""
 
     def until(self, deadline: int) -> int:
-        """Wait for `deadline`; the time it then is."""
+        """Wait until `deadline` [ns]; returns the time after waiting [ns]."""
 
 
 @dataclass(frozen=True)
 class WallClock:
-    """The monotonic clock: sleeps until `spin_ns` before a deadline and watches the clock for the rest."""
+    """The monotonic clock: sleeps until `spin_ns` before a deadline, then polls the clock (spins)."""
 
     spin_ns: int = 0
 
     def now(self) -> int:
-        """Nanoseconds of the monotonic clock."""
+        """Time of the monotonic clock [ns]."""
         return time.perf_counter_ns()
 
     def until(self, deadline: int) -> int:
-        """Sleep, then spin."""
+        """Sleep, then spin until `deadline` [ns]; returns the time after waiting [ns]."""
         left = deadline - self.spin_ns - time.perf_counter_ns()
         if left > 0:
             time.sleep(left * 1e-9)
@@ -68,23 +68,23 @@ class WallClock:
 
 
 class GivenUp(NamedTuple):
-    """Time of the wall clock that was given up before a frame."""
+    """Time of the wall clock that was skipped before a frame."""
 
     frame: int
     late_ns: int
     frames: int
-    """Frames (pieces) of the wall clock that passed without one of the plant."""
+    """Frames (pieces) of the wall clock that were skipped."""
 
 
 class Pacer:
-    """Waits for one frame after another, or one piece of several. `pace` is simulated over wall time."""
+    """Waits for each frame, or each piece of several frames. `pace`: simulated time over wall time."""
 
     def __init__(self, frame_ns: int, pace: float, policy: Policy, clock: Clock, pause_ns: int = PAUSE) -> None:
         self.wall_ns = frame_ns / pace
         self.policy, self.pause_ns = policy, pause_ns
         self.frame = -1
         self.waited = False
-        """Whether there was time to wait before this frame; if not, the plant was busy beyond the deadline."""
+        """Whether there was time to wait before this frame. If not, the plant was busy until after the deadline."""
         self.given_up: list[GivenUp] = []
         self.stopped = False
         """Whether an overrun has ended the run (policy stop)."""
@@ -93,11 +93,11 @@ class Pacer:
         self._first = self._next = 0
 
     def anchor(self) -> None:
-        """The next frame is due now: at the start, and after a pause that somebody asked for."""
+        """Make the next frame due now: at the start, and after an operator's pause."""
         self._start, self._first = self._clock.now(), self._next
 
     def wait(self, frames: int = 1) -> tuple[int, int]:
-        """Wait for the next piece, of so many frames; the time it is and by how much that is late [ns]."""
+        """Wait for the next piece of `frames` frames; returns the time and the lateness [ns]."""
         frame = self.frame = self._next
         self._next = frame + frames
         deadline = self._start + int((frame - self._first) * self.wall_ns)
@@ -125,12 +125,12 @@ class Pacer:
 
     @property
     def frames_given_up(self) -> int:
-        """Frames (pieces) of the wall clock that passed without one of the plant."""
+        """Number of frames (pieces) of the wall clock that were skipped."""
         return sum(one.frames for one in self.given_up)
 
 
 class Waiting(NamedTuple):
-    """How to wait on this machine, and the measurement [ns] that says so."""
+    """How to wait on this machine, with the measurements [ns] and the reason."""
 
     spin_ns: int
     sleep_p95: int
@@ -139,12 +139,12 @@ class Waiting(NamedTuple):
 
     @property
     def method(self) -> str:
-        """Sleep or hybrid."""
+        """The method: sleep, or hybrid (sleep and spin)."""
         return "hybrid" if self.spin_ns else "sleep"
 
 
 def lateness(clock: Clock, frame_ns: int, frames: int) -> np.ndarray:
-    """By how much `frames` waits of `frame_ns` end late: int64 [frames], ns."""
+    """Measure the lateness of `frames` waits of `frame_ns`: int64 [frames], ns."""
     found = np.empty(frames, np.int64)
     for i in range(frames):
         deadline = clock.now() + frame_ns
@@ -153,10 +153,10 @@ def lateness(clock: Clock, frame_ns: int, frames: int) -> np.ndarray:
 
 
 def choose(frame_ns: int, frames: int = 60) -> Waiting:
-    """Sleep, or sleep and spin: measured in turns on this machine as it is now, in about 0.15 s.
+    """Choose between sleep and sleep with spin by measuring both in turns on this machine, in about 0.15 s.
 
-    Spinning takes a core from the others and the scheduler punishes it, so it must earn its place: a core to spare,
-    half the lateness in 19 of 20 frames, and no more bad frames than sleep alone.
+    Spinning takes a core from other processes, and the scheduler penalises it. It is chosen only if a core is free, if
+    it halves the 95th percentile of the lateness, and if it has no more bad frames than sleep alone.
     """
     sharpen_timers()
     each = min(frame_ns, 1_000_000)
@@ -172,28 +172,28 @@ def choose(frame_ns: int, frames: int = 60) -> Waiting:
 
 
 def judge(slept: np.ndarray, spun: np.ndarray, spin_ns: int, frame_ns: int, cores: int, load: float) -> Waiting:
-    """The choice, from two sets of lateness [ns], the number of cores and the load on them."""
+    """Choose by two sets of lateness [ns], the number of cores and the load on them [cores]."""
     a, b = int(np.quantile(slept, 0.95)), int(np.quantile(spun, 0.95))
     if cores < 2 or load > cores - 1:
-        return Waiting(0, a, b, f"no core to spare: load {load:.1f} on {cores}")
+        return Waiting(0, a, b, f"no free core: load {load:.1f} on {cores}")
     bad = frame_ns // 2
     if np.mean(spun > bad) > np.mean(slept > bad):
-        return Waiting(0, a, b, "spinning brings more bad frames")
+        return Waiting(0, a, b, "spinning has more bad frames")
     if b > a / 2:
         return Waiting(0, a, b, "spinning gains nothing")
     return Waiting(spin_ns, a, b, "spinning is more exact")
 
 
 class Spent(NamedTuple):
-    """Processor time that was spent up to a moment of the wall clock; all ns."""
+    """Processor time spent up to a time of the wall clock; all in ns."""
 
     wall: int
     others: int
-    """By other processes, the system and the host; -1 where nobody tells."""
+    """Processor time of other processes, the system and the host; -1 if unknown."""
 
 
 def spent() -> Spent:
-    """What was spent up to now (Linux: to 10 ms)."""
+    """Processor time spent up to now (Linux: in steps of 10 ms)."""
     tick = 1_000_000_000 // os.sysconf("SC_CLK_TCK") if sys.platform == "linux" else 0
     try:
         with Path("/proc/stat").open() as file:
@@ -204,20 +204,20 @@ def spent() -> Spent:
 
 
 def load(before: Spent, now: Spent) -> float:
-    """Processors that others kept busy between two moments; where nobody tells, the mean load of the last minute.
+    """Mean number of processors that other processes used between two times; if unknown, the load of the last minute.
 
-    That mean still counts what has just ended, such as our own compiling.
+    The latter still contains work that has just ended, such as compiling in this process.
     """
     if before.others >= 0 and now.others >= 0 and now.wall > before.wall:
         return max(now.others - before.others, 0) / (now.wall - before.wall)
     try:
         return os.getloadavg()[0]
-    except (OSError, AttributeError):  # not every system has it
+    except (OSError, AttributeError):  # not on every system
         return 0.0
 
 
 def sharpen_timers() -> bool:
-    """Ask Linux not to round this thread's sleeps up by 50 us to save power; whether it does."""
+    """Ask Linux not to extend this thread's sleeps by up to 50 us (to save power); whether it agrees."""
     if sys.platform != "linux":
         return False
     return bool(ctypes.CDLL(None).prctl(_TIMER_SLACK, ctypes.c_ulong(1), 0, 0, 0) == 0)
@@ -225,7 +225,7 @@ def sharpen_timers() -> bool:
 
 @contextmanager
 def no_garbage() -> Iterator[None]:
-    """Collect once, then not again until the end of the run: a collection in between costs milliseconds."""
+    """Collect garbage once, then not until the end of the block: a collection during a run costs milliseconds."""
     enabled = gc.isenabled()
     gc.collect()
     gc.freeze()
@@ -239,7 +239,7 @@ def no_garbage() -> Iterator[None]:
 
 
 def stolen_ns() -> int:
-    """Processor time that the host of this virtual machine has taken since it started; 0 where nobody tells (Linux)."""
+    """Processor time [ns] that the host has taken from this virtual machine since its start (Linux); 0 if unknown."""
     try:
         with Path("/proc/stat").open() as file:
             return int(file.readline().split()[8]) * 1_000_000_000 // os.sysconf("SC_CLK_TCK")
@@ -248,7 +248,7 @@ def stolen_ns() -> int:
 
 
 def asleep_ns() -> int:
-    """Nanoseconds that this machine has been suspended since it started; the monotonic clock stands still then."""
+    """Time [ns] for which this machine was suspended since its start; the monotonic clock stops then."""
     if sys.platform != "linux":
         return 0
     return time.clock_gettime_ns(time.CLOCK_BOOTTIME) - time.clock_gettime_ns(time.CLOCK_MONOTONIC)

@@ -1,4 +1,4 @@
-"""The exchange of a run that is simulated again: commands take effect when, and as, they did the first time."""
+"""The exchange of a re-simulation: recorded commands take effect at the same ticks with the same values."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from rig.solve.control_loop import ROWS
 
 
 class Played:
-    """The recorded commands of one controller; the first `done` of them have been in force."""
+    """The recorded commands of one controller; the first `done` of them have taken effect."""
 
     def __init__(self, commands: Commands) -> None:
         self.commands, self.done = commands, 0
         self._ticks = commands.tick.tolist()
 
     def due(self, ahead: int = 0) -> int | None:
-        """The tick of the next command, or of one so many further on; None if there is none."""
+        """The tick of the next command, or of the one `ahead` commands later; None if there is none."""
         at = self.done + ahead
         return self._ticks[at] if at < len(self._ticks) else None
 
 
 class Playback(Exchange):
-    """The lines of such a run. Nobody is listened to."""
+    """An exchange that plays recorded commands and ignores controllers."""
 
     def play(self, recorded: Mapping[str, Commands]) -> None:
         """Take the commands of each controller from a recording."""
         self.played = {name: Played(commands) for name, commands in recorded.items()}
 
     def receive(self, sender: str, answered: int, values: Sequence[float]) -> None:
-        """Nothing comes of it."""
+        """Do nothing: commands of controllers are ignored."""
 
     def until(self, but: Collection[str] = ()) -> int | None:
         """The tick of the next recorded command; None if there is none.
 
-        Not of a controller without a line, whose admission is not in the recording. `but`: of these, the first
-        command that does not fit into the compiled loop any more.
+        Ignores controllers whose admission is not in the recording. For the controllers in `but`, which the compiled
+        loop handles, it is the tick of the first command that exceeds the loop's capacity.
         """
         due = [self._runner.tick + 1] if self._stairs else []
         played = [(name, one) for name, one in self.played.items() if name in self.lines]
@@ -45,7 +45,7 @@ class Playback(Exchange):
         return min([*due, *(tick for tick in ticks if tick is not None)], default=None)
 
     def take_over(self) -> list[Line]:
-        """Put into force what took effect at this tick."""
+        """Put into force the recorded commands of this tick."""
         tick, changed = self._runner.tick, self._changed
         changed.clear()
         for line in self._order:

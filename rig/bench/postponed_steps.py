@@ -1,9 +1,9 @@
-"""Steps of the protocol that ask for other matrices, in a paced run: each waits for its rig, which no frame builds.
+"""Protocol steps of a paced run that need other matrices: each waits until its rig is built, which takes many frames.
 
-Most of these rigs are built before they are asked for (`rig.bench.prepared_rigs`). One is not where somebody has
-changed the rig a moment ago, or where a controller that commands a coefficient is disconnected. Then the step takes
-effect at the tick at which its rig is there, and the recording tells both ticks: a run that is simulated again waits as
-long. What still waits when the run ends never takes effect; an event says so.
+Most of these rigs are built in advance (`rig.bench.prepared_rigs`), but not if the rig was changed a moment ago, or if
+a controller that commands a coefficient is disconnected. Then the step takes effect at the tick at which its rig is
+ready. The recording contains both ticks, and a re-simulation waits as long. A step that still waits when the run ends
+never takes effect; an event says so.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ WAITS, GOES_ON, NEVER = "waits", "goes on", "never"
 
 
 class Waiting(NamedTuple):
-    """An action of the protocol that waits: its number among all of them, and the tick at which it was due."""
+    """A waiting action of the protocol: its number among all actions, and the tick at which it was due."""
 
     number: int
     tick: int
@@ -33,9 +33,9 @@ class Waiting(NamedTuple):
 
 
 class Postponed:
-    """The actions of a protocol that wait. `wants` tells which rigs an action needs one after the other.
+    """The waiting actions of a protocol. `wants(action)` returns the rigs that it needs, one after the other.
 
-    `events` are those of a recorded run, which has waited already; otherwise `builds` has the rigs built.
+    `events`: those of a recorded run, which determine how long actions wait; in a paced run `builds` builds the rigs.
     """
 
     def __init__(
@@ -47,20 +47,20 @@ class Postponed:
         events: Iterable[Mapping[str, Any]],
     ) -> None:
         self.never: list[str] = []
-        """What has waited and never took effect, in words."""
+        """Actions that never took effect, in words."""
         self._runner, self._journal, self._wants, self._builds = runner, journal, wants, builds
         self._number = 0
         self._waiting: deque[Waiting] = deque()
         self._count = self._longest = 0
-        """Actions that have waited, and the longest wait of one of them [ticks]."""
+        """Number of actions that have waited, and the longest wait [ticks]."""
         self._until: dict[int, float] = {}
-        """Number of an action that has waited in the recording, and the tick at which it took effect."""
+        """Number of an action that waited in the recording -> the tick at which it took effect."""
         for event in events:
             if event["kind"] in (WAITS, GOES_ON):
                 self._until[event["data"]["action"]] = event["tick"] if event["kind"] == GOES_ON else math.inf
 
     def has_to_wait(self, action: Action) -> bool:
-        """Whether an action does not take effect at this tick; `due` gives it later."""
+        """Whether an action must wait; then `due` yields it later."""
         number, self._number = self._number, self._number + 1
         waits = number in self._until
         if self._builds.apart and self._rebuilds(action):  # in the order of the protocol
@@ -74,7 +74,7 @@ class Postponed:
         return waits
 
     def due(self) -> Iterator[Action]:
-        """What has waited and takes effect at this tick."""
+        """Actions that have waited and take effect at this tick."""
         while self._waiting:
             first = self._waiting[0]
             if not (self._ready() if self._builds.apart else self._until[first.number] <= self._runner.tick):
@@ -86,16 +86,16 @@ class Postponed:
             yield first.action
 
     def until(self) -> int | None:
-        """The tick at which the next action takes effect in a run that is simulated again; None if none waits."""
+        """The tick at which the next action takes effect in a re-simulation; None if none waits."""
         tick = self._until.get(self._waiting[0].number, math.inf) if self._waiting else math.inf
         return int(tick) if tick < math.inf else None
 
     def step_back(self) -> None:
-        """The run is paused, and nothing takes effect: others need not wait for what waits here."""
+        """In a pause nothing takes effect: let other requests build first."""
         self._builds.leave(self)
 
     def end(self) -> None:
-        """The protocol is over: what still waits never takes effect."""
+        """At the end of the protocol: actions that still wait never take effect."""
         self._builds.leave(self)
         for number, tick, action in self._waiting:
             self._longest = max(self._longest, self._runner.tick - tick)
@@ -105,24 +105,24 @@ class Postponed:
         self._waiting.clear()
 
     def told(self) -> dict[str, Any]:
-        """How many actions have waited, and the longest wait of one of them [s]; empty if none has."""
+        """Number of actions that have waited, the longest wait [s], and how many never took effect; empty if none."""
         longest = self._longest * self._runner.frame_ns * 1e-9
         return {"waited": self._count, "longest_s": longest, "never": len(self.never)} if self._count else {}
 
     def _rebuilds(self, action: Action) -> bool:
-        """Whether an action may ask for other matrices."""
+        """Whether an action may need other matrices."""
         if isinstance(action, Apply | Move):
             return self._runner.coefficient(action.name)
         return isinstance(action, Switch) or (isinstance(action, Change) and not action.key.startswith("controllers."))
 
     def _ready(self) -> bool:
-        """Whether the first that waits has its rigs; those of the others of its tick are built with them."""
+        """Whether the rigs of the first waiting action are built, together with those of other actions of its tick."""
         first = self._waiting[0]
         others = (other.action for other in islice(self._waiting, 1, None) if other.tick == first.tick)
         later = (wanted for action in others for wanted in self._wants(action))
         try:
             return self._builds.ready(self, lambda: self._wants(first.action), later)
-        except RigError:  # it comes again when the action is carried out, and is told there
+        except RigError:  # raised again and reported when the action is carried out
             return True
 
 
@@ -135,5 +135,5 @@ def _told(action: Action) -> str:
         return f"{'connect' if action.on else 'disconnect'} {action.controller}"
     if isinstance(action, Change):
         return f"{action.key} = {action.value:g}"
-    assert isinstance(action, Apply | Move)  # nothing else may ask for other matrices
+    assert isinstance(action, Apply | Move)  # no other action may need other matrices
     return f"{action.name} = {action.value if isinstance(action, Apply) else action.to:g}"

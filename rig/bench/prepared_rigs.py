@@ -1,11 +1,11 @@
-"""The rigs that the protocol and the limits will ask for, built before they are asked for.
+"""Rigs that the protocol and the limits will need, built in advance.
 
-A change of a parameter is a new matrix, and so is the safe value of an actuator without a command state. Building takes
-tens of milliseconds, which a frame of a paced run does not have. The scene tells both, so that all these rigs are built
-before the first frame.
+A changed parameter needs a new matrix, and so does the safe value of an actuator without a command state. Building
+takes tens of milliseconds, for which a frame of a paced run has no time. Both are known from the scene, so all these
+rigs are built before the first frame.
 
-A rig is built from the one before it. When somebody changes the rig while it runs, none of these fits any more: they
-are built again in another thread, one at a time (`rig.bench.rebuild` tells what that costs).
+Each rig is built from the previous one. If somebody changes the rig during the run, none of them fits any more; they
+are built again in another thread, one at a time (`rig.bench.rebuild` states what that costs).
 """
 
 from __future__ import annotations
@@ -25,14 +25,12 @@ from rig.scenes.protocol import Set
 from rig.scenes.scene import leaves
 
 MOST, LOOKED_AT = 32, 10_000
-"""Changes of the protocol that are prepared, each of which takes some tens of milliseconds, and steps that are looked
-at for them. # chosen"""
+"""Most changes of the protocol that are prepared, each of which takes some tens of milliseconds, and most steps that
+are searched for them. # chosen"""
 
 
 class Upcoming:
-    """Has the plant runner of `operation` keep these rigs. Made before the first frame, it builds all of them at
-    once.
-    """
+    """Builds these rigs for the plant runner of `operation`: all of them when it is created, before the first frame."""
 
     def __init__(self, operation: Operation) -> None:
         self._operation, self._runner = operation, operation.runner
@@ -44,20 +42,20 @@ class Upcoming:
         self._rigs = None
 
     def _begin(self) -> None:
-        """Begin with the rig as it is now."""
+        """Start with the present rig."""
         self._rigs = rigs(self._operation)
         self._known = [self._runner.scene]
-        """Scenes of the rig that it began with and of those that are built."""
-        self._due = time.monotonic() + 2.0 * PAUSE_S  # who changes the rig again and again leaves no time for these
+        """Scenes of the initial rig and of those that are built."""
+        self._due = time.monotonic() + 2.0 * PAUSE_S  # while the rig is changed again and again, nothing is built
 
     def look(self) -> None:
-        """Begin anew where somebody has changed the rig, and build the next one apart when it is time."""
+        """Start again if the rig was changed, and build the next rig in another thread when it is due."""
         if self._build is not None:
             if not self._build.done:
                 return
             try:
                 self._keep(self._build.result())
-            except Exception:  # none is left; what else it may be comes again at its tick, and is told there
+            except Exception:  # no rig is left; any other exception is raised again and reported at its tick
                 self._rigs = None
             self._build = None
         if not any(self._runner.scene is known for known in self._known):
@@ -73,21 +71,21 @@ class Upcoming:
 
 
 def rigs(operation: Operation) -> Iterator[Variant]:
-    """The rig in its safe state, the rig after each change that the protocol still makes, and those in theirs."""
+    """The rig in its safe state, then the rig after each further change of the protocol, also with its safe state."""
     runner = operation.runner
     values = dict(runner.values)
     yield from _safe(operation, None, values)
     stateless = {name for name, one in runner.inputs.items() if not (one.state or one.write)}
     parameters = dict(leaves(operation.scene.parameters)).keys() - runner.inputs.keys() | stateless
     first = operation.protocol.begun
-    steps = islice(walk(operation.scene.protocol), first, first + LOOKED_AT)  # it may repeat itself forever
+    steps = islice(walk(operation.scene.protocol), first, first + LOOKED_AT)  # the protocol may repeat for ever
     changes = (step for step in steps if isinstance(step, Set) and step.target in parameters)
     at: Variant | None = None
     for step in islice(changes, MOST):
         to = step.to
         if step.target in stateless:
             to = min(max(float(to), runner.inputs[step.target].low), runner.inputs[step.target].high)
-        with suppress(RigError):  # it is refused at its tick, and the run goes on without
+        with suppress(RigError):  # the change is refused at its tick, and the run continues without it
             at = runner.variant(Wanted({step.target: to}), at)
             yield at
             values |= at.wanted.parameters
@@ -95,7 +93,7 @@ def rigs(operation: Operation) -> Iterator[Variant]:
 
 
 def _safe(operation: Operation, at: Variant | None, values: Mapping[str, float]) -> Iterator[Variant]:
-    """What it takes to give up when a limit is passed (`rig.bench.exchange.Exchange.give_up`), from `at` on."""
+    """The rigs for the safe state after a limit is exceeded (`rig.bench.exchange.Exchange.give_up`), from `at` on."""
     runner = operation.runner
     inputs = runner.inputs if at is None else runner.inputs | at.assembly.inputs
     for name, one in inputs.items() if operation.scene.limits else ():
