@@ -1,9 +1,9 @@
-"""The plant's end of the bus: what it publishes of a plant runner, and what it takes from controllers and operators.
+"""The plant's connection to the bus: publishes what happens on a plant runner, and receives commands of controllers.
 
-Samples go out in blocks of 20 ms, those of slower sensors one by one. A message for each sample of four sensors at
-1 kHz would cost 0.1 ms of every frame (measured: seven times as many late frames); the step carries the latest samples
-anyway. The state goes out at most 200 times per second of simulated time. All that waits for the next batch of the
-session (`rig.bus.batch`); only the step goes out at once.
+Samples are sent in blocks of 20 ms, those of slower sensors one by one. A message for each sample of four sensors at
+1 kHz would cost 0.1 ms of every frame (measured: seven times as many late frames), and the step contains the latest
+samples anyway. The state is sent at most 200 times per second of simulated time. Both wait for the next batch of the
+session (`rig.bus.batch`); only the step is sent at once.
 """
 
 from __future__ import annotations
@@ -31,16 +31,16 @@ BLOCK_NS = 20_000_000
 STATE_NS = 5_000_000
 _REMEMBERED = 1 << 10
 _ACTS = 1 << 10
-"""Commands that wait at most; a frame takes no more."""
+"""Most commands that wait, and most that one frame reads."""
 _ANNOUNCED_S = 5.0
-"""How long after its admission nobody takes the place of a controller that is not to be seen yet. # chosen"""
+"""Time after its admission for which the name of a controller stays reserved until it is present [s]. # chosen"""
 _TOO_MANY = 1000
-"""Commands between two looks (0.2 s), beyond four for each step and one for each older one that was not answered, that
-are told as too many. # chosen"""
+"""Commands between two checks (0.2 s) that count as a flood, beyond four for each step and one for each older step
+without an answer. # chosen"""
 
 
 class Samples:
-    """The samples of one sensor on their way out: collected until a block is full."""
+    """The samples of one sensor, collected until a block is full."""
 
     def __init__(self, instants: Instants) -> None:
         self._instants = instants
@@ -49,19 +49,19 @@ class Samples:
         self._kept: list[NDArray[np.float64]] = []
         self._count, self._first = 0, 0
         self.next = 0
-        """Number of the first sample that is not collected yet."""
+        """Index of the first sample that is not collected yet."""
 
     def full_ns(self) -> int:
-        """When the sample is published that makes the block full [ns]."""
+        """Time at which the last sample of the present block is published [ns]."""
         first = self._first if self._count else self.next
         return self._instants.instant(first + self._size - 1)
 
     def published(self, t_ns: int) -> int:
-        """How many samples of those that are not collected yet are published up to `t_ns`."""
+        """Number of samples that are published up to `t_ns` but not collected yet."""
         return max(self._instants.count(t_ns) - self.next, 0)
 
     def add(self, tick: int, samples: NDArray[np.float64]) -> bytes | None:
-        """Add the samples that came after those before; a block if it is full."""
+        """Add the next samples; returns the block if it is full."""
         if not self._count:
             self._first = self.next
         self._kept.append(samples.copy())
@@ -70,7 +70,7 @@ class Samples:
         return self.block(tick) if self._count >= self._size else None
 
     def block(self, tick: int) -> bytes | None:
-        """What has been collected, as a Block; None if nothing."""
+        """Encode what has been collected as a Block; None if nothing."""
         if not self._count:
             return None
         gathered = self._kept[0] if len(self._kept) == 1 else np.concatenate(self._kept)
@@ -81,10 +81,10 @@ class Samples:
 
 
 class Hub:
-    """Publishes what happens on the plant runner of `operation`, and feeds its exchange.
+    """Publishes what happens on the plant runner of `operation`, and passes commands to its exchange.
 
-    `waits`: the plant waits for commands, so that one has arrived when it is read. Otherwise the thread that brings it
-    notes when, and holds the interpreter for that while the plant wakes: it would cost a waiting plant 50 us.
+    `waits`: the plant waits for commands, so the time of reading a command is its time of arrival. Otherwise the bus
+    thread stamps the arrival, and holds the interpreter lock meanwhile; that would cost a waiting plant 50 us.
     """
 
     def __init__(self, session: Session, operation: Operation, setup: Setup, waits: bool = False) -> None:
@@ -94,7 +94,7 @@ class Hub:
         self._step = session.publisher("step")
         self._heard: list[int] = []
         self.in_plant = operation.scene.in_plant
-        """Controllers that are not asked over the bus."""
+        """Controllers that work in the plant process and get no steps over the bus."""
         self.hear(heard({n: s for n, s in operation.scene.controllers.items() if n not in self.in_plant}))
         self._state = session.publisher("state")
         self._encode_state = encode.StateEncoder(len(runner.outputs))
@@ -105,33 +105,33 @@ class Hub:
         self._samples = [Samples(instants) for instants in bank.instants]
         runner.keep_samples = self.collect
         self._full_ns = 0
-        """When samples have to be collected next [ns]."""
+        """Time at which samples must be collected next [ns]."""
         self._applied: dict[str, Publisher] = {}
         session.before_batches(self._complete)
         self.single = True
-        """Whether each frame is a piece by itself."""
+        """Whether each piece is one frame."""
         self._told = 0
         self.acts = session.subscribe("act/*", depth=_ACTS, stamped=not waits)
         self._voices: dict[str, str] = {}
-        """Controller that was admitted -> user whose commands count; one of the scene is a user of its own name."""
+        """Admitted controller -> user whose commands count. A controller of the scene is the user of its name."""
         self._admitted: dict[str, float] = {}
-        """When those were admitted that have not been seen here since [s of the monotonic clock]."""
+        """Admitted controller that is not present yet -> time of its admission [s of the monotonic clock]."""
         self._counted: dict[str, tuple[int, int]] = {}
-        """Commands on each topic up to the last look, and steps that their sender still owed an answer then."""
+        """Topic -> number of commands up to the last check, and of steps that were then not answered yet."""
         self._steps, self._ticks = 0, -1
         self.totals = session.subscribe("total/*", polled=True)
         self.watch = session.watch("*/*")
         text = setup.to_text().encode()
         self._scene = session.serve("scene", lambda _: text)
         self.round_trip = Spread()
-        """From the put of a step to the arrival of an answer to it."""
+        """Distribution of the time from sending a step to the arrival of an answer."""
         self._trips: list[int] = []
         self._put_at = [(-1, 0)] * _REMEMBERED
         self.asked = -1
         """Tick of the last step sent."""
 
     def receive(self) -> None:
-        """Hand on the commands that have arrived."""
+        """Pass the commands that have arrived to the exchange."""
         receive = self.operation.exchange.receive
         for _ in range(_ACTS):
             found = self.command()
@@ -141,7 +141,7 @@ class Hub:
             receive(name, act.tick, tuple(act.values))
 
     def command(self, timeout: float = 0.0) -> tuple[str, Any] | None:
-        """Sender and content of the oldest command, waited for at most `timeout` [s]; its round trip is noted."""
+        """Sender and content of the oldest command; wait for it at most `timeout` [s]. Records its round trip."""
         message = self.acts.get(timeout)
         while message is not None:
             act, name = message.said, message.topic[4:]
@@ -156,19 +156,19 @@ class Hub:
         return None
 
     def admit(self, name: str, user: str) -> None:
-        """From here on the commands of `user` as `name` count, and of nobody else."""
+        """From now on accept commands of controller `name` from `user` only."""
         self._voices[name], self._admitted[name] = user, time.monotonic()
 
     def drives(self, name: str) -> bool:
-        """Whether a controller of this name drives something."""
+        """Whether a controller of this name drives an actuator."""
         return name in self.operation.exchange.lines
 
     def speaks_for(self, user: str, name: str) -> bool:
-        """Whether what `user` says as `name` counts: it is of this name, or was admitted under it."""
+        """Whether messages of `user` under `name` count: it has this name, or was admitted under it."""
         return self._voices.get(name, name) == user
 
     def look(self, timeout: float = 0.0) -> list[Presence]:
-        """Who has come and gone since the last call; who was admitted and has come is awaited no longer."""
+        """Processes that joined or left since the last call."""
         changes = self.watch.poll(timeout)
         for who in changes:
             if who.here and who.role == "controller":
@@ -176,15 +176,15 @@ class Hub:
         return changes
 
     def awaited(self, name: str, user: str) -> bool:
-        """Whether `name` was admitted just now for another than `user`, who need not have announced itself yet."""
+        """Whether `name` was admitted a moment ago for another user, who may not have announced itself yet."""
         return (
             self._voices.get(name) != user and time.monotonic() - self._admitted.get(name, -_ANNOUNCED_S) < _ANNOUNCED_S
         )
 
     def floods(self) -> list[str]:
-        """Who sent far more commands since the last call than it had steps to answer; a line each.
+        """Controllers that sent far more commands since the last call than they had steps to answer; a line for each.
 
-        A controller that was held up answers all steps that waited for it at once: that is a backlog, no flood.
+        A controller that was delayed answers all waiting steps at once; this backlog is not a flood.
         """
         steps, self._steps = self._step.sent - self._steps, self._step.sent
         ticks, self._ticks = self.asked - self._ticks, self.asked
@@ -200,7 +200,7 @@ class Hub:
         return found
 
     def put_step(self) -> None:
-        """Tell the controllers what the sensors say at this tick; again if nobody answered the first time."""
+        """Send the measurements of this tick to the controllers; a second call at the same tick repeats the step."""
         runner = self.runner
         tick, t_ns, bank = runner.tick, runner.t_ns, runner.bank
         if self.asked != tick:
@@ -210,24 +210,24 @@ class Hub:
         self._step.put(encode.step(tick, t_ns, bank.latest, bank.fresh, samples), t_ns)
 
     def hear(self, sensors: Collection[str]) -> None:
-        """From here on every step brings all samples of these sensors; raises UsageError for one that is not there."""
+        """From now on include all samples of these sensors in every step. Raises UsageError for an unknown sensor."""
         self._heard = sorted({*self._heard, *self.places(sensors)})
 
     def places(self, sensors: Collection[str]) -> list[int]:
-        """Places of these sensors in a step; raises UsageError for one that is not there."""
+        """Indices of these sensors in a step. Raises UsageError for an unknown sensor."""
         names = self.runner.bank.names
         if missing := [name for name in sensors if name not in names]:
-            raise UsageError(f"there is no sensor {', '.join(missing)}; there are {', '.join(names)}")
+            raise UsageError(f"there is no sensor {', '.join(missing)}; the sensors are {', '.join(names)}")
         return [names.index(name) for name in sensors]
 
     def gather(self) -> None:
-        """Publish what there is of this tick, before anything is changed at it."""
+        """Publish samples and state of this tick, before anything is changed at it."""
         if self.runner.t_ns >= self._full_ns:
             self.collect()
         self.gather_state()
 
     def collect(self) -> None:
-        """Take the samples that were published since the last call."""
+        """Collect the samples that the sensors published since the last call."""
         runner = self.runner
         tick, bank = runner.tick, runner.bank
         for i, samples in enumerate(self._samples):
@@ -237,7 +237,7 @@ class Hub:
         self._full_ns = min((samples.full_ns() for samples in self._samples), default=TIMES_NS)
 
     def gather_state(self) -> None:
-        """Publish the state of this tick, where it is one at which the state is told."""
+        """Publish the state, if it is due at this tick."""
         runner = self.runner
         if runner.tick % self._state_ticks == 0:
             values = runner.output_values()
@@ -246,11 +246,11 @@ class Hub:
 
     @property
     def state_due(self) -> int:
-        """The first tick after this one at which the state is told."""
+        """The first later tick at which the state is published."""
         return (self.runner.tick // self._state_ticks + 1) * self._state_ticks
 
     def put_applied(self) -> None:
-        """Publish the commands that took effect: those of a piece of several frames in one message, others singly."""
+        """Publish the commands that took effect: one message for a piece of several frames, else one for each."""
         frame_ns, now = self.runner.frame_ns, self.runner.t_ns
         for name, line in self.operation.exchange.all_lines.items():
             if (taken := line.taken()) is None:
@@ -265,15 +265,15 @@ class Hub:
                 publisher.put(payload, min((tick + 1) * frame_ns, now))
 
     def carries(self, frames: int) -> None:
-        """The next piece is one of so many frames."""
+        """Set the length of the next piece [frames]."""
         if self.single is not (frames == 1):
             self.put_applied()
             self.single = frames == 1
 
     def _complete(self) -> None:
-        """Add to a batch that is about to be sent what is not put in each frame.
+        """Add the commands that took effect to a batch that is about to be sent.
 
-        The commands of twenty frames at a time take a fifth of the time that they take frame by frame.
+        Adding the commands of twenty frames at once takes a fifth of the time of adding them in each frame.
         """
         if self.single:
             self.put_applied()
@@ -285,7 +285,7 @@ class Hub:
         return publisher
 
     def put_rest(self) -> None:
-        """Send the blocks that are not full: nothing comes after them."""
+        """Send the blocks that are not full, at the end of the run."""
         tick = self.runner.tick
         for publisher, samples in zip(self._meas, self._samples):
             block = samples.block(tick)
@@ -293,7 +293,7 @@ class Hub:
                 publisher.put(block, self.runner.t_ns)
 
     def put_events(self) -> None:
-        """Send what has been written into the journal since."""
+        """Send the new events of the journal."""
         events = self.operation.journal.events
         while self._told < len(events):
             event = events[self._told]
@@ -301,39 +301,39 @@ class Hub:
             self._events.put(messages.event(*event), event.t_ns)
 
     def put_health(self, **told: Any) -> None:
-        """Send the state of affairs."""
+        """Send a health message with the fields `told`."""
         runner = self.runner
         health = messages.TYPES["Health"](t_ns=runner.t_ns, tick=runner.tick, **told)
         self._health.put(health.SerializeToString(), runner.t_ns)
 
     def put_totals(self) -> None:
-        """Tell how much was sent on every topic."""
+        """Send the numbers of messages sent and received on every topic."""
         self.session.publisher("total/plant").put(self.session.totals(), self.runner.t_ns)
 
     def serve_scene(self) -> None:
-        """Answer those who want to know what runs here."""
+        """Answer queries for the description of the run."""
         self._scene.poll()
 
     def fold(self) -> None:
-        """Count the round trips noted so far."""
+        """Add the recorded round trips to their distribution."""
         trips, self._trips = self._trips, []
         self.round_trip.add(np.array(trips, np.int64))
 
     def unanswered(self, name: str) -> int:
-        """Steps that a controller has not answered, of all since the first."""
+        """Number of steps, since the first one, that a controller has not answered."""
         line, count = self.operation.exchange.lines[name], self.acts.counts.get(f"act/{name}")
         answers = count.received + count.lost if count is not None else 0
         return self.asked // line.period + 1 - answers
 
     def lost(self) -> dict[str, int]:
-        """Commands that were sent and did not arrive, by topic."""
+        """Topic -> number of commands that were sent but did not arrive."""
         return {topic: count.lost for topic, count in self.acts.counts.items() if count.lost}
 
 
 def missing(sent: Mapping[str, int], heard: Any, whole: bool) -> dict[str, int]:
-    """Messages that another process did not get, by topic, from its Totals and from what was sent.
+    """Topic -> number of messages that another process did not receive, from its Totals `heard` and from `sent`.
 
-    `whole`: it listened from the first message on, so that every message counts; else only gaps are known.
+    `whole`: it was subscribed from the first message on, so every message counts; else only gaps are known.
     """
     received = dict(zip(heard.heard_topic, zip(heard.received, heard.lost)))
     found = {}

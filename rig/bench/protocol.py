@@ -1,7 +1,7 @@
-"""An experiment, step by step, on ticks: what is due depends on the tick and on the measured samples alone.
+"""The protocol of an experiment, step by step: what is due depends only on the tick and on the measurements.
 
-`Protocol.due` is asked once in every frame, after the measurements of that tick. Steps that take no time follow one
-another within the tick; a ramp, a hold or a wait holds up those behind it.
+`Protocol.due` is called once in every frame, after the measurements of that tick. Steps without a duration follow each
+other within one tick; a ramp, a hold or a wait delays the next steps.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from rig.scenes.protocol import Hold, Knock, Load, Mark, Ramp, Repeat, Set, Wait
 
 
 class Apply(NamedTuple):
-    """An actuator takes a value at once."""
+    """Set an actuator to a value at once."""
 
     name: str
     value: float
 
 
 class Move(NamedTuple):
-    """An actuator runs linearly to a value within whole ticks; an `Apply` of that value follows at the end."""
+    """Move an actuator linearly to a value within a number of ticks; an `Apply` of that value follows at the end."""
 
     name: str
     to: float
@@ -34,34 +34,34 @@ class Move(NamedTuple):
 
 
 class Strike(NamedTuple):
-    """The body's momentum changes at once [N s]."""
+    """Change the momentum of the body at once by an impulse [N s]."""
 
     impulse: float
 
 
 class Change(NamedTuple):
-    """A parameter of the rig or of a controller ("controllers.<name>.<parameter>")."""
+    """Change a parameter of the rig or of a controller ("controllers.<name>.<parameter>")."""
 
     key: str
     value: float
 
 
 class Switch(NamedTuple):
-    """The commands of a controller reach its actuators from here on, or no longer."""
+    """Connect a controller to its actuators, or disconnect it."""
 
     controller: str
     on: bool
 
 
 class Note(NamedTuple):
-    """A line for the recording: kind `step`, `mark` or `timeout`."""
+    """Record an event of the kind `step`, `mark` or `timeout`."""
 
     kind: str
     text: str
 
 
 class Finish(NamedTuple):
-    """The run ends."""
+    """End the run."""
 
     reason: str
 
@@ -71,20 +71,21 @@ NOTHING: tuple[Action, ...] = ()
 
 
 class Progress(NamedTuple):
-    """Where an experiment stands."""
+    """Progress of an experiment."""
 
     phase: str
     step: int
     steps: int | None
-    """None where steps are repeated forever."""
+    """Number of steps; None if steps repeat for ever."""
     fraction: float | None
     left_ns: int | None
-    """Time that the steps take at least from here; waits may add to it."""
+    """Least time that the remaining steps take; waits may add to it."""
 
 
 class Protocol:
-    """The steps of a scene, carried out on frames of `frame_ns`; `inputs` and `sensors` (names in the order of the
-    samples, with units) say what the steps may name.
+    """The steps of a scene, carried out in frames of `frame_ns`.
+
+    `inputs` and `sensors` (names in the order of the samples, with units): what the steps may name.
     """
 
     def __init__(
@@ -103,7 +104,7 @@ class Protocol:
         self._count = _counted(steps)
         self._length = _length(steps, frame_ns)
         self.begun = 0
-        """Steps that have begun, repeats unrolled."""
+        """Number of steps that have begun, with repeats unrolled."""
         self._passed = 0
         self._until = 0
         self._current: Any = None
@@ -111,7 +112,7 @@ class Protocol:
         self.phase = ""
 
     def due(self, tick: int, latest: NDArray[Any]) -> Sequence[Action]:
-        """What happens at `tick`, when the latest samples of the sensors are `latest` [sensors]."""
+        """Actions that are due at `tick`, if the latest samples of the sensors are `latest` [sensors]."""
         condition = self._condition
         if condition is not None:
             met = condition.met(float(latest[condition.column]))
@@ -122,7 +123,7 @@ class Protocol:
         return self._go_on(tick, latest)
 
     def until(self, tick: int) -> int | None:
-        """The first tick after `tick` at which something may be due; None if nothing comes any more."""
+        """The first tick after `tick` at which something may be due; None if the protocol is done."""
         return tick + 1 if self._condition is not None else None if self.done else self._until
 
     def _go_on(self, tick: int, latest: NDArray[Any]) -> list[Action]:
@@ -140,7 +141,7 @@ class Protocol:
         return actions
 
     def _finished(self) -> list[Action]:
-        """The step that held up the others is over."""
+        """The present step, which had a duration, is over: return its last actions."""
         step, condition = self._current, self._condition
         self._current = self._condition = None
         if isinstance(step, Ramp | Load):
@@ -179,7 +180,7 @@ class Protocol:
         return []
 
     def progress(self, tick: int) -> Progress:
-        """Where the experiment stands at `tick`."""
+        """Progress of the experiment at `tick`."""
         waiting = self._condition is not None
         left = None
         if self._length is not None:
@@ -204,7 +205,7 @@ class Protocol:
 
 
 class Condition:
-    """Whether the wait for a measured signal is over; see `rig.scenes.protocol.Wait`."""
+    """The condition of a wait for a measurement; see `rig.scenes.protocol.Wait`."""
 
     def __init__(self, step: Wait, column: int, frame_ns: int) -> None:
         self.column = column
@@ -215,7 +216,7 @@ class Condition:
         self._before: deque[tuple[float, float]] = deque(maxlen=frames + 1)
 
     def met(self, sample: float) -> bool:
-        """Judge the sample of one more frame; one that is no number says nothing and starts the windows afresh."""
+        """Whether the condition is met, after the sample of one more frame. NaN or infinity restarts the windows."""
         if not isfinite(sample):
             self._range.clear()
             self._before.clear()
@@ -240,7 +241,7 @@ class Condition:
 
 
 class Range:
-    """Highest and lowest of the last `frames` samples, kept in amortised constant time: two monotonic queues."""
+    """Highest and lowest of the last `frames` samples, by two monotonic queues in amortised constant time."""
 
     def __init__(self, frames: int) -> None:
         self.frames = frames
@@ -255,7 +256,7 @@ class Range:
         self._seen = 0
 
     def add(self, sample: float) -> bool:
-        """Add a sample; whether there are enough of them."""
+        """Add a sample; whether there are `frames` of them."""
         high, low, number = self._high, self._low, self._seen
         while high and high[-1][1] <= sample:
             high.pop()
@@ -273,17 +274,17 @@ class Range:
 
     @property
     def highest(self) -> float:
-        """Of the last frames."""
+        """Highest of the last `frames` samples."""
         return self._high[0][1]
 
     @property
     def lowest(self) -> float:
-        """Of the last frames."""
+        """Lowest of the last `frames` samples."""
         return self._low[0][1]
 
 
 def walk(steps: Iterable[Any]) -> Iterator[Any]:
-    """The steps one after another, repeats unrolled."""
+    """The steps in order, with repeats unrolled."""
     for step in steps:
         if isinstance(step, Repeat):
             for _ in count() if step.times == "forever" else range(step.times):
@@ -293,7 +294,7 @@ def walk(steps: Iterable[Any]) -> Iterator[Any]:
 
 
 def _counted(steps: Iterable[Any]) -> int | None:
-    """Steps in all, repeats unrolled; None if they never end."""
+    """Number of steps with repeats unrolled; None if they never end."""
     total = 0
     for step in steps:
         inner = _counted(step.steps) if isinstance(step, Repeat) else 1
@@ -305,7 +306,7 @@ def _counted(steps: Iterable[Any]) -> int | None:
 
 
 def _length(steps: Iterable[Any], frame_ns: int) -> int | None:
-    """Time that the steps take at least; None if they never end."""
+    """Least duration of the steps [ns]; None if they never end."""
     total = 0
     for step in steps:
         if isinstance(step, Repeat):
@@ -319,7 +320,7 @@ def _length(steps: Iterable[Any], frame_ns: int) -> int | None:
 
 
 def _span(step: Any) -> int:
-    """Time that a step takes [ns], 0 for a wait."""
+    """Duration of a step [ns]; 0 for a wait."""
     if isinstance(step, Hold):
         return int(step.time)
     return int(step.over) if isinstance(step, Ramp | Load) else 0

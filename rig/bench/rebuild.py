@@ -1,11 +1,11 @@
-"""Commands that ask for another matrix, in a paced run.
+"""Commands of controllers that need another matrix, in a paced run.
 
-The resistance of a shunt, or the frequency of dither, is a coefficient: no state can be commanded in its place, and a
-new value is a new rig (`rig.bench.rig_variant`), for which no frame has time. So it is built in another thread, one at
-a time, and a command takes effect once its rig is there. Building holds the interpreter, piece by piece: it makes some
-frames late, so that no more than one rig is begun in `PAUSE_S`. A controller that sends new values faster gets the
-newest that is built; what took effect, and when, is recorded as of any other command. While the protocol or an operator
-waits for a rig, none is begun or taken here: theirs would fit no more.
+The resistance of a shunt or the frequency of dither is a coefficient of a matrix, not a state: a new value needs a new
+rig (`rig.bench.rig_variant`), and no frame has time to build it. Rigs are built in another thread, one at a time, and a
+command takes effect when its rig is ready. Building holds the interpreter lock at times and makes some frames late, so
+at most one build begins in `PAUSE_S`. If a controller sends new values faster, the newest value with a rig takes
+effect; value and tick are recorded like those of any other command. While the protocol or an operator waits for a rig,
+none is built or used here, because their rig would not fit any more.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from rig.bench.runner import PlantRunner
 from rig.errors import RigError
 
 PAUSE_S = 0.5
-"""Least time between the begins of two builds. # chosen: each makes one or two frames of 1 ms late, on two cores"""
+"""Least time between the starts of two builds. # chosen: each makes one or two frames of 1 ms late, on two cores"""
 
 
 class Refit:
-    """Builds what commands to the actuators of `stand` ask for; a value that has no rig is told, and not taken."""
+    """Builds the rigs for commands to actuators of `runner`; a value without a valid rig is reported and ignored."""
 
     def __init__(self, runner: PlantRunner, journal: Journal, builds: Builds) -> None:
         self._runner, self._journal, self._builds = runner, journal, builds
@@ -34,20 +34,20 @@ class Refit:
         self._build: Build[Variant] | None = None
         self._drive, self._value = "", 0.0
         self._due = 0.0
-        """When the next build may begin [s on the monotonic clock]."""
+        """Earliest time of the next build [s on the monotonic clock]."""
 
     @property
     def done(self) -> bool:
-        """Whether `possible` may give something else than when it was asked last."""
+        """Whether `possible` may return something else than in its last call."""
         if self._builds.awaited:
             return False
         return self._build.done if self._build is not None else time.monotonic() >= self._due
 
     def possible(self, drives: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
-        """Values as they can be in force at this tick: where another rig is needed, of the newest one that is there."""
+        """The values that can be in force at this tick: if another rig is needed, the value of the newest one built."""
         needed = [self._runner.rebuilds(drive, value) for drive, value in zip(drives, values)]
         if self._build is not None and self._build.done and self._drive not in itertools.compress(drives, needed):
-            self._build = None  # nobody wants it any more
+            self._build = None  # no longer needed
         return tuple([self._newest(d, v) if rebuilds else v for d, v, rebuilds in zip(drives, values, needed)])
 
     def _newest(self, drive: str, value: float) -> float:

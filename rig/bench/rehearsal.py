@@ -1,12 +1,12 @@
-"""What is done before a paced run, so that its frames need not do it.
+"""The rehearsal: simulates the protocol before a paced run, so that its frames need not build or compile anything.
 
-A mode set takes milliseconds to build when it is first visited, and a frame has one. So the protocol is first carried
-out in this process, controllers and all, as fast as it goes. A paced run visits the same mode sets, or nearly so, since
-its commands arrive a frame later. What a frame calls is loaded or compiled on the way, and so is what it calls once a
-controller has joined that the scene does not know: compiling takes a minute, for which no frame has time.
-Controllers that the plant itself asks in short frames are compiled here and compared with Python's answers.
+A mode set takes milliseconds to build when it is first visited, and a frame lasts one. So the protocol is first
+simulated in this process with all controllers, as fast as possible. The paced run visits nearly the same mode sets; its
+commands arrive one frame later. The rehearsal also loads or compiles all code that a frame calls, and the code for a
+controller that joins and is not in the scene: compiling takes a minute, for which no frame has time. Controllers that
+the plant process calls in short frames are compiled here and compared with Python's answers.
 
-What the protocol and a limit ask of the rig is known too: `rig.bench.prepared_rigs`.
+`rig.bench.prepared_rigs` builds the rigs that the protocol and the limits will need.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from rig.errors import RigError
 from rig.scenes.scene import Scene
 
 LONGEST_S = 3.0
-"""Longest time that a rehearsal of the protocol may take. # chosen: all but one of the shipped scenes need less"""
+"""Longest duration of a rehearsal [s]. # chosen: all but one of the shipped scenes need less"""
 
 
 def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, ...]:
     """The mode sets that the protocol of `scene` visits, in the order of their first visits.
 
-    All of them, if it takes no longer than `longest_s` on the wall clock after the first tenth of a second of simulated
-    time, in which kernels are loaded or compiled.
+    The rehearsal ends after `longest_s` of wall time, and then some may be missing. The first 0.1 s of simulated time
+    does not count, because kernels are loaded or compiled in it.
     """
     working = {}
     for name, told in design.described(scene).items():
-        with suppress(RigError):  # one that cannot begin says why in its own process; the run goes on without
+        with suppress(RigError):  # a controller that cannot start says why in its own process; the run does not need it
             working[name] = controllers.restored(told)
             if name in scene.in_plant and length(scene, job.pace) > 1:
                 asked_often(working[name])
@@ -54,8 +54,8 @@ def visited(scene: Scene, job: Job, longest_s: float = LONGEST_S) -> tuple[int, 
 
 
 def _joined(runner: PlantRunner) -> None:
-    """Load or compile what is needed when a controller joins that drives an actuator which nobody drives so far."""
+    """Load or compile what is needed when a controller joins that drives an actuator without a controller so far."""
     for actuator in runner.lacking(runner.inputs):
         with suppress(RigError):
             if runner.variant(Wanted(driven=(actuator,))).ready.system.n > runner.motion.system.n:
-                return  # kernels are made for a number of states, whatever these are
+                return  # kernels depend only on the number of states

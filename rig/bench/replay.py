@@ -1,4 +1,4 @@
-"""A recording on the bus once more, with the controllers that are to hear it as processes."""
+"""Plays a recording back on the bus, with controllers as processes that receive it."""
 
 from __future__ import annotations
 
@@ -18,20 +18,23 @@ LEAVE_S = 3.0
 def replay(
     log: Path, into: Sequence[str] = (), pace: float | None = None, tell: Callable[[str], object] = lambda _: None
 ) -> recorded.Replayed:
-    """Host the replay of `log`; controllers `into` (names of the scene or Python files) are started and compared.
+    """Replay `log` on the bus; start the controllers `into` and compare their commands with the recorded ones.
 
-    `pace`: simulated seconds for each second of the clock; None as fast as they answer. Raises UsageError for a name
-    that is not in the recording, Untrusted for code that is not trusted, BusError when one of them does not join, or
-    leaves.
+    `into`: names of controllers of the scene, or Python files. `pace`: simulated time over wall time; None: as fast as
+    the controllers answer. Raises UsageError for a name that is not in the recording, Untrusted for code that is not
+    trusted, BusError if a controller does not join or leaves.
     """
     names = [Path(one).stem if one.endswith(".py") else one for one in into]
     there = head(log).setup().controllers
     unknown = [one for one in into if not one.endswith(".py") and one not in there]
     if unknown:
         known = ", ".join(there) or "none"
-        raise UsageError(f"the recording has no controller {', '.join(unknown)}; it has: {known}. A file ends in .py")
+        raise UsageError(
+            f"the recording has no controller {', '.join(unknown)}; it has: {known}. "
+            "The name of a Python file must end in .py"
+        )
     for one in set(into) & there.keys():
-        controllers.restored(there[one])  # refused here and now where its code is not trusted
+        controllers.restored(there[one])  # raises Untrusted before anything is started
     with bus.host(scene="replay") as session:
         tell(f"run {session.run}")
         joining = ["--run", session.run, "--wait", str(JOIN_S)]

@@ -1,9 +1,9 @@
-"""The same rig otherwise: with other parameters, or with a command state for an actuator that did not need one before.
+"""Variants of a rig: with other parameters, or with a command state for an actuator that had none.
 
-A command acts by writing a state. An actuator that a scene leaves alone has none: its value is a coefficient, and a new
-value is a new matrix. So the rig is built anew once, with that state, when somebody first drives the actuator. Building
-takes tens of milliseconds, which a paced run does not have between two frames: it builds in another thread and goes on
-with what was built at one tick, which the recording tells.
+A command acts by writing a state. An actuator that no part of the scene drives has no such state: its value is a
+coefficient, and a new value needs a new matrix. So when a controller first drives this actuator, the rig is built again
+with a command state. Building takes tens of milliseconds, which a paced run does not have between two frames. It builds
+in another thread and changes to the variant at one tick, which is recorded.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ T = TypeVar("T")
 
 
 class Wanted(NamedTuple):
-    """What a rig is to have: other values of parameters, and actuators with a command state."""
+    """The requested properties of a variant: values of parameters, and actuators that need a command state."""
 
     parameters: Mapping[str, Any] = {}
     driven: Sequence[str] = ()
@@ -38,7 +38,7 @@ class Wanted(NamedTuple):
 
 @dataclass(frozen=True)
 class Variant:
-    """A rig that was made from `before`, ready to go on with (`rig.bench.runner.Stand.take`)."""
+    """A rig that was made from `before`, ready for the plant runner to continue with."""
 
     before: Scene
     wanted: Wanted
@@ -48,7 +48,7 @@ class Variant:
 
 
 def with_values(section: Any, changes: Mapping[str, Any]) -> Any:
-    """A section with values of dotted keys changed, checked as a whole. Raises SceneError with every fault."""
+    """A copy of a section with changed values of dotted keys, validated. Raises SceneError with all faults."""
     raw = section.model_dump()
     for key, value in changes.items():
         at = raw
@@ -56,7 +56,7 @@ def with_values(section: Any, changes: Mapping[str, Any]) -> Any:
         for part in path:
             at = at.get(part) if isinstance(at, dict) else None
         if not isinstance(at, dict) or last not in at:
-            raise SceneError(key, ["is no parameter of this rig"])
+            raise SceneError(key, ["is not a parameter of this rig"])
         at[last] = value
     try:
         return type(section).model_validate(raw)
@@ -65,7 +65,7 @@ def with_values(section: Any, changes: Mapping[str, Any]) -> Any:
 
 
 class Build(Generic[T]):
-    """What is being built by `make`: at once, or `apart`, in a thread that never competes with the plant."""
+    """The result of `make()`, computed at once or, with `apart`, in a thread without real-time scheduling."""
 
     def __init__(self, make: Callable[[], T], apart: bool) -> None:
         self._make, self._done = make, threading.Event()
@@ -78,11 +78,11 @@ class Build(Generic[T]):
 
     @property
     def done(self) -> bool:
-        """Whether it is built, or cannot be."""
+        """Whether `make` has returned or raised."""
         return self._done.is_set()
 
     def result(self) -> T:
-        """What was built. Raises what kept it from that."""
+        """What `make` returned. Raises what it raised."""
         if self._made is None:
             raise self._fault or RuntimeError("it is still being built")
         return self._made
@@ -91,7 +91,7 @@ class Build(Generic[T]):
         try:
             if apart:
                 anywhere()
-                stand_back(0)  # no lower: it holds the interpreter's lock now and then, which the plant waits for
+                stand_back(0)  # not a lower priority: at times it holds the interpreter lock, for which the plant waits
             self._made = self._make()
         except Exception as fault:
             self._fault = fault

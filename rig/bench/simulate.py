@@ -1,8 +1,8 @@
-"""A run in this process: the same stand, exchange and controller objects, no bus, as fast as it goes.
+"""A run in this process: the same plant runner, exchange and controllers as in a live run, without a bus.
 
-Frames run in one piece up to the next at which somebody acts: the protocol, a limit, a command that the compiled loop
-cannot put into force. The answers of a controller that is not connected are nobody's; it gives them afterwards, from
-the samples of then.
+It runs as fast as possible. Frames run in one piece up to the next tick at which something acts: the protocol, a limit,
+or a command that the compiled loop cannot put into force. Commands of a disconnected controller are discarded; it is
+called afterwards, with the samples of each of its ticks.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from rig.record.run import Commands, Run
 from rig.scenes.scene import Scene
 
 Stop = Callable[[], str]
-"""Why to stop, "" to go on."""
+"""Returns why to stop, or "" to continue."""
 
 
 def simulate(
@@ -39,22 +39,23 @@ def simulate(
     stop: Stop | None = None,
     events: Iterable[Mapping[str, Any]] = (),
 ) -> Run:
-    """Run `scene` for `duration_ns`, or as long as its protocol takes.
+    """Run `scene` for `duration_ns`, or for the duration of its protocol.
 
-    `controllers`: by name; by default those of the scene, with the numbers of their design.
-    `commands` and `events`: of a recorded run; what came from controllers and operators takes effect when and as it did
-    then, and no controller is asked. `stop` is asked ten times a simulated second whether to end here, and why. A run
-    that the numerics had to stop is returned as far as it came, with `fault`; what happened stands in its events.
+    `controllers`: by name; by default those of the scene, with their design values.
+    `commands` and `events`: those of a recorded run. Actions of controllers and operators then take effect at the same
+    ticks with the same values, and no controller is called. `stop` is called ten times per simulated second; it returns
+    why to stop, or "". If the integration has to stop, the run up to there is returned with `fault`, and its events say
+    what happened. Raises UsageError without a duration.
     """
     if duration_ns is None and scene.duration_ns is None:
-        raise UsageError(f"{scene.name} has no protocol that ends; say how long: --duration 10")
+        raise UsageError(f"{scene.name} has no protocol that ends; state a duration, e.g. --duration 10")
     duration_ns = scene.duration_ns if duration_ns is None else duration_ns
     own = design.described(scene) if controllers is None else {}
     if controllers is None:
         controllers = {name: restored(told) for name, told in own.items()}
     with model_store.gathered() as models:
         carried = carry_out(scene, controllers, duration_ns, commands, stop, events)
-    for one in models.values():  # whoever draws the run assembles its rig
+    for one in models.values():  # drawing the run assembles its rig again
         model_store.offer(one)
     run = _run(scene.made_with(models), tuple(models.values()), *carried)
     run.controllers = own
@@ -62,7 +63,7 @@ def simulate(
 
 
 class Carried(NamedTuple):
-    """What is left of a run in this process; `fault`: why the numerics stopped it."""
+    """The objects of a finished run in this process; `fault`: why the integration had to stop."""
 
     runner: PlantRunner
     operation: Operation
@@ -78,7 +79,7 @@ def carry_out(
     stop: Stop | None = None,
     events: Iterable[Mapping[str, Any]] = (),
 ) -> Carried:
-    """Do what `simulate` does, up to the run that it makes of it. Without an end, it ends when `stop` says so."""
+    """Simulate like `simulate`, without making a `Run`. Without a duration the run ends when `stop` says so."""
     operation, working = begun(scene, controllers, duration_ns, commands, events)
     runner = operation.runner
     every = max(100_000_000 // scene.frame_ns, 1)
@@ -108,9 +109,9 @@ def begun(
     events: Iterable[Mapping[str, Any]] = (),
     before: Callable[[Operation], object] = lambda _: None,
 ) -> tuple[Operation, list[Working]]:
-    """A run in this process at its first tick, and its controllers at work: none where `commands` are played back.
+    """A run in this process at its first tick, and its working controllers: none if `commands` are played back.
 
-    `before`: what is done before it is opened.
+    `before` is called with the operation before it is opened.
     """
     loops = {name: Loop(controller) for name, controller in controllers.items()}
     operation = Operation(
@@ -133,9 +134,9 @@ def begun(
 
 
 def carry_on(operation: Operation, working: Sequence[Working], until: int, inside: Inside | None = None) -> None:
-    """Carry the plant runner on to tick `until`, or as far as no limit is passed; only controllers act on the way.
+    """Step the plant runner to tick `until` or until a limit is exceeded; on the way only controllers act.
 
-    `inside`: what lends them to the compiled loop, for who calls this often.
+    `inside`: lends controllers to the compiled loop; callers that call this often pass their own.
     """
     runner, exchange = operation.runner, operation.exchange
     if until - runner.tick == 1 and not working:  # each frame of a run whose controllers have processes

@@ -1,4 +1,4 @@
-"""Where the protocol of a scene takes a slider that travels beyond the edge of its plate: known before the run."""
+"""Checks before a run whether the protocol moves a slider beyond the edge of its plate."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from rig.scenes.scene import Scene, controller_drives
 
 SPEED = "drive.speed"
 ROUND = 1e-9
-"""What rounding may take a slider beyond the edge at which it stops [m]."""
+"""Tolerance for rounding when a slider stops at the edge [m]."""
 
 
 def meets_edge(scene: Scene, duration: float | None = None) -> str:
-    """What to tell of a run of `duration` s, or as long as its protocol; "" where the slider stays on its plate.
+    """A warning if the slider leaves its plate in a run of `duration` s, by default that of the protocol; else "".
 
-    Waits of the protocol count nothing: the slider may come to the edge earlier. Nothing is known of a protocol without
-    an end, or where a controller or an operator drives the travel.
+    Waits of the protocol count as 0 s, so the slider may reach the edge earlier. Returns "" for a protocol without an
+    end, and if a controller or an operator can change the speed.
     """
     assembly = scene.assemble()
     film = assembly.film
@@ -37,9 +37,9 @@ def meets_edge(scene: Scene, duration: float | None = None) -> str:
         speed = after
         if not -ROUND <= place <= film.longest + ROUND:
             return (
-                f"the protocol takes the slider beyond the plate's edge by {time:.6g} s: to {1e3 * place:.4g} mm, its "
-                f"way is {1e3 * film.longest:.4g} mm\n  a shorter protocol or --duration, a lower drive.speed or "
-                "another slider.position; else the run ends there"
+                f"the protocol takes the slider beyond the plate's edge by {time:.6g} s: to {1e3 * place:.4g} mm, but "
+                f"its travel ends at {1e3 * film.longest:.4g} mm\n  use a shorter protocol or --duration, a lower "
+                "drive.speed or another slider.position; otherwise the run ends at the edge"
             )
         if time >= left:
             break
@@ -47,7 +47,7 @@ def meets_edge(scene: Scene, duration: float | None = None) -> str:
 
 
 def _pieces(steps: Iterable[Any]) -> Iterator[tuple[float, float | None]]:
-    """How long [s] each step lasts, and the speed at its end if it changes it."""
+    """(duration [s], speed at the end or None if unchanged) of each step."""
     for step in steps:
         if isinstance(step, Repeat):
             for again in repeat(step.steps, int(step.times)):

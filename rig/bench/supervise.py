@@ -1,8 +1,8 @@
-"""The processes of one run, from start to end: plant, controllers, recorder, viewer.
+"""Starts, observes and ends the processes of one run: plant, controllers, recorder, viewer.
 
-The plant is started first; when its run can be joined, the others are. One that dies is reported, and the plant goes
-on: the verdict says so. When the plant ends, however it ends, everybody else ends within seconds. Ctrl-C ends the plant
-as it should end; twice, all at once. Nothing is ended but what was started here.
+The plant starts first, and the others when its run can be joined. If another process dies, this is reported, the plant
+continues, and the timing verdict mentions it. When the plant ends in any way, all others end within seconds. The first
+Ctrl-C ends the plant in the orderly way, a second one ends all processes. Only processes started here are ended.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ JOIN_S = 30.0
 """Longest wait of a process for the run, and of the plant for the processes."""
 VIEWER, RECORDER = ("viewer", "viewer"), ("recorder", "recorder")
 LEAVE_S = 3.0
-"""Time in which everybody has left after the plant, but for the recorder,"""
+"""Time [s] in which all processes but the recorder must leave after the plant."""
 WRITE_S = 20.0
-"""which finishes its file."""
+"""Time [s] in which the recorder must finish its file."""
 TOLD = frozenset(
     "begin joined left mark timeout parameter knock limit diverged fault never "
     "missing safe back refused flood overruled evicted pause warning".split()
 )
-"""Kinds of events that are shown while the run goes on."""
+"""Kinds of events that are shown during the run."""
 
 
 def run(
@@ -63,7 +63,7 @@ def run(
     `pace` None: as fast as the controllers answer. `out`, which is overwritten only to `replace` it, is the recording.
     `say` gets lines; without it they go to standard error, under the live line.
     """
-    address.directory()  # where a system has no live runs, they are refused before anything starts
+    address.directory()  # on a system without live runs this raises before anything starts
     expect = [("controller", controller) for controller in scene.controllers if controller not in scene.in_plant]
     expect += [RECORDER] if record else []
     expect += [VIEWER] if view or web else []
@@ -114,7 +114,7 @@ class Team:
         return [*self.others.values(), self.plant]
 
     def run(self, live: Live, interrupts: list[str]) -> Outcome:
-        """Wait for the run, start the others, watch until the plant has ended, then see everybody off."""
+        """Wait for the run, start the other processes, observe until the plant has ended, then end all others."""
         while not self.name:
             if self.plant.wait(0.02):
                 break
@@ -137,7 +137,7 @@ class Team:
         recorder = self.others.get(RECORDER)
         rest = [child for child in self.others.values() if child is not recorder]
         killed = end(rest, LEAVE_S if begun else 0.0)
-        if recorder is not None:  # it may have much to put on a slow disk
+        if recorder is not None:  # it may have much to write to a slow disk
             killed += end([recorder], WRITE_S if begun else 0.0)
         self.died += [f"{name} did not end by itself" for name in killed]
         self._hear()
@@ -158,7 +158,7 @@ class Team:
         return ["rig", "view", *joining, *(["--web"] if self._web else [])]
 
     def _join(self) -> Session | None:
-        """A seat at the bus; None if the plant is gone already."""
+        """Join the run on the bus; None if the plant has already ended."""
         while not self.plant.wait(0.0):
             try:
                 return bus.join(self.name, role="operator", name="supervisor", wait=0.5)
@@ -167,7 +167,7 @@ class Team:
         return None
 
     def _hear(self) -> None:
-        """Hand on what the plant says, which names its run, and what the viewer says."""
+        """Show the output of the plant, which names its run, and of the viewer."""
         for text in self.plant.said():
             word, _, rest = text.partition(" ")
             if word == "run" and not self.name:
@@ -178,17 +178,17 @@ class Team:
                 self._say(text)
 
     def _look(self, session: Session) -> None:
-        """Report those that have died before the end; the plant need not wait for them."""
+        """Report processes that died before the end, and tell the plant not to wait for them."""
         for who, child in list(self.others.items()):
             if child.code is None or self._over:
                 continue
             del self.others[who]
             self.died.append(child.told)
-            self._say(f"{child.told}; the plant goes on")
+            self._say(f"{child.told}; the plant continues")
             try:
                 session.ask("cmd/plant", {"do": "begin", "without": " ".join(who)}, timeout=1.0)
             except RigError:
-                pass  # it is on its way out, or busy; it waits for a bounded time only
+                pass  # the plant is ending or busy; it waits for a bounded time only
 
     def _show(self, health: Receiver, live: Live) -> None:
         for message in health.drain():
@@ -207,10 +207,10 @@ class Team:
                 self._say(f"{event.t_ns / 1e9:9.3f} s  {'' if own else f'{who}: '}{event.kind}: {text}")
 
     def _interrupt(self, interrupts: list[str]) -> None:
-        """The first Ctrl-C ends the plant, the second everybody."""
+        """The first Ctrl-C ends the plant, the second one all processes."""
         while interrupts:
             name = interrupts.pop()
-            if not self.name:  # whatever it is doing, there is nothing yet that it must put away
+            if not self.name:  # before the first frame it has nothing to save
                 self.plant.send(signal.SIGTERM)
                 raise Interrupted(f"stopped by {name} before the first frame")
             if not self._asked:
@@ -246,14 +246,14 @@ class Team:
         return Outcome(summary, log, account, tuple(died)).without_recording(recorder.told)
 
     def _owns(self, path: Path) -> bool:
-        """Whether a file is a recording of this run, and not of another one that its recorder has met."""
+        """Whether a file is a recording of this run, and not of another run."""
         try:
             return path.is_file() and head(path).setup().run == self.name
         except LogError:
             return False
 
     def _obituary(self) -> dict[str, Any]:
-        """What is known of a plant that died without a word."""
+        """The summary for a plant that died without publishing one."""
         known = self._health
         return {
             "run": self.name,

@@ -1,22 +1,22 @@
-"""How well a run kept time: lateness, spans of a frame, overruns by cause, and the verdict.
+"""The timing of a paced run: lateness, spans of a frame, overruns by cause, and the timing verdict.
 
-A frame is late when it begins more than one frame after its deadline. A row of late frames is one overrun; its cause is
-what kept the frame before the first of them busy, or the wait itself where the plant had been ready in time:
+A frame is late if it begins more than one frame after its deadline. A sequence of late frames is one overrun. Its cause
+is what kept the frame before the first late one busy or, if the plant was ready in time, the wait:
 
-    wake       ready in time, but woken too late: the scheduler, or the host
+    wake       ready in time, but woken too late by the scheduler or the host
     preempted  busy beyond the frame, but without the processor for most of that time
     gc         a garbage collection                     compile    a kernel was compiled
     receive, plant, publish, serve                      the longest span of the frame
 
-The verdict: VALID with at most 1 % of the frames late and nothing lost, DEGRADED with up to 5 % or a counted loss,
-else INVALID; the scene may set other shares. Frames of the wall clock that were given up count as late.
+The timing verdict is VALID with at most 1 % of the frames late and nothing lost, DEGRADED with up to 5 % or a counted
+loss, else INVALID; the scene may set other shares. Skipped frames of the wall clock count as late.
 
-The host of a virtual machine may give its processors to others. How much it took is told (of Linux, to 10 ms), since
-no frame can tell that from a slow scheduler.
+The host of a virtual machine may give its processors to others. The timing states how much it took (Linux, in steps of
+10 ms), because a late frame alone does not distinguish this from a slow scheduler.
 
-Where several frames are carried in one piece, all this is of pieces: `each` tells their length.
+If several frames are computed in one piece, everything here is about pieces of `each` frames.
 
-A frame costs one tuple. What it means is worked out five times a second, outside the frame.
+A frame only stores one tuple, which is evaluated outside the frame, five times per second.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ NOTHING_LOST = "nothing lost"
 SPANS = ("receive", "plant", "publish", "serve")
 CAUSES = ("wake", "preempted", "gc", "compile", *SPANS)
 _PER_OCTAVE = 16
-_STOLEN = 0.01  # what is below goes without saying
+_STOLEN = 0.01  # smaller shares are not reported
 _BINS = 48 * _PER_OCTAVE  # up to 2**48 ns, 78 hours
 
 Row = tuple[int, int, bool, int, int, int, int, int]
@@ -50,7 +50,7 @@ class Spread:
         self._bins = np.zeros(_BINS, np.int64)
 
     def add(self, durations: NDArray[np.int64]) -> None:
-        """Count durations; what is below zero counts as zero."""
+        """Add durations [ns]; negative ones count as zero."""
         if not durations.size:
             return
         whole = np.maximum(durations, 0)
@@ -61,7 +61,7 @@ class Spread:
         self._bins += np.bincount(np.minimum(bins, _BINS - 1), minlength=_BINS)
 
     def quantile(self, share: float) -> float:
-        """The duration [ns] that `share` of all do not exceed."""
+        """Quantile: the duration [ns] that the share `share` of all durations does not exceed."""
         if not self.count:
             return 0.0
         reached = int(np.searchsorted(np.cumsum(self._bins), share * self.count))
@@ -73,29 +73,29 @@ class Spread:
         return self.total / self.count if self.count else 0.0
 
     def told(self) -> dict[str, float]:
-        """In microseconds, for a summary."""
+        """Quantiles, mean and maximum [us], for the summary."""
         quantiles = {f"p{round(share * 100)}": self.quantile(share) / 1e3 for share in (0.5, 0.95, 0.99)}
         return {"mean": self.mean / 1e3, **quantiles, "max": self.worst / 1e3}
 
 
 class Interruptions(event.Listener):  # type: ignore[misc]
-    """Garbage collections and compilations (loading from the cache too), each with begin and end on the clock."""
+    """Begin and end times of garbage collections and compilations (or loading of compiled code) in this process."""
 
     def __init__(self) -> None:
         self.seen: list[tuple[str, int, int]] = []
         self._collecting, self._compiling, self._depth = 0, 0, 0
 
     def within(self, kind: str, begin: int, end: int) -> int:
-        """Nanoseconds of `kind` between two moments."""
+        """Time [ns] spent in `kind` between two times."""
         return sum(max(min(e, end) - max(b, begin), 0) for k, b, e in self.seen if k == kind)
 
     def forget(self, before: int) -> None:
-        """Drop what ended before a moment."""
+        """Forget what ended before a time."""
         self.seen = [one for one in self.seen if one[2] >= before]
 
     @contextmanager
     def watched(self) -> Iterator[None]:
-        """Watch this process."""
+        """Record collections and compilations in this process within the block."""
         event.register("numba:compiler_lock", self)  # type: ignore[no-untyped-call]
         gc.callbacks.append(self._collected)
         try:
@@ -125,24 +125,24 @@ class Interruptions(event.Listener):  # type: ignore[misc]
 
 @dataclass(frozen=True)
 class TimingVerdict:
-    """VALID, DEGRADED or INVALID, and why."""
+    """The timing verdict VALID, DEGRADED or INVALID, and its reasons."""
 
     word: str
     reasons: tuple[str, ...]
 
     @property
     def exit_code(self) -> int:
-        """0, or 3 where the timing is invalid."""
+        """3 if the timing is invalid, else 0."""
         return 3 if self.word == "INVALID" else 0
 
 
 class Timing:
-    """The time keeping of one paced run in pieces of `each` frames that take `wall_ns` on the wall clock."""
+    """The timing of one paced run in pieces of `each` frames, each of which has `wall_ns` of wall time."""
 
     def __init__(self, wall_ns: float, each: int = 1) -> None:
         self.wall_ns, self.each = wall_ns, each
         self.rows: list[Row] = []
-        """Per frame: begin, lateness, whether there was time to wait, spans, processor time spent before it; all ns."""
+        """Per frame: begin, lateness, whether there was time to wait, spans, processor time before it; all in ns."""
         self.interruptions = Interruptions()
         self.lateness = Spread()
         self.spans = {name: Spread() for name in SPANS}
@@ -152,23 +152,23 @@ class Timing:
         self.worst_ns, self.worst_frame, self.worst_cause = 0, -1, ""
         self.given_up = 0
         self.stolen_share = 0.0
-        """Share of the processors' time that the host of this machine has taken since the first frame."""
+        """Share of the processor time that the host of this machine has taken since the first frame."""
         self._last: Row | None = None
         self._cause = ""
 
     @property
     def frames(self) -> int:
-        """Frames counted so far."""
+        """Number of frames so far."""
         return self.lateness.count
 
     def resize(self, each: int) -> None:
-        """From here on a piece has `each` frames."""
+        """Set the number of frames in a piece from now on."""
         if each != self.each:
             self.fold()
             self.wall_ns, self.each = self.wall_ns / self.each * each, each
 
     def fold(self) -> None:
-        """Work out the rows so far and forget them."""
+        """Evaluate the rows so far and forget them."""
         if not self.rows:
             return
         rows, self.rows = self.rows, []
@@ -207,7 +207,7 @@ class Timing:
 
     @property
     def late_share(self) -> float:
-        """Share of the frames of the wall clock that began late or never."""
+        """Share of the frames of the wall clock that began late or were skipped."""
         due = self.frames + self.given_up
         return (self.late + self.given_up) / due if due else 0.0
 
@@ -220,10 +220,10 @@ class Timing:
         broken: bool = False,
         unknown: Sequence[str] = (),
     ) -> TimingVerdict:
-        """The verdict: shares of late frames up to which a run is valid or degraded, losses by topic, other faults.
+        """The timing verdict. `valid`, `degraded`: largest shares of late frames for VALID and DEGRADED.
 
-        `unknown`: processes of which nobody knows what they lost.
-        `broken`: an overrun has ended the run, so that it is invalid whatever the shares.
+        `lost`: topic -> lost messages; `faults`: other reasons against VALID; `unknown`: processes whose losses are
+        unknown; `broken`: an overrun has ended the run, so that it is INVALID with any share.
         """
         share = self.late_share
         reasons = []
@@ -239,7 +239,7 @@ class Timing:
         if missing:
             reasons.append("lost " + ", ".join(f"{n} of {t}" for t, n in missing.items()))
         if unknown:
-            reasons.append(f"unknown what was lost on the way to {', '.join(unknown)}")
+            reasons.append(f"unknown losses on the way to {', '.join(unknown)}")
         if not (missing or unknown):
             reasons.append(NOTHING_LOST)
         reasons.extend(faults)
@@ -252,7 +252,7 @@ class Timing:
         return TimingVerdict(word, tuple(reasons))
 
     def told(self) -> dict[str, Any]:
-        """Everything counted, durations in microseconds."""
+        """All counts, and durations [us]."""
         return {
             "frames": self.frames,
             "each": self.each,

@@ -1,4 +1,4 @@
-"""Values that change while a rig runs: what an operator or the protocol may set, in which range, and what is now."""
+"""Changes of actuators and parameters while a rig runs, by an operator or the protocol, with their allowed ranges."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from rig.scenes.scene import Scene, leaves
 
 
 class Tuning:
-    """Changes actuators and parameters of the rig on `stand`, as a whole and at one tick; `journal` tells it."""
+    """Changes actuators and parameters of the rig of `runner`, all at one tick; `journal` records the changes."""
 
     def __init__(self, scene: Scene, runner: PlantRunner, exchange: Exchange, journal: Journal) -> None:
         self.scene, self.runner, self.exchange, self.journal = scene, runner, exchange, journal
 
     def wanted(self, changes: Mapping[str, Any]) -> Wanted:
-        """What the rig must have before `change` can make these changes. Raises UsageError with every fault.
+        """The variant of the rig that `change` needs for these changes. Raises UsageError with all faults.
 
-        What is not `tunable` is refused here and not by `change`: recordings hold such changes, from before.
+        This method refuses changes that are not `tunable`. `change` accepts them, because old recordings contain some.
         """
         actuators, parameters = self._sorted(changes)
         tunable = self.tunable()
@@ -34,11 +34,14 @@ class Tuning:
         return self._wanted(actuators, parameters)
 
     def needed(self, changes: Mapping[str, Any]) -> Wanted:
-        """The same for changes of the protocol, which may be of what is not `tunable`."""
+        """Like `wanted`, for changes by the protocol, which need not be `tunable`."""
         return self._wanted(*self._sorted(changes))
 
     def change(self, changes: Mapping[str, Any], by: str = OPERATOR) -> dict[str, Any]:
-        """Change actuators and parameters of the rig at this tick: all, or with a RigError none. The new values."""
+        """Change actuators and parameters of the rig at this tick and return the new values. Raises RigError.
+
+        Either all changes are made, or none.
+        """
         actuators, parameters = self._sorted(changes)
         self.runner.go_on(self._wanted(actuators, parameters))
         for key, number in actuators.items():
@@ -48,7 +51,7 @@ class Tuning:
         return new
 
     def _wanted(self, actuators: Mapping[str, float], parameters: Mapping[str, Any]) -> Wanted:
-        """Command states for the actuators that lack one; the values of those that can have none are matrices."""
+        """The variant with command states for these actuators; without a command state a value is a parameter."""
         runner, lacking = self.runner, self.runner.lacking(actuators)
         matrices = {
             key: value
@@ -58,7 +61,7 @@ class Tuning:
         return Wanted({**parameters, **matrices}, lacking)
 
     def _sorted(self, changes: Mapping[str, Any]) -> tuple[dict[str, float], dict[str, Any]]:
-        """Changes of actuators, in SI, and of parameters; UsageError with every fault."""
+        """Separate changes of actuators (in SI) and of parameters. Raises UsageError with all faults."""
         inputs, known = self.runner.inputs, dict(leaves(self.scene.parameters))
         actuators: dict[str, float] = {}
         parameters: dict[str, Any] = {}
@@ -82,7 +85,7 @@ class Tuning:
         return actuators, parameters
 
     def tunable(self) -> dict[str, str]:
-        """Actuators, then parameters of the rig, that `change` can change -> their units."""
+        """Key -> unit of everything that can be changed: actuators, then parameters of the rig."""
         runner = self.runner
         known = {
             key: unit for key, (_, unit) in leaves(runner.scene.parameters) if unit and not key.startswith("start.")
@@ -92,5 +95,5 @@ class Tuning:
         }
 
     def value(self, key: str) -> Any:
-        """An actuator or a parameter of the rig as it is now."""
+        """The present value of an actuator or a parameter of the rig."""
         return self.runner.values[key] if key in self.runner.inputs else self.runner.parameter(key)

@@ -1,10 +1,10 @@
-"""A recording checked: it is whole, nothing is missing, and it comes out the same when it is simulated again.
+"""Verifies a recording: it must be complete, and a re-simulation must give the same values.
 
-The plant is simulated once more from the scene in the file; commands and whatever else came from outside take effect
-at the ticks at which they did. On the sources and the processor of the recording every bit must be the same; elsewhere
-kernels round otherwise, and the signals must agree to `ELSEWHERE` of their range, samples of an instrument to its
-resolution. Where that fails because contact points have opened, samples are compared up to the first opening, and
-statistics from there on (rig.bench.chaotic_runs).
+The plant is simulated again from the scene in the file; commands and other actions from outside take effect at their
+recorded ticks. With the same sources and processor every bit must be the same. Otherwise kernels round differently, and
+the outputs must agree to `ELSEWHERE` of their range, measurements to the resolution of their instrument. If that fails
+because contact points have opened, samples are compared up to the first opening, and statistics after it
+(rig.bench.chaotic_runs).
 """
 
 from __future__ import annotations
@@ -26,45 +26,45 @@ from rig.record.run import Integers, Reals, Run
 from rig.scenes.scene import Scene
 
 ELSEWHERE = 1e-6
-"""Largest deviation, as a share of the range of a signal, where sources or processor are others. # chosen"""
+"""Largest deviation, as a share of the range of a signal, with other sources or another processor. # chosen"""
 NOTHING = 1e-12
-"""What is below this share of the largest signal of its unit is the rounding of a zero. # chosen"""
+"""Values below this share of the largest signal with the same unit count as rounding errors of zero. # chosen"""
 PLACE = ("kernel", "processor", "numba", "python")
 
 
 @dataclass(frozen=True)
 class Verification:
-    """What the check of a recording found."""
+    """The result of verifying a recording."""
 
     log: str
     seconds: float
-    """Simulated time."""
+    """Simulated time [s]."""
     compared: int
-    """Numbers compared."""
+    """Number of values compared."""
     identical: bool
     deviation: float
     """Largest deviation of a signal as a share of its range."""
     elsewhere: tuple[str, ...]
-    """What is different here from where it was recorded."""
+    """Differences between this machine and that of the recording: sources, processor, versions."""
     faults: tuple[str, ...]
     notes: tuple[str, ...] = ()
-    """What does not speak against the recording and should be known."""
+    """Notes that the user should know, but that are not faults of the recording."""
     opened: float | None = None
-    """When a contact point opened first [s], where numbers were compared up to there only."""
+    """Time of the first opening of a contact point [s], if samples were compared only up to there."""
     statistics: tuple[str, ...] = ()
-    """What was compared from there on: a statistic of the recording and of the simulation, and what is allowed."""
+    """Statistics compared after it: of the recording, of the re-simulation, and the tolerance."""
 
     @property
     def passed(self) -> bool:
-        """Whether the recording holds."""
+        """Whether the recording is verified: no fault was found."""
         return not self.faults
 
     def to_json(self) -> dict[str, Any]:
-        """As plain values."""
+        """The result as plain values for JSON."""
         return {**vars(self), "passed": self.passed}
 
     def text(self) -> str:
-        """For a reader."""
+        """The result as text."""
         lines = [f"{self.log}: {'holds' if self.passed else 'does not hold'}"]
         lines += [f"  {told}" for told in (*self.faults, *self.notes)]
         told = (
@@ -87,7 +87,7 @@ class Verification:
 
 
 def verify(log: Path) -> Verification:
-    """Check the recording `log`. Raises rig.errors.LogError for a file that is no recording, or has lost its scene."""
+    """Verify the recording `log`. Raises rig.errors.LogError if the file is no recording or has lost its scene."""
     run = reader.open(log)
     scene = Scene.from_json(run.scene_text())
     again = simulate(scene, {}, _duration_ns(run), run.commands, events=run.events)
@@ -135,7 +135,7 @@ def verify(log: Path) -> Verification:
 
 
 class _Agreement(NamedTuple):
-    """`deviation`: the largest one, as a share of the range of its signal; `first`: the first one, in words."""
+    """`deviation`: the largest one, as a share of the range of its signal; `first`: the first one, as text."""
 
     compared: int
     deviation: float
@@ -143,7 +143,7 @@ class _Agreement(NamedTuple):
 
 
 def _agreement(pairs: Iterable[_Pair], scene: Scene, elsewhere: bool, until: float = math.inf) -> _Agreement:
-    """How well the samples before `until` [s] agree; `elsewhere`: what an instrument has rounded, rounds otherwise."""
+    """Agreement of the samples before `until` [s]; with `elsewhere` measurements may differ by their resolution."""
     compared, deviation, first = 0, 0.0, ""
     for name, t_ns, recorded, simulated, nothing in pairs:
         count = int(np.searchsorted(t_ns, until * 1e9 - 0.5)) if until < math.inf else t_ns.size
@@ -163,7 +163,7 @@ def _agreement(pairs: Iterable[_Pair], scene: Scene, elsewhere: bool, until: flo
 
 
 def _statistics(run: Run, again: Run, opened: float) -> tuple[list[str], list[str]]:
-    """What was compared from the first opening on [s], and what does not agree."""
+    """Statistics compared from the first opening `opened` [s] on, and those that do not agree."""
     end = float(min(run.time[-1], again.time[-1]))
     if end - opened < SHORTEST:
         return [f"{end - opened:.3g} s are too few for statistics ({SHORTEST:g} s are needed): not compared"], []
@@ -172,7 +172,7 @@ def _statistics(run: Run, again: Run, opened: float) -> tuple[list[str], list[st
 
 
 def _resolution(scene: Scene, name: str) -> float:
-    """Step of the instrument that `name` ("meas/<sensor>") comes from; 0 for what no instrument has rounded."""
+    """Resolution of the instrument behind `name` ("meas/<sensor>"); 0 for values that no instrument has rounded."""
     kind, _, sensor = name.partition("/")
     return float(scene.sensors[sensor].front_end().resolution) * (1.0 + 1e-9) if kind == "meas" else 0.0
 
@@ -185,7 +185,7 @@ def _duration_ns(run: Run) -> int:
 
 
 class _Pair(NamedTuple):
-    """What both runs have at the same instants; below `nothing` a value is the rounding of a zero."""
+    """Values of both runs at the same instants; below `nothing` a value is a rounding error of zero."""
 
     name: str
     t_ns: Integers
@@ -195,7 +195,7 @@ class _Pair(NamedTuple):
 
 
 def _pairs(run: Run, again: Run) -> Iterator[_Pair]:
-    """What both have at the same instant, sensors first."""
+    """Values of both runs at the same instants, sensors first."""
     largest: dict[str, float] = {}
     for name, v in run.signals.items():
         unit = run.units.get(name, "")
@@ -213,7 +213,7 @@ def _common(name: str, t_ns: Integers, v: Reals, u_ns: Integers, u: Reals, nothi
 
 
 def _gaps(run: Run, again: Run) -> Iterator[str]:
-    """Samples that a sensor published and commands that were in force, and that are not in the file."""
+    """Faults for samples that a sensor published and commands that took effect, but that are not in the file."""
     for way, count in run.summary.get("lost", {}).items():
         if way.startswith("applied/") and way.endswith(" to recorder"):
             name = way.removeprefix("applied/").removesuffix(" to recorder")

@@ -157,7 +157,7 @@ def test_a_loss_that_nobody_knows_is_not_called_none():
     verdict = Timing(1e6).verdict(0.01, 0.05, {}, ["recorder r did not tell what it received"], False, ["recorder r"])
     assert verdict.word == "DEGRADED"
     assert "nothing lost" not in verdict.reasons
-    assert "unknown what was lost on the way to recorder r" in verdict.reasons
+    assert "unknown losses on the way to recorder r" in verdict.reasons
 
 
 def test_a_recorder_tells_what_it_does_not_know():

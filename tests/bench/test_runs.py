@@ -239,7 +239,7 @@ def test_the_plant_goes_on_without_the_others_and_a_second_run_beside_is_not_tou
     }
     for who, word in victims.items():
         first.process(f"{word} first").send_signal(signal.SIGKILL)
-        first.line(f"{who} was killed by SIGKILL; the plant goes on")
+        first.line(f"{who} was killed by SIGKILL; the plant continues")
         first.line(f"{who} left at t = ")
     first.line("load.force to safe values")
     with bus.join("first", role="operator", name="test") as session:

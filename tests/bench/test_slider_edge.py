@@ -29,7 +29,7 @@ def test_a_slider_at_the_edge_is_told_as_far_as_the_run_goes(duration, told):
     """On the ramp from 0.1 s on it is 0.05 t^2 further: the 0.2 mm that are left take 63 ms."""
     scene = load("plate", SMALL | {"slider.position": 0.0435})
     found = meets_edge(scene, duration)
-    assert ("beyond the plate's edge by 0.2 s: to 44 mm, its way is 43.7 mm" in found) == told
+    assert ("beyond the plate's edge by 0.2 s: to 44 mm, but its travel ends at 43.7 mm" in found) == told
     run = rig.simulate(scene, duration)
     assert bool(run.fault) == told
     if told:
