@@ -1,15 +1,15 @@
-"""What becomes of commands between a controller and its actuators; everything is counted.
+"""The exchange: passes commands of controllers to actuators by these rules, and counts every case.
 
-    in time         taken over at the frame boundary after its arrival, not before the loop's stated delay
-    two at once     the later one counts, the other is `overtaken`
-    another matrix  in a paced run: when that is built (rig.bench.rebuild), what else is commanded at once
-    missing         the last one is held; after `hold` ticks beyond the one it was due at, safe values
-    not finite      that actuator keeps its value
+    in time         takes effect at the frame boundary after its arrival, not before the stated delay of the controller
+    two at once     the later command counts, the other one is `overtaken`
+    another matrix  in a paced run takes effect when the matrix is built (rig.bench.rebuild); other values at once
+    missing         the last command is held; `hold` ticks after the missing one was due, safe values replace it
+    not finite      the actuator keeps its value
     out of range    clamped
-    not its own     refused and reported: one actuator, one owner
+    not its own     refused and reported: each actuator has one owner
 
-The protocol asks for values too. A controller that commands an actuator overrules it; what the protocol asked for
-comes back when the controller is disconnected.
+The protocol sets values too. A controller that commands an actuator overrules the protocol; the value of the protocol
+returns when the controller is disconnected.
 """
 
 from __future__ import annotations
@@ -75,9 +75,9 @@ class Exchange:
         """Builds the rigs that commands ask for, where they cannot be built at once."""
 
     def check(self, name: str, drives: Sequence[str], period_ns: int, gone: Collection[str] = ()) -> None:
-        """Raise UsageError if a controller cannot have a line: an actuator is not there or belongs to somebody else.
+        """Raise UsageError if a controller cannot be admitted: an actuator is unknown or belongs to another controller.
 
-        Those who are `gone` hold nothing any more.
+        `gone`: controllers that have left and own nothing any more.
         """
         inputs = self._runner.inputs
         faults = [] if topics.is_name(name) else ["is no name; a name is 1 to 64 letters, digits, '_', '.', '-'"]

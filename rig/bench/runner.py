@@ -1,7 +1,7 @@
-"""The rig on its stand: plant and sensors of a scene, carried forward frame by frame.
+"""The plant runner: steps plant and sensors of a scene, frame by frame.
 
-What happens depends on the ticks at which actuators and parameters are written and on nothing else, so that a run in
-one process, over the bus in lockstep, or played back from a recording gives the same bits.
+The result depends only on the ticks at which actuators and parameters are written. Therefore a run in one process, over
+the bus in lockstep, or re-simulated from a recording gives the same bits.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ ROWS = 1 << 15
 
 
 class PlantRunner:
-    """A scene's plant with its sensors at tick `tick` (frames). Raises rig.errors.NumericsError when it must stop.
+    """Plant and sensors of a scene at tick `tick` [frames]. Raises rig.errors.NumericsError if it must stop.
 
-    `truthful`: keep the plant's own quantities at every step (`truth`) and every sample (`measurements`). Else `piece`:
-    frames that are carried at once, for which there is room from the start.
+    `truthful`: keep all outputs at every sample step (`truth`) and all measurements (`measurements`). Otherwise
+    `piece`: number of frames computed at once, for which memory is allocated from the start.
     """
 
     def __init__(self, scene: Scene, truthful: bool = False, piece: int = 1) -> None:
@@ -96,9 +96,9 @@ class PlantRunner:
         self.start()
 
     def start(self) -> None:
-        """Begin to measure, at tick 0: what was written before is in force in the first samples.
+        """Start to measure at tick 0; values written before act on the first samples.
 
-        An actuator that lags behind its command has reached it, and the instruments have settled on what they see.
+        Actuators with a lag have reached their commands, and the instruments have settled.
         """
         motion = self.motion
         for one in self.inputs.values():
@@ -114,7 +114,7 @@ class PlantRunner:
 
     @property
     def t_ns(self) -> int:
-        """Simulated time now [ns]."""
+        """Present simulated time [ns]."""
         return self.tick * self.frame_ns
 
     def frame(self) -> None:
@@ -122,10 +122,10 @@ class PlantRunner:
         self.frames(1)
 
     def frames(self, most: int) -> None:
-        """Carry plant and sensors up to `most` frames on, one at least, in one piece.
+        """Step plant and sensors by 1 to `most` frames in one piece.
 
-        It ends after a frame with an event, or when a limit is passed or the bank is short; what the bank has kept of
-        the samples is that of these frames.
+        It ends earlier after a frame with an event, when a limit is exceeded, or when the sensor bank is full; the bank
+        then holds the samples of these frames.
         """
         if self._look:
             if self.bank.short:
@@ -202,10 +202,10 @@ class PlantRunner:
         return tuple(name for name in without if name not in self._coefficients and name not in self.scene.moved)
 
     def variant(self, wanted: Wanted, after: Variant | None = None) -> Variant:
-        """The rig as it is `wanted`, from the rig as it is now or `after` a variant that is not taken yet.
+        """Build the variant `wanted` of the present rig or, with `after`, of a variant that is not used yet.
 
-        Another thread may build it while the run goes on. Raises SceneError with every faulty value by its key, or for
-        a rig that this run cannot go on with.
+        Another thread may build it during the run. Raises SceneError with all faulty values by their keys, or for a rig
+        with which this run cannot continue.
         """
         before = self.scene if after is None else after.scene
         for known in self._prepared:
@@ -225,14 +225,14 @@ class PlantRunner:
         return Variant(before, wanted, scene, assembly, ready)
 
     def variants(self, wanted: Iterable[Wanted]) -> list[Variant]:
-        """The rigs that come of these wishes one after the other, each from the one before it. Raises as `variant`."""
+        """Build these variants one after the other, each from the previous one. Raises as `variant`."""
         found: list[Variant] = []
         for one in wanted:
             found.append(self.variant(one, found[-1] if found else None))
         return found
 
     def has(self, wanted: Iterable[Wanted]) -> bool:
-        """Whether all of them are at hand."""
+        """Whether all these variants are already built."""
         at = self.scene
         for one in wanted:
             known = next((k for k in self._prepared if k.before is at and k.wanted == one), None)
@@ -242,7 +242,7 @@ class PlantRunner:
         return True
 
     def keep(self, variant: Variant) -> None:
-        """Have it at hand: `variant` finds it when it is asked for."""
+        """Keep a variant, so that `variant` returns it without building."""
         self._prepared.append(variant)
 
     def forget(self) -> None:
@@ -266,7 +266,7 @@ class PlantRunner:
         self.chance.find(self.motion.system)
 
     def go_on(self, wanted: Wanted) -> None:
-        """Go on with the rig as it is `wanted` from this tick on."""
+        """Continue with the variant `wanted` from this tick on."""
         if wanted:
             self.take(self.variant(wanted))
 
@@ -303,11 +303,11 @@ class PlantRunner:
 
     @property
     def limited(self) -> bool:
-        """Whether an output is beyond the limit that the scene sets for it, at this tick."""
+        """Whether an output exceeds the limit that the scene sets for it, at this tick."""
         return self._look and self.motion.beyond >= 0
 
     def beyond(self) -> str:
-        """The first such output; "" if none is."""
+        """The first output that exceeds its limit; "" if none does."""
         return self.outputs[self.motion.beyond] if self.limited else ""
 
     def output_values(self) -> Array:
