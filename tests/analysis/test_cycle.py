@@ -187,7 +187,7 @@ def test_a_seal_that_slides_stably_is_at_rest(name, speed):
     found = limit_cycle(rig.load(name, {"drive.speed": v}))
     assert not found.found
     assert found.decided
-    told = re.search(r"no limit cycle: sliding is stable, its least stable motion decays with (\S+) 1/s", found.why)
+    told = re.search(r"no limit cycle: sliding is stable, its least stable mode decays with (\S+) 1/s", found.why)
     assert float(told[1]) == pytest.approx(-np.roots([0.2, damping, 2e4]).real.max(), rel=1e-4)
 
 

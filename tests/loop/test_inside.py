@@ -205,12 +205,12 @@ def test_a_faulty_controller_ends_the_run_with_its_own_error(what, error):
 INTERRUPTED = """
 import random, signal
 import rig
-from rig.bench import working
+from rig.bench import controller_in_process
 
 def strike(number, frame):
     raise KeyboardInterrupt
 
-working.WORTH = 10**12  # controllers stay in Python
+controller_in_process.WORTH = 10**12  # controllers stay in Python
 signal.signal(signal.SIGALRM, strike)
 scene, struck, draw = rig.load("belt_normal_force"), 0, random.Random(1)
 rig.simulate(scene, 0.5)

@@ -33,7 +33,7 @@ class Version:
     """A process that runs the cases with the sources of one checkout."""
 
     def __init__(self, checkout: Path) -> None:
-        command = [sys.executable, str(Path(__file__).with_name("contender.py"))]
+        command = [sys.executable, str(Path(__file__).with_name("one_version.py"))]
         path = os.pathsep.join([str(checkout), os.environ.get("PYTHONPATH", "")])
         self._process = subprocess.Popen(
             command, cwd=checkout, env={**os.environ, "PYTHONPATH": path}, text=True,

@@ -1,4 +1,4 @@
-/* C twin of rig.solve.ride: friction along the travel alone, no damping of the film, no instruments. Every sum has the
+/* C twin of rig.solve.film_steps: friction along the travel alone, no damping of the film, no instruments. Every sum has the
    kernel's order, so that the results have its bits; loops are cut as they are fastest in C.
    Compiled with -O3 -march=native and these constants, which the kernel has as shapes: NQ coordinates, NA of them that
    move both sides alike and NO against each other, M signals, R riders; PAIRS of points, WIDTH lanes of a row,
