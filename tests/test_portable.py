@@ -67,5 +67,5 @@ def test_recordings_and_studies_work(bare, tmp_path):
 def test_live_runs_are_refused_before_anything_starts(bare, arguments):
     code, _, err = bare(*arguments)
     assert code == 2, err
-    assert "live runs need locks of files and unix sockets, which this system has not" in err
+    assert "live runs need file locks and unix sockets, which this system does not have" in err
     assert "Traceback" not in err

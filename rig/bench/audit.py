@@ -42,7 +42,7 @@ MOST = 24
 _ROUNDING = 1e-12
 
 
-class Visited(NamedTuple):
+class VisitedState(NamedTuple):
     """A state of a run and its mode set."""
 
     system: System
@@ -50,7 +50,7 @@ class Visited(NamedTuple):
     x: Array
 
 
-class Witness:
+class StateSamples:
     """Keeps states of a run at the ends of frames, evenly spread over a run of any length. `due`: the next such frame.
 
     `open`: switches of effects (`shunt.connected`) that have been open all the time.
@@ -58,7 +58,7 @@ class Witness:
 
     def __init__(self, scene: Scene, values: Mapping[str, float]) -> None:
         """`values`: input -> its value at the start."""
-        self.kept: list[Visited] = []
+        self.kept: list[VisitedState] = []
         self.due = self._every = 1
         self.open = {key for key in switches(scene.parameters) if values.get(key, SWITCHED) < SWITCHED}
 
@@ -73,7 +73,7 @@ class Witness:
             row = motion.kept - 1 - (frame - self.due) * steps
             if 0 <= row < motion.kept:
                 key = motion.mode_sets.sets[int(motion.log.modes[row])].key
-                self.kept.append(Visited(motion.system, key, motion.log.out[row].copy()))
+                self.kept.append(VisitedState(motion.system, key, motion.log.out[row].copy()))
             if len(self.kept) == MOST:
                 self.kept = self.kept[1::2]
                 self._every *= 2
@@ -81,7 +81,7 @@ class Witness:
 
 
 @dataclass(frozen=True)
-class Judged:
+class JudgedEffect:
     """An effect and its `share`; `like`: for an absent effect, the scene from which its values are.
 
     `open`: for an effect whose switch was never closed in this run, the input that closes it.
@@ -117,12 +117,12 @@ class Judged:
         return {**asdict(self), "noted": self.noted, "text": self.text()}
 
 
-def audit(scene: Scene, witness: Witness, motion: Motion) -> list[dict[str, Any]]:
+def audit(scene: Scene, witness: StateSamples, motion: Motion) -> list[dict[str, Any]]:
     """Judge every effect that the plant of `scene` can have or not, at the states of `witness`."""
     return [one.to_json() for one in _judged(scene, witness, motion)]
 
 
-def _judged(scene: Scene, witness: Witness, motion: Motion) -> Iterator[Judged]:
+def _judged(scene: Scene, witness: StateSamples, motion: Motion) -> Iterator[JudgedEffect]:
     kept = witness.kept
     if not kept:
         return
@@ -139,14 +139,14 @@ def _judged(scene: Scene, witness: Witness, motion: Motion) -> Iterator[Judged]:
             continue
         limited = clamped.get(name.removesuffix(" limits"), 0.0) if name.endswith(" limits") else 0.0
         switch = next((key for key in witness.open if key.partition(".")[0] == name), "")
-        yield Judged(name, True, max(share(kept, other, own), limited), open=switch)
+        yield JudgedEffect(name, True, max(share(kept, other, own), limited), open=switch)
     about = declared(scene.parameters)
     for name, keys in absent(scene).items():
         if about[name].hardware:
             continue
         try:
             more, like = added(scene, keys)
-            yield Judged(name, False, share(kept, rig_of(more), own), like)
+            yield JudgedEffect(name, False, share(kept, rig_of(more), own), like)
         except (RigError, ValueError):  # no scene has values for it, or the method cannot integrate it
             continue
 
@@ -161,7 +161,7 @@ def _clamped(motion: Motion) -> dict[str, float]:
     return found
 
 
-def share(kept: Sequence[Visited], other: System, own: dict[int, Told]) -> float:
+def share(kept: Sequence[VisitedState], other: System, own: dict[int, Told]) -> float:
     """Share by which another rig differs at the states of this one (see the head of this file).
 
     `own`: values of this rig, by the index of the state; filled here.

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import TYPE_CHECKING
 
-from rig.bench.rig_variant import Build, Variant, Wanted
+from rig.bench.rig_variant import Build, RigVariant, Wanted
 from rig.errors import RigError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ class Builds:
         self._runner = runner
         self._order: dict[object, None] = {}
         """Requesters that wait, in order of arrival."""
-        self._build: Build[list[Variant]] | None = None
+        self._build: Build[list[RigVariant]] | None = None
         """The build for the first requester."""
 
     @property
@@ -77,7 +77,7 @@ class Builds:
             self._build = Build(partial(self._made, needed, tuple(later)), self.apart)
         return False
 
-    def _made(self, needed: Sequence[Wanted], later: Iterable[Wanted]) -> list[Variant]:
+    def _made(self, needed: Sequence[Wanted], later: Iterable[Wanted]) -> list[RigVariant]:
         found = self._runner.variants(needed)
         try:
             for one in later:

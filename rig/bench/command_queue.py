@@ -35,7 +35,7 @@ class Counts:
     """Number of times that safe values replaced missing commands."""
 
 
-class Line:
+class CommandQueue:
     """The queue of the commands of one controller, and the command in force. Times are in ticks."""
 
     __slots__ = (
@@ -55,7 +55,7 @@ class Line:
         self.counts = Counts()
         self._columns = (array("q"), array("q"), array("q"), array("d"))
 
-    def follow(self, former: Line) -> None:
+    def follow(self, former: CommandQueue) -> None:
         """Continue the counts and recorded commands of the queue that the controller of this name had before.
 
         A recording has one number of values for each name, so commands to another number of actuators are left out.

@@ -12,10 +12,10 @@ from collections.abc import Collection, Generator, Sequence
 from math import inf, nan
 from typing import Any, NamedTuple
 
-from rig.bench.command_queue import AS_SENT, SAFE, Line
-from rig.bench.controller_in_process import Working
-from rig.bench.experiment import Operation
-from rig.bench.playback import Playback, Played
+from rig.bench.command_queue import AS_SENT, SAFE, CommandQueue
+from rig.bench.controller_in_process import ControllerInProcess
+from rig.bench.experiment import Experiment
+from rig.bench.playback import Playback, PlayedCommands
 from rig.controllers.runtime.native import Native
 from rig.solve.control_loop import ANSWERED, AS, COUNT, DUE, NOW, ROWS, UNUSUAL
 
@@ -27,19 +27,19 @@ _NEVER = 1 << 62  # frames
 class Lent(NamedTuple):
     """A command queue that is lent, its slices of the arrays, and its source: a controller at work or a recording."""
 
-    line: Line
+    line: CommandQueue
     reads: slice
     drives: slice
-    one: Working | None
+    one: ControllerInProcess | None
     native: Native | None
-    played: Played | None
+    played: PlayedCommands | None
 
 
-class Inside:
-    """Lends controllers of `operation` to the compiled loop while the plant runner computes many frames."""
+class CompiledControllers:
+    """Lends controllers of `experiment` to the compiled loop while the plant runner computes many frames."""
 
-    def __init__(self, operation: Operation) -> None:
-        self._exchange, self._runner = operation.exchange, operation.runner
+    def __init__(self, experiment: Experiment) -> None:
+        self._exchange, self._runner = experiment.exchange, experiment.runner
         self._controls = self._runner.controls
         self._command: Any = self._controls.command.data
         self._clock: Any = self._controls.clock.data
@@ -49,7 +49,7 @@ class Inside:
         self._asked = _Answer(answers.send)
         self._address = ctypes.cast(self._asked, ctypes.c_void_p).value
 
-    def lend(self, working: Sequence[Working]) -> Collection[str]:
+    def lend(self, working: Sequence[ControllerInProcess]) -> Collection[str]:
         """Lend all controllers of `working`, or of a recording, that the loop can handle; returns their names.
 
         The controllers have given the answers due at this tick, and recorded commands of this tick are in force.
@@ -65,7 +65,7 @@ class Inside:
                     self._lend(self._exchange.lines[name], None, played)
         return [found.line.name for found in self._lent]
 
-    def _lend(self, line: Line, one: Working | None, played: Played | None) -> None:
+    def _lend(self, line: CommandQueue, one: ControllerInProcess | None, played: PlayedCommands | None) -> None:
         c, i = self._controls, len(self._lent)
         read, driven = (self._lent[-1].reads.stop, self._lent[-1].drives.stop) if i else (0, 0)
         places = [self._runner.plain(drive) for drive in line.drives]
@@ -94,7 +94,7 @@ class Inside:
         self._lent.append(found)
         c.clock[COUNT] = i + 1
 
-    def _lay_working(self, record: Any, i: int, found: Lent, one: Working) -> None:
+    def _lay_working(self, record: Any, i: int, found: Lent, one: ControllerInProcess) -> None:
         line, reads, drives, _, native, _ = found
         c, inputs = self._controls, self._runner.inputs
         c.low[drives] = [inputs[drive].low for drive in line.drives]
@@ -136,7 +136,7 @@ class Inside:
         self._lent.clear()
         c.clock[COUNT] = 0
 
-    def _take_back_working(self, record: Any, i: int, found: Lent, one: Working) -> None:
+    def _take_back_working(self, record: Any, i: int, found: Lent, one: ControllerInProcess) -> None:
         c, line, drives = self._controls, found.line, found.drives
         updates, kept = int(record["updates"]), int(record["kept"])
         if found.native is not None:

@@ -7,7 +7,7 @@ from contextlib import suppress
 from itertools import repeat
 from typing import Any
 
-from rig.bench.experiment import Operation
+from rig.bench.experiment import Experiment
 from rig.controllers.blocks.base import Controller, Values
 from rig.controllers.runtime.body import Untranslatable
 from rig.controllers.runtime.loop import Loop
@@ -28,14 +28,14 @@ def asked_often(controller: Controller) -> None:
     _EXPECTED[type(controller)] += WORTH
 
 
-class Working:
+class ControllerInProcess:
     """A controller that works in this process. `due`: tick of its next answer.
 
     `given`: its answer at this tick, if it was already called; `fault`: the exception that it raised.
     """
 
-    def __init__(self, name: str, loop: Loop, operation: Operation) -> None:
-        self.line = operation.exchange.lines[name]
+    def __init__(self, name: str, loop: Loop, experiment: Experiment) -> None:
+        self.line = experiment.exchange.lines[name]
         self.due = 0
         self.given: Values | None = None
         self._worth = False
@@ -43,8 +43,8 @@ class Working:
         self._trial = 0
         self.fault: BaseException | None = None
         self.name, self.loop = name, loop
-        self._runner, self._receive = operation.runner, operation.exchange.receive
-        self._bank = operation.runner.bank
+        self._runner, self._receive = experiment.runner, experiment.exchange.receive
+        self._bank = experiment.runner.bank
         self.columns = [self._bank.names.index(sensor) for sensor in loop.controller.reads]
         self._latest = self._bank.latest.item
 

@@ -11,9 +11,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from rig import controllers
-from rig.bench.compiled_controllers import Inside
-from rig.bench.controller_in_process import Working
-from rig.bench.experiment import Operation
+from rig.bench.compiled_controllers import CompiledControllers
+from rig.bench.controller_in_process import ControllerInProcess
+from rig.bench.experiment import Experiment
 from rig.bench.simulate import carry_on
 from rig.bus.port import Session
 from rig.controllers.runtime.loop import Loop
@@ -23,24 +23,24 @@ from rig.errors import UsageError
 _NEVER = 1 << 62
 
 
-class _Resident(Working):
+class _Resident(ControllerInProcess):
     """A controller in the plant process, with its own `session`. An exception ends the controller, not the plant."""
 
-    def __init__(self, name: str, loop: Loop, operation: Operation, session: Session) -> None:
-        super().__init__(name, loop, operation)
+    def __init__(self, name: str, loop: Loop, experiment: Experiment, session: Session) -> None:
+        super().__init__(name, loop, experiment)
         self.service = Service(session, loop)
         self.left = False
         self._told = False
 
     def answer(self) -> None:
-        """See `Working.answer`."""
+        """See `ControllerInProcess.answer`."""
         try:
             super().answer()
         except Exception as error:  # raised by the controller's own code
             self._fail(error)
 
     def catch_up(self, tick: int) -> None:
-        """See `Working.catch_up`."""
+        """See `ControllerInProcess.catch_up`."""
         try:
             super().catch_up(tick)
         except Exception as error:
@@ -69,30 +69,30 @@ class _Resident(Working):
             self.service.leave()
 
 
-class InPlant:
+class ControllersInPlant:
     """All controllers in the plant process.
 
     `described`: their descriptions by rig.design; `notice` is called when a controller has failed and left.
     """
 
     def __init__(
-        self, session: Session, operation: Operation, described: Mapping[str, Any], notice: Callable[[], object]
+        self, session: Session, experiment: Experiment, described: Mapping[str, Any], notice: Callable[[], object]
     ) -> None:
-        self._operation, self._notice = operation, notice
+        self._experiment, self._notice = experiment, notice
         self._all: dict[str, _Resident] = {}
-        for name in sorted(operation.scene.in_plant):
+        for name in sorted(experiment.scene.in_plant):
             loop = Loop(controllers.restored(described[name]))
-            self._all[name] = one = _Resident(name, loop, operation, session.stand_in("controller", name))
+            self._all[name] = one = _Resident(name, loop, experiment, session.stand_in("controller", name))
             one.expect(0)
             one.native()  # compiled if the rehearsal has done so
         self._at_work = list(self._all.values())
-        self._inside = Inside(operation)
+        self._inside = CompiledControllers(experiment)
         for one in self._at_work:
             one.service.session.announce()
 
     def carry_on(self, until: int) -> None:
         """Step the plant runner to tick `until` or until a limit is exceeded; on the way only controllers act."""
-        carry_on(self._operation, self._at_work, until, self._inside)
+        carry_on(self._experiment, self._at_work, until, self._inside)
         for one in self._at_work:
             one.look()
         if any(one.left for one in self._at_work):

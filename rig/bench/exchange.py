@@ -19,7 +19,7 @@ from dataclasses import asdict
 from math import isfinite, nan
 from typing import TYPE_CHECKING, Any, Protocol
 
-from rig.bench.command_queue import AS_SENT, CLAMPED, SAFE, Line
+from rig.bench.command_queue import AS_SENT, CLAMPED, SAFE, CommandQueue
 from rig.bench.journal import Journal
 from rig.bus import topics
 from rig.errors import UsageError
@@ -27,14 +27,14 @@ from rig.model.assembly import Input
 from rig.quantities import brief
 
 if TYPE_CHECKING:
-    from rig.bench.rebuild import Refit
+    from rig.bench.rebuild import Rebuild
 
 LONGEST_NS = 3600 * 10**9
 """Longest period of a controller. # chosen"""
 
 
 class Actuators(Protocol):
-    """The stand, as far as commands reach it."""
+    """The part of the plant runner that commands reach."""
 
     @property
     def tick(self) -> int:
@@ -45,34 +45,34 @@ class Actuators(Protocol):
         """Actuators with unit, range and safe value."""
 
     def apply(self, name: str, value: float) -> None:
-        """An actuator takes a value at the present tick."""
+        """Set an actuator to a value at the present tick."""
 
     def ramp(self, name: str, to: float, ticks: int) -> None:
-        """An actuator runs linearly to a value within whole ticks."""
+        """Move an actuator linearly to a value within whole ticks."""
 
 
 class Exchange:
-    """All lines of a run. `hold`: ticks that a missing command is held."""
+    """All command queues of a run. `hold`: ticks for which the last command is held when commands are missing."""
 
     def __init__(self, runner: Actuators, frame_ns: int, hold: int, journal: Journal) -> None:
-        self.lines: dict[str, Line] = {}
-        self.all_lines: dict[str, Line] = {}
-        """The last line of every name, also of controllers that were dismissed: what was counted stays counted."""
+        self.lines: dict[str, CommandQueue] = {}
+        self.all_lines: dict[str, CommandQueue] = {}
+        """The last queue of every name, also of dismissed controllers, because their counts stay in the summary."""
         self.refused: dict[str, int] = {}
-        """Senders without a line, and how often they were refused."""
+        """Senders without a queue, and how often they were refused."""
         self._runner, self._frame_ns, self._hold = runner, frame_ns, hold
         self.journal = journal
         self._owner: dict[str, str] = {}
         self._asked = {name: one.value for name, one in runner.inputs.items()}
         self._moves: dict[str, tuple[float, float, int, int]] = {}
         self._stairs: set[str] = set()
-        """Of these, actuators that run in steps, one in each frame: no state of theirs has a slope."""
+        """Of these, actuators that move in steps, one per frame, because no state of theirs has a slope."""
         self.in_force: dict[str, float] = {}
-        """What every actuator was last put to."""
-        self._order: list[Line] = []
-        self._changed: list[Line] = []
-        self.refit: Refit | None = None
-        """Builds the rigs that commands ask for, where they cannot be built at once."""
+        """The value that each actuator was set to last."""
+        self._order: list[CommandQueue] = []
+        self._changed: list[CommandQueue] = []
+        self.refit: Rebuild | None = None
+        """Builds the rigs that commands need and that cannot be built at once."""
 
     def check(self, name: str, drives: Sequence[str], period_ns: int, gone: Collection[str] = ()) -> None:
         """Raise UsageError if a controller cannot be admitted: an actuator is unknown or belongs to another controller.
@@ -101,10 +101,10 @@ class Exchange:
         if faults:
             raise UsageError("\n".join(f"{name[:80]!r}: {fault}" for fault in faults))
 
-    def admit(self, name: str, drives: Sequence[str], period_ns: int, delay_ns: int = 0) -> Line:
-        """A line for a controller. Raises UsageError if it cannot have one."""
+    def admit(self, name: str, drives: Sequence[str], period_ns: int, delay_ns: int = 0) -> CommandQueue:
+        """Add a queue for a controller. Raises UsageError if the controller cannot be admitted."""
         self.check(name, drives, period_ns)
-        line = Line(name, drives, period_ns // self._frame_ns, delay_ns // self._frame_ns)
+        line = CommandQueue(name, drives, period_ns // self._frame_ns, delay_ns // self._frame_ns)
         if name in self.all_lines:
             line.follow(self.all_lines[name])
         self.lines[name] = self.all_lines[name] = line
@@ -113,7 +113,7 @@ class Exchange:
         return line
 
     def dismiss(self, name: str) -> None:
-        """A controller that the scene does not know gives its actuators back."""
+        """Remove a controller that is not in the scene; its actuators are free again."""
         line = self.lines.pop(name)
         self._order.remove(line)
         for drive in line.drives:
@@ -121,13 +121,13 @@ class Exchange:
         self._give_back(line)
 
     def receive(self, sender: str, answered: int, values: Sequence[float]) -> None:
-        """A command has arrived: the answer of `sender` to the measurement of tick `answered`."""
+        """Take a command: the answer of `sender` to the measurement of tick `answered`."""
         line = self.lines.get(sender)
         if line is None:
             self.refused[sender] = self.refused.get(sender, 0) + 1
             self.journal.repeated("refused", f"{sender} drives no actuator of this run; its commands are refused")
         elif len(values) != len(line.drives):
-            if len(values):  # nothing to say is no fault: there was no sample yet
+            if len(values):  # an empty answer is allowed: there was no sample yet
                 line.counts.refused += 1
                 text = f"a command of {sender} has {len(values)} values for its {len(line.drives)} actuators"
                 self.journal.repeated("refused", text)
@@ -139,8 +139,8 @@ class Exchange:
             due = answered + line.delay
             line.queue.append((due if due > tick else tick, answered, values))
 
-    def take_over(self) -> list[Line]:
-        """Put into force what is due at this tick; the lines that changed (the list is used again next time)."""
+    def take_over(self) -> list[CommandQueue]:
+        """Put the commands of this tick into force and return the queues that changed (a list that is reused)."""
         tick, changed = self._runner.tick, self._changed
         changed.clear()
         for line in self._order:
@@ -159,7 +159,7 @@ class Exchange:
                 if (values := self._possible(line, wanted)) != line.values:
                     last = line.last
                     self.impose(line, line.answered, line.status, values)
-                    line.last = last  # of the command, which came then
+                    line.last = last  # the tick of the command
                     changed.append(line)
             elif line.values and tick - line.last >= line.period and line.status != SAFE:
                 line.counts.held += 1
@@ -171,7 +171,7 @@ class Exchange:
         return changed
 
     def until(self, but: Collection[str] = ()) -> int | None:
-        """The first tick after this one at which `take_over` has something to do if nobody commands; None: never.
+        """Return the first later tick at which `take_over` must act if no command arrives; None: never.
 
         `but`: controllers whose commands somebody else puts into force meanwhile.
         """
@@ -187,7 +187,7 @@ class Exchange:
                 found = tick if found is None else min(found, tick)
         return found
 
-    def _take(self, line: Line, tick: int, answered: int, given: Sequence[float]) -> None:
+    def _take(self, line: CommandQueue, tick: int, answered: int, given: Sequence[float]) -> None:
         counts, status = line.counts, AS_SENT
         if not isfinite(sum(given)):
             given = self._without_gaps(line, given)
@@ -206,22 +206,22 @@ class Exchange:
         self.impose(line, answered, status, self._possible(line, wanted))
 
     def _in_range(self, drives: Sequence[str], values: Sequence[float]) -> tuple[float, ...]:
-        """Values clamped to the ranges of this tick: a parameter of the rig may have changed them."""
+        """Return the values clamped to the ranges of this tick; a parameter of the rig may have changed the ranges."""
         inputs = self._runner.inputs
         for drive, value in zip(drives, values):
             one = inputs[drive]
-            if not one.low <= value <= one.high:  # seldom, and this is asked at every command
+            if not one.low <= value <= one.high:  # rare, but checked at every command
                 return tuple([min(max(v, inputs[d].low), inputs[d].high) for d, v in zip(drives, values)])
         return tuple(values)
 
-    def _possible(self, line: Line, wanted: tuple[float, ...]) -> tuple[float, ...]:
-        """The values of `wanted` that can be in force at this tick; what cannot is remembered."""
+    def _possible(self, line: CommandQueue, wanted: tuple[float, ...]) -> tuple[float, ...]:
+        """Return the values of `wanted` that can be in force at this tick; the others wait for their rig."""
         possible = wanted if self.refit is None else self.refit.possible(line.drives, wanted)
         line.wanted = () if possible == wanted else wanted
         return possible
 
-    def impose(self, line: Line, answered: int, status: int, values: tuple[float, ...]) -> None:
-        """Put values into force as they are: checked by `take_over`, or read from the recording of a run."""
+    def impose(self, line: CommandQueue, answered: int, status: int, values: tuple[float, ...]) -> None:
+        """Put values into force unchanged: `take_over` has checked them, or they come from a recording."""
         tick, in_force = self._runner.tick, self.in_force
         line.values, line.answered, line.status, line.last = values, answered, status, tick
         for drive, value in zip(line.drives, values):
@@ -230,16 +230,16 @@ class Exchange:
                 self._runner.apply(drive, value)
         line.keep(tick)
 
-    def _without_gaps(self, line: Line, given: Sequence[float]) -> Sequence[float]:
-        """Values that are no numbers replaced by those in force. Infinite ones too: what they stand for is unknown."""
+    def _without_gaps(self, line: CommandQueue, given: Sequence[float]) -> Sequence[float]:
+        """Replace values that are NaN or infinite by those in force."""
         if all(map(isfinite, given)):
-            return given  # the sum alone overflowed
+            return given  # only the sum overflowed
         line.counts.not_finite += 1
         self.journal.repeated("not finite", f"a command of {line.name} is not finite; the last one is held")
         kept = line.values or tuple(self._asked_now(drive) for drive in line.drives)
         return tuple([value if isfinite(value) else held for value, held in zip(given, kept)])
 
-    def _step_in(self, line: Line, tick: int) -> None:
+    def _step_in(self, line: CommandQueue, tick: int) -> None:
         line.counts.safe += 1
         silent = (tick - line.last) * self._frame_ns / 1e6
         text = f"{line.name} has been silent for {silent:g} ms: {', '.join(line.drives)} to safe values"
@@ -248,7 +248,7 @@ class Exchange:
         self.impose(line, -1, SAFE, self._possible(line, safe))
 
     def ask(self, name: str, value: float) -> None:
-        """The protocol wants an actuator to take a value; clamped like any other."""
+        """Set an actuator to a value of the protocol, clamped like any other."""
         one = self._runner.inputs[name]
         value = min(max(value, one.low), one.high)
         self._asked[name] = value
@@ -258,7 +258,7 @@ class Exchange:
             self._write(name, value)
 
     def move(self, name: str, to: float, ticks: int) -> None:
-        """The protocol wants an actuator to run linearly to a value within `ticks`."""
+        """Move an actuator linearly to a value of the protocol within `ticks`."""
         one = self._runner.inputs[name]
         to = min(max(to, one.low), one.high)
         start = self._asked_now(name)
@@ -268,7 +268,7 @@ class Exchange:
             self._ramp(name, to, ticks)
 
     def connect(self, name: str, on: bool) -> None:
-        """Let the commands of a controller through from here on, or no longer."""
+        """Connect a controller to its actuators from this tick on, or disconnect it."""
         line = self.lines[name]
         if line.connected and not on:
             line.connected = False
@@ -276,7 +276,7 @@ class Exchange:
         line.connected = on
 
     def give_up(self, ticks: int) -> None:
-        """Everything to its safe value and no more commands: within `ticks` where an actuator can run, else at once."""
+        """Bring all actuators to their safe values, within `ticks` if they can move, else at once; ignore commands."""
         for line in self._order:
             line.connected = False
             line.queue.clear()
@@ -290,11 +290,11 @@ class Exchange:
             else:
                 self._write(name, one.safe)
 
-    def given_back(self, line: Line) -> dict[str, float]:
-        """What the actuators of a controller go back to when it is disconnected: what the protocol asks of them."""
+    def given_back(self, line: CommandQueue) -> dict[str, float]:
+        """Return the values of the protocol to which the actuators of a disconnected controller return."""
         return {drive: self._asked_now(drive) for drive in line.drives} if line.values else {}
 
-    def _give_back(self, line: Line) -> None:
+    def _give_back(self, line: CommandQueue) -> None:
         given_back = self.given_back(line)
         line.queue.clear()
         line.values, line.status, line.wanted = (), AS_SENT, ()
@@ -307,7 +307,7 @@ class Exchange:
                     self._ramp(drive, to, left)
 
     def _asked_now(self, name: str) -> float:
-        """What the protocol asks of an actuator at this tick, on the way if it is moving."""
+        """Return the value that the protocol sets for an actuator at this tick, also during a ramp."""
         if name in self._moves:
             start, to, begin, ticks = self._moves[name]
             share = min((self._runner.tick - begin) / ticks, 1.0)
@@ -315,7 +315,7 @@ class Exchange:
         return self._in_range([name], [self._asked[name]])[0]
 
     def overruler(self, name: str) -> str:
-        """The controller that an actuator follows, whatever is asked of it; "" where it follows none."""
+        """Return the controller that drives an actuator; "" if there is none."""
         owner = self._owner.get(name)
         return owner if owner is not None and self.lines[owner].values else ""
 
@@ -340,12 +340,12 @@ class Exchange:
             self._stairs.add(name)
 
     def _climb(self) -> None:
-        """The next step of what runs in steps; a controller that drives it goes before."""
+        """Make the next step of each actuator that moves in steps, unless a controller drives it."""
         for name in self._stairs:
             if not self.overruler(name):
                 self._write(name, self._asked_now(name))
 
     def counters(self) -> dict[str, dict[str, Any]]:
-        """What was counted, controller by controller; strangers under "refused"."""
+        """Return the counts of each controller; unknown senders are under "refused"."""
         found: dict[str, dict[str, Any]] = {name: asdict(line.counts) for name, line in self.all_lines.items()}
         return found | ({"refused": dict(self.refused)} if self.refused else {})

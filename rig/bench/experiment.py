@@ -21,11 +21,11 @@ from typing import Any
 import numpy as np
 
 from rig.bench.background_builds import Builds
-from rig.bench.command_queue import Line
+from rig.bench.command_queue import CommandQueue
 from rig.bench.exchange import Exchange
 from rig.bench.journal import OPERATOR, Journal
 from rig.bench.playback import Playback
-from rig.bench.postponed_steps import Postponed
+from rig.bench.postponed_steps import PostponedSteps
 from rig.bench.protocol import Action, Apply, Change, Finish, Move, Note, Progress, Protocol, Strike, Switch
 from rig.bench.rig_variant import Wanted
 from rig.bench.runner import PlantRunner
@@ -42,7 +42,7 @@ BEGIN, PLANT = "begin", "plant"
 Retune = Callable[[str, dict[str, Any]], None]
 
 
-class Operation:
+class Experiment:
     """The experiment of `scene` on `runner`. It ends after `duration_ns`, or when its protocol is done.
 
     `retune(controller, changes)` changes parameters of a controller, wherever it works. `events` are those of a
@@ -82,7 +82,7 @@ class Operation:
             self._warn(length)
         told = [event for event in events if event.get("source", PLANT) == PLANT]  # others may publish anything
         self.builds = Builds(runner)
-        self.postponed = Postponed(runner, self.journal, self._wants, self.builds, told)
+        self.postponed = PostponedSteps(runner, self.journal, self._wants, self.builds, told)
         first = next((i for i, event in enumerate(told) if event["kind"] == BEGIN), 0)
         self._before, self._outside = (
             deque(event for event in part if event["data"].get("by") == OPERATOR)
@@ -138,7 +138,7 @@ class Operation:
         due += [self.postponed.until(), self._outside[0]["tick"] if self._outside else None]
         return max(min((one for one in due if one is not None), default=tick + 1), tick + 1)
 
-    def take_over(self) -> list[Line]:
+    def take_over(self) -> list[CommandQueue]:
         """Put the commands of this tick into force; returns the command queues that changed."""
         return self.exchange.take_over()
 

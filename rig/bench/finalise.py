@@ -1,7 +1,7 @@
-"""The end of a run: last words, what was lost on the way, the verdict, and the summary that everybody gets.
+"""The end of a run: last messages, losses, the timing verdict and the summary.
 
-The plant tells how much it sent; recorders and controllers answer with what they received, at once. What is missing
-is a loss. Then the verdict goes out, and the totals once more, so that it is accounted for too.
+The plant publishes how many messages it sent; recorders and controllers answer with how many they received. The
+difference is a loss. Then the plant publishes the timing verdict and the totals again, so that they include it.
 """
 
 from __future__ import annotations
@@ -17,23 +17,23 @@ from rig.bench.timing import TimingVerdict
 from rig.bus import messages
 
 ANSWERS_S = 5.0
-"""Longest wait for the totals of the others."""
+"""Longest wait for the totals of the other processes [s]."""
 LAST_ANSWER_S = 0.1
-"""Longest wait for the answers to the last steps."""
+"""Longest wait for the answers to the last steps [s]."""
 
 
 def finalise(plant: PlantParts) -> dict[str, Any]:
-    """End the run of `plant`; its summary."""
-    hub, operation, runner = plant.hub, plant.operation, plant.runner
+    """End the run of `plant` and return its summary."""
+    hub, experiment, runner = plant.hub, plant.experiment, plant.runner
     wall = time.perf_counter_ns() - plant.begun_ns if plant.begun_ns else 0
     plant.operator.close()
-    hub.collect()  # a piece may have ended before its last tick
+    hub.collect()  # a batch of frames may have ended before its last tick
     hub.put_applied()
     hub.put_rest()
-    ended = "diverged" if plant.fault else operation.over or "failed"
-    operation.end()
-    plant.housekeeper.faults += operation.postponed.never
-    operation.journal.note("end", ended)
+    ended = "diverged" if plant.fault else experiment.over or "failed"
+    experiment.end()
+    plant.housekeeper.faults += experiment.postponed.never
+    experiment.journal.note("end", ended)
     hub.put_events()
     plant.in_plant.leave()
     plant.housekeeper.tell_health(time.perf_counter_ns())
@@ -49,9 +49,9 @@ def finalise(plant: PlantParts) -> dict[str, Any]:
         "scene": plant.scene.name,
         "verdict": verdict.word,
         "reasons": list(verdict.reasons),
-        "exit_code": 4 if plant.fault or operation.aborted else 1 if ended == "failed" else verdict.exit_code,
+        "exit_code": 4 if plant.fault or experiment.aborted else 1 if ended == "failed" else verdict.exit_code,
         "ended": ended,
-        "fault": plant.fault or operation.aborted,
+        "fault": plant.fault or experiment.aborted,
         "mode": ("lockstep" if plant.job.in_lockstep else "paced") if plant.job.pace else "lockstep, not paced",
         "pace": plant.job.pace,
         "ticks": runner.tick,
@@ -63,12 +63,12 @@ def finalise(plant: PlantParts) -> dict[str, Any]:
         "scheduling": plant.ahead.told if plant.ahead else "",
         "memory": plant.memory,
         "round_trip": hub.round_trip.told(),
-        "loop": operation.exchange.counters(),
+        "loop": experiment.exchange.counters(),
         "lost": lost,
         "unknown": unknown,
         "refused": plant.session.door.told(),
         "faults": plant.housekeeper.faults,
-        "postponed": operation.postponed.told(),
+        "postponed": experiment.postponed.told(),
         "energy": statistics.pop("energy"),
         "plant": statistics,
         "audit": runner.audit(),
@@ -84,7 +84,7 @@ def finalise(plant: PlantParts) -> dict[str, Any]:
 
 def _verdict(plant: PlantParts, lost: dict[str, int], unknown: list[str]) -> TimingVerdict:
     faults = list(plant.housekeeper.faults)
-    for name, line in plant.operation.exchange.all_lines.items():
+    for name, line in plant.experiment.exchange.all_lines.items():
         if line.counts.safe:
             faults.append(f"safe values stepped in for {name} {line.counts.safe} times")
     if plant.fault:
@@ -95,9 +95,9 @@ def _verdict(plant: PlantParts, lost: dict[str, int], unknown: list[str]) -> Tim
 
 
 def _unanswered(plant: PlantParts) -> dict[str, int]:
-    """Steps that did not reach a controller, or their answers the plant: of those who were here from first to last."""
+    """Return the number of steps without an answer, for each controller that was connected during the whole run."""
     hub, found = plant.hub, {}
-    if plant.job.in_lockstep:  # asked again until they are answered
+    if plant.job.in_lockstep:  # a step in lockstep is repeated until it is answered
         return {}
     here = plant.from_start & hub.watch.present
     deadline = time.monotonic() + LAST_ANSWER_S
@@ -111,10 +111,10 @@ def _unanswered(plant: PlantParts) -> dict[str, int]:
 
 
 def _lost_elsewhere(plant: PlantParts) -> tuple[dict[str, int], list[str]]:
-    """Messages of the plant that the others miss: "topic to name" -> how many; recorders of which nobody knows.
+    """Return the messages that others miss ("topic to name" -> number), and the recorders that did not answer.
 
-    A viewer may drop what it cannot draw, and a guest may call itself anything: who counts is the recorder of the run
-    and controllers that drive something.
+    Only the recorder of the run and controllers that drive an actuator count: a viewer may drop what it cannot draw,
+    and a guest may use any name.
     """
     hub, session = plant.hub, plant.session
     hub.totals.drain()
@@ -146,5 +146,5 @@ def _lost_elsewhere(plant: PlantParts) -> tuple[dict[str, int], list[str]]:
 
 
 def _records(plant: PlantParts, name: str) -> bool:
-    """Whether the recorder `name` is that of the run: waited for, or under a name that no guest can take."""
+    """Return whether the recorder `name` is that of the run: expected, or under a name that no guest can use."""
     return name in plant.session.door.reserved or ("recorder", name) in plant.job.expect

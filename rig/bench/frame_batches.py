@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from math import gcd
 
-from rig.bench.experiment import Operation
+from rig.bench.experiment import Experiment
 from rig.bench.timing import Timing
 from rig.scenes.scene import Scene
 
@@ -37,12 +37,12 @@ def length(scene: Scene, pace: float | None, periods: Collection[int] | None = N
     return next(frames for frames in range(min(most, common), 0, -1) if common % frames == 0)
 
 
-class Pieces:
+class FrameBatches:
     """The division of a run into pieces of several frames."""
 
-    def __init__(self, operation: Operation, pace: float | None) -> None:
-        self._runner, self._lines = operation.runner, operation.exchange.lines
-        self._scene, self._pace = operation.scene, pace
+    def __init__(self, experiment: Experiment, pace: float | None) -> None:
+        self._runner, self._lines = experiment.runner, experiment.exchange.lines
+        self._scene, self._pace = experiment.scene, pace
         self._short = length(self._scene, pace, ()) == 1
         """Whether every piece is one frame."""
 

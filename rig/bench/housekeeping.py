@@ -29,7 +29,7 @@ class Housekeeper:
         """Whether the parent process has ended."""
         self.pacer: pace.Pacer | None = None
         self._hub, self._operator, self._job, self._timing = hub, operator, job, timing
-        self._operation, self._runner = hub.operation, hub.runner
+        self._experiment, self._runner = hub.experiment, hub.runner
         self._due = self._health_due = 0
         self._marked = (0, 0)
         self._given_up = 0
@@ -84,7 +84,7 @@ class Housekeeper:
 
     def notice(self) -> None:
         """Record which processes have joined and left."""
-        note = self._operation.journal.note
+        note = self._experiment.journal.note
         for who in self._hub.look():
             known = {"role": who.role, "name": who.name}
             if who.here:
@@ -103,7 +103,7 @@ class Housekeeper:
         It relied on processes that it waited for or began with, on controllers that drive something, and on reserved
         names, such as a recorder started by hand. A guest that joins later can have any other name and does not count.
         """
-        driving = role == "controller" and name in self._operation.exchange.lines
+        driving = role == "controller" and name in self._experiment.exchange.lines
         return (role, name) in self._known or driving or name in self._hub.session.door.reserved
 
     def _is_back(self, role: str, name: str) -> None:
@@ -116,7 +116,7 @@ class Housekeeper:
         """Record which expected processes ("role name") are not present at the first frame."""
         for who in missing:
             text = f"{who} was not here when the run began"
-            self._operation.journal.note("missing", text)
+            self._experiment.journal.note("missing", text)
             if who.startswith(MISSED):
                 self.faults.append(text)
 
@@ -129,7 +129,7 @@ class Housekeeper:
         timing, self._counted = self._timing, True
         self._hub.fold()
         for text in self._hub.session.door.news():
-            self._operation.journal.repeated("refused", text)
+            self._experiment.journal.repeated("refused", text)
         for text in self._hub.floods():
             self._flooded(text)
         if self.pacer is not None:
@@ -143,7 +143,7 @@ class Housekeeper:
         name = text.partition(" sent ")[0]
         if not any(fault.startswith(f"{name} sent ") for fault in self.faults):
             self.faults.append(text)
-        self._operation.journal.repeated("flood", f"{name} sends too many commands")
+        self._experiment.journal.repeated("flood", f"{name} sends too many commands")
 
     def _publish(self, now: int) -> None:
         timing, statistics = self._timing, self._statistics or self._runner.statistics()
@@ -151,7 +151,7 @@ class Housekeeper:
         wall, t_ns = now - self._marked[0], self._runner.t_ns
         rate = (t_ns - self._marked[1]) / wall if wall else 0.0
         self._marked = (now, t_ns)
-        progress = self._operation.progress()
+        progress = self._experiment.progress()
         steps = f" {progress.step}/{progress.steps or '-'}" if progress.step else ""
         left = progress.left_ns
         self.health = {
@@ -162,7 +162,7 @@ class Housekeeper:
             "late": timing.late + timing.given_up,
             "overruns": sum(timing.overruns.values()),
             "drops": sum(self._hub.lost().values()),
-            "held": sum(line.counts.held for line in self._operation.exchange.all_lines.values()),
+            "held": sum(line.counts.held for line in self._experiment.exchange.all_lines.values()),
             "energy_error": statistics["energy_error"],
             "stick_share": statistics.get("stick_share", 0.0),
             "refused": self._hub.session.door.total,
@@ -175,7 +175,7 @@ class Housekeeper:
         new = pacer.given_up[self._given_up :]
         self._given_up += len(new)
         self._timing.given_up += sum(one.frames for one in new)
-        journal = self._operation.journal
+        journal = self._experiment.journal
         for one in new:
             if one.late_ns > pace.PAUSE:
                 journal.note("pause", _passed(one.late_ns), frame=one.frame, late_ns=one.late_ns)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.bench.experiment import Operation
+from rig.bench.experiment import Experiment
 from rig.bench.timing import Spread
 from rig.bus import encode, messages
 from rig.bus.arrivals import Presence, Refused
@@ -81,21 +81,21 @@ class Samples:
 
 
 class Hub:
-    """Publishes what happens on the plant runner of `operation`, and passes commands to its exchange.
+    """Publishes what happens on the plant runner of `experiment`, and passes commands to its exchange.
 
     `waits`: the plant waits for commands, so the time of reading a command is its time of arrival. Otherwise the bus
     thread stamps the arrival, and holds the interpreter lock meanwhile; that would cost a waiting plant 50 us.
     """
 
-    def __init__(self, session: Session, operation: Operation, setup: Setup, waits: bool = False) -> None:
-        self.session, self.operation = session, operation
-        self.runner = operation.runner
+    def __init__(self, session: Session, experiment: Experiment, setup: Setup, waits: bool = False) -> None:
+        self.session, self.experiment = session, experiment
+        self.runner = experiment.runner
         runner, bank = self.runner, self.runner.bank
         self._step = session.publisher("step")
         self._heard: list[int] = []
-        self.in_plant = operation.scene.in_plant
+        self.in_plant = experiment.scene.in_plant
         """Controllers that work in the plant process and get no steps over the bus."""
-        self.hear(heard({n: s for n, s in operation.scene.controllers.items() if n not in self.in_plant}))
+        self.hear(heard({n: s for n, s in experiment.scene.controllers.items() if n not in self.in_plant}))
         self._state = session.publisher("state")
         self._encode_state = encode.StateEncoder(len(runner.outputs))
         self._state_ticks = max(-(-STATE_NS // runner.frame_ns), 1)
@@ -132,7 +132,7 @@ class Hub:
 
     def receive(self) -> None:
         """Pass the commands that have arrived to the exchange."""
-        receive = self.operation.exchange.receive
+        receive = self.experiment.exchange.receive
         for _ in range(_ACTS):
             found = self.command()
             if found is None:
@@ -161,7 +161,7 @@ class Hub:
 
     def drives(self, name: str) -> bool:
         """Whether a controller of this name drives an actuator."""
-        return name in self.operation.exchange.lines
+        return name in self.experiment.exchange.lines
 
     def speaks_for(self, user: str, name: str) -> bool:
         """Whether messages of `user` under `name` count: it has this name, or was admitted under it."""
@@ -190,7 +190,7 @@ class Hub:
         ticks, self._ticks = self.asked - self._ticks, self.asked
         found = []
         for topic, count in self.acts.counts.items():
-            sent, line = count.received + count.lost, self.operation.exchange.lines.get(topic[4:])
+            sent, line = count.received + count.lost, self.experiment.exchange.lines.get(topic[4:])
             before, owed = self._counted.get(topic, (0, 0))
             new = sent - before
             if new > owed + 4 * steps + _TOO_MANY:
@@ -252,7 +252,7 @@ class Hub:
     def put_applied(self) -> None:
         """Publish the commands that took effect: one message for a piece of several frames, else one for each."""
         frame_ns, now = self.runner.frame_ns, self.runner.t_ns
-        for name, line in self.operation.exchange.all_lines.items():
+        for name, line in self.experiment.exchange.all_lines.items():
             if (taken := line.taken()) is None:
                 continue
             publisher, (*rows, values), count = self._applied_of(name), taken, len(line.drives)
@@ -294,7 +294,7 @@ class Hub:
 
     def put_events(self) -> None:
         """Send the new events of the journal."""
-        events = self.operation.journal.events
+        events = self.experiment.journal.events
         while self._told < len(events):
             event = events[self._told]
             self._told += 1
@@ -321,7 +321,7 @@ class Hub:
 
     def unanswered(self, name: str) -> int:
         """Number of steps, since the first one, that a controller has not answered."""
-        line, count = self.operation.exchange.lines[name], self.acts.counts.get(f"act/{name}")
+        line, count = self.experiment.exchange.lines[name], self.acts.counts.get(f"act/{name}")
         answers = count.received + count.lost if count is not None else 0
         return self.asked // line.period + 1 - answers
 

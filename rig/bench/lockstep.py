@@ -26,7 +26,7 @@ class Lockstep:
 
     def __init__(self, hub: Hub, housekeeper: Housekeeper, stopped: Callable[[], bool]) -> None:
         self._hub, self._housekeeper, self._stopped = hub, housekeeper, stopped
-        self._runner, self._lines = hub.runner, hub.operation.exchange.lines
+        self._runner, self._lines = hub.runner, hub.experiment.exchange.lines
         self._evicted: set[str] = set()
         self._due: set[str] = set()
         self.again = 0
@@ -61,7 +61,7 @@ class Lockstep:
                     found[name] = tuple(act.values)
                     self._due.discard(name)
                 elif name not in self._lines:
-                    self._hub.operation.exchange.receive(name, act.tick, ())
+                    self._hub.experiment.exchange.receive(name, act.tick, ())
                 continue
             now = time.monotonic()
             if self._stopped():
@@ -74,7 +74,7 @@ class Lockstep:
                 self.again += 1
                 again = min(again * 2.0, 0.5)
         for name in sorted(found):
-            self._hub.operation.exchange.receive(name, tick, found[name])
+            self._hub.experiment.exchange.receive(name, tick, found[name])
 
     def _pass_over(self) -> None:
         """Read commands when no controller is due: answers to repeated steps, or from controllers without admission."""
@@ -83,7 +83,7 @@ class Lockstep:
             if command is None:
                 return
             if command[0] not in self._lines:
-                self._hub.operation.exchange.receive(command[0], command[1].tick, ())
+                self._hub.experiment.exchange.receive(command[0], command[1].tick, ())
 
     def _look(self, waited: float) -> None:
         """Stop waiting for controllers that have left, or that hang (these are evicted)."""
@@ -98,5 +98,5 @@ class Lockstep:
             self._evicted.add(name)
             text = f"controller {name} did not answer for {EVICTED:g} s and is evicted at tick {self._runner.tick}"
             self._housekeeper.faults.append(text)
-            self._hub.operation.journal.note("evicted", text, controller=name)
+            self._hub.experiment.journal.note("evicted", text, controller=name)
         self._due.clear()

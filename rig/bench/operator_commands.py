@@ -53,7 +53,7 @@ class Operator:
         self.excused: set[str] = set()
         """Processes ("role name") for which the plant need not wait."""
         self.paused = False
-        self._hub, self._operation, self._runner = hub, hub.operation, hub.runner
+        self._hub, self._experiment, self._runner = hub, hub.experiment, hub.runner
         self._does = {
             "begin": self._begin,
             "stop": self._stop,
@@ -109,7 +109,7 @@ class Operator:
 
         In a run without pacing that is the tick of the request, because frames may take longer there.
         """
-        builds = self._operation.builds
+        builds = self._experiment.builds
 
         def later() -> dict[str, Any] | None:
             return then() if builds.ready(later, wanted) else None
@@ -117,7 +117,7 @@ class Operator:
         return later
 
     def _tuned(self, body: dict[str, Any]) -> Later:
-        tuning, (everything, wanted, changes) = self._operation.tuning, param_request(body)
+        tuning, (everything, wanted, changes) = self._experiment.tuning, param_request(body)
         if everything:
             units = tuning.tunable()
             values = {key: tuning.value(key) for key in units}
@@ -151,7 +151,7 @@ class Operator:
             return {}
 
         if what == "disconnect":
-            return self._rebuilt(lambda: self._operation.given_back(str(body["controller"])), done)
+            return self._rebuilt(lambda: self._experiment.given_back(str(body["controller"])), done)
         return done
 
     def _begin(self, body: dict[str, Any]) -> None:
@@ -167,16 +167,16 @@ class Operator:
         on = body["do"] == "pause"
         if on != self.paused:
             self.paused = on
-            self._operation.journal.note("paused" if on else "resumed", "paused" if on else "goes on")
+            self._experiment.journal.note("paused" if on else "resumed", "paused" if on else "goes on")
 
     def _knock(self, body: dict[str, Any]) -> None:
         impulse = body["impulse"]
         if isinstance(impulse, bool) or not isinstance(impulse, int | float):
             raise UsageError(f'"impulse" is {impulse!r:.80}; expected a number [N s]')
-        self._operation.knock(si(impulse, "N*s"))
+        self._experiment.knock(si(impulse, "N*s"))
 
     def _switch(self, body: dict[str, Any]) -> None:
-        self._operation.switch(str(body["controller"]), body["do"] == "connect")
+        self._experiment.switch(str(body["controller"]), body["do"] == "connect")
 
     def _admitted(self, body: dict[str, Any]) -> Later:
         """Admit a controller of the user. Controllers that were admitted before and have left lose their actuators."""
@@ -185,13 +185,13 @@ class Operator:
         except ValidationError as error:
             faults = [f"{'.'.join(map(str, one['loc'])):.80}: {one['msg']}" for one in error.errors(include_url=False)]
             raise UsageError("\n".join(f"admit: {fault}" for fault in faults)) from None
-        hub, operation, name, user = self._hub, self._operation, asked.controller, self.cmd.asker
+        hub, experiment, name, user = self._hub, self._experiment, asked.controller, self.cmd.asker
         told = (name, asked.drives, asked.period_ns, asked.hears)
 
         def gone() -> list[str]:
             """Controllers that were admitted for one of these actuators and are no longer present."""
-            here, lines = hub.watch.present, operation.exchange.lines
-            others = [other for other in lines if other not in operation.scene.controllers and other != name]
+            here, lines = hub.watch.present, experiment.exchange.lines
+            others = [other for other in lines if other not in experiment.scene.controllers and other != name]
             others = [other for other in others if not hub.awaited(other, user)]
             return [o for o in others if ("controller", o) not in here and {*lines[o].drives} & {*asked.drives}]
 
@@ -202,10 +202,10 @@ class Operator:
                     f"the name {name!r:.80} is taken in this run; choose another one, or end that controller"
                 )
             hub.places(asked.reads)  # raises for a sensor that is not there
-            return operation.admission(*told, gone())
+            return experiment.admission(*told, gone())
 
         def then() -> dict[str, Any]:
-            operation.admit(*told, gone())
+            experiment.admit(*told, gone())
             hub.admit(name, user)
             if asked.hears:
                 hub.hear(asked.reads)

@@ -1,15 +1,15 @@
-"""The plant of a run, hosted: in lockstep with its controllers, at the pace of the wall clock, or both.
+"""The plant of a live run: in lockstep with its controllers, at the pace of the wall clock, or both.
 
 A frame of a paced run            A frame in lockstep
-  wait until it is due              state and samples as they are
-  take what has arrived             protocol, operators
+  wait until it is due              collect state and samples
+  receive messages                  protocol, operators
   send step, samples, state         send step, samples, state
-  protocol, operators               wait for the answers of those who joined and are due
+  protocol, operators               wait for the controllers that joined and are due
   commands in force                 commands in force
   integrate                         integrate
 
-A controller that dies is missed: its last command is held, then safe values step in; the plant goes on. When the
-numerics stop the run, everybody is told where and why, and the recording is kept.
+If a controller dies, its last command is held, then its actuators take their safe values; the plant continues. If the
+integration must stop, an event states where and why, and the recording is kept.
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from rig.bench.finalise import finalise
 from rig.bench.job import Job
 from rig.bench.lockstep import Lockstep
 from rig.bench.plant_parts import PlantParts
-from rig.bench.prepared_rigs import Upcoming
-from rig.bench.rebuild import Refit
+from rig.bench.prepared_rigs import PreparedRigs
+from rig.bench.rebuild import Rebuild
 from rig.bus.port import Session
 from rig.errors import NumericsError
 from rig.parts import told as blamed
@@ -39,7 +39,7 @@ Show = Callable[[dict[str, Any]], object]
 
 
 class Plant(PlantParts):
-    """One run of a job on an open session. `stopping()` says why it is to end at the next frame, or "".
+    """One run of a job on an open session. `stopping()` returns the reason to end at the next frame, or "".
 
     `sets`: mode sets that a paced run builds before its first frame.
     """
@@ -49,7 +49,7 @@ class Plant(PlantParts):
         self._stopping, self._sets = stopping, sets
 
     def gather(self, say: Say) -> None:
-        """Wait for those who are expected, and say for whom."""
+        """Wait for the expected processes; `say` gets their names."""
         present, deadline, told = self.hub.watch.present, time.monotonic() + self.job.wait, ""
         self.hub.look()
         while missing := [f"{role} {name}" for role, name in self.job.expect if (role, name) not in present]:
@@ -68,16 +68,16 @@ class Plant(PlantParts):
         self.from_start = set(present)
 
     def run(self, show: Show) -> dict[str, Any]:
-        """All frames, then the summary; `show` gets the health five times a second."""
+        """Run all frames and return the summary; `show` gets the health five times per second."""
         try:
             self._go(show)
         except NumericsError as error:
             self.fault = str(error)
             told = {"time": error.time, "mode": error.mode, "state": error.state}
-            self.operation.journal.note("diverged", self.fault, **told)
+            self.experiment.journal.note("diverged", self.fault, **told)
         except Exception as error:
             self.housekeeper.faults.append("the plant process failed")
-            self.operation.journal.note("fault", blamed(error) or traceback.format_exc())
+            self.experiment.journal.note("fault", blamed(error) or traceback.format_exc())
             finalise(self)
             raise
         return finalise(self)
@@ -87,15 +87,14 @@ class Plant(PlantParts):
         with ExitStack() as stack:
             if job.pace is not None:
                 self.runner.motion.foresee(self._sets)
-                self.upcoming = Upcoming(self.operation)
-                self.operation.exchange.refit = Refit(self.runner, self.operation.journal, self.operation.builds)
-                self.operation.builds.apart = True
+                self.upcoming = PreparedRigs(self.experiment)
+                self.experiment.exchange.refit = Rebuild(self.runner, self.experiment.journal, self.experiment.builds)
+                self.experiment.builds.apart = True
             stack.enter_context(self.timing.interruptions.watched())
-            stack.enter_context(
-                pace.no_garbage()
-            )  # before real time: after compiling a collection takes 0.2 s and more
+            # before real-time scheduling: a garbage collection after compiling takes 0.2 s or more
+            stack.enter_context(pace.no_garbage())
             stack.callback(sys.setswitchinterval, sys.getswitchinterval())
-            sys.setswitchinterval(1e-4)  # who waits for the interpreter, waits for a tenth of a frame, not for five
+            sys.setswitchinterval(1e-4)  # a thread waits a tenth of a frame for the interpreter, instead of five frames
             own, of_bus = self.cores
             stack.enter_context(placement.placed(of_bus if job.in_lockstep else own, of_bus))
             if job.pace is not None:
@@ -107,8 +106,8 @@ class Plant(PlantParts):
             self.begun_ns = time.perf_counter_ns()
             self.housekeeper.begin(self.begun_ns, pacer)
             others = [name for role, name in sorted(self.from_start) if role != "plant"]
-            self.operation.journal.note(BEGIN, f"begins with {', '.join(others) or 'nobody else'}", here=others)
-            self.operation.open()
+            self.experiment.journal.note(BEGIN, f"begins with {', '.join(others) or 'nobody else'}", here=others)
+            self.experiment.open()
             if pacer is not None:
                 pacer.anchor()
             if job.in_lockstep:
@@ -117,8 +116,8 @@ class Plant(PlantParts):
                 self.paced(pacer, show)
 
     def paced(self, pacer: pace.Pacer, show: Show) -> None:
-        """All frames, each piece of them when `pacer` says that it is due."""
-        hub, operator, operation = self.hub, self.operator, self.operation
+        """Run all frames, each batch of them when `pacer` says that it is due."""
+        hub, operator, experiment = self.hub, self.operator, self.experiment
         housekeeper, rows = self.housekeeper, self.timing
         clock, processor = time.perf_counter_ns, time.thread_time_ns
         while True:
@@ -131,7 +130,7 @@ class Plant(PlantParts):
             hub.put_step()
             hub.gather()
             sent = clock()
-            if not operation.begin() or self._ends(pacer):
+            if not experiment.begin() or self._ends(pacer):
                 rows.rows.append((begin, late, pacer.waited, 0, 0, 0, 0, spent))
                 return
             operator.poll()
@@ -151,19 +150,22 @@ class Plant(PlantParts):
                 return
 
     def _carry(self, frames: int) -> bool:
-        """Carry the plant through a piece at whose first tick all is done but the commands; whether it goes on then."""
-        hub, operation, runner, in_plant = self.hub, self.operation, self.runner, self.in_plant
+        """Advance the plant by a batch of frames and return whether the run continues.
+
+        At the first tick everything except the commands is already done.
+        """
+        hub, experiment, runner, in_plant = self.hub, self.experiment, self.runner, self.in_plant
         end = runner.tick + frames
         while True:
-            in_plant.carry_on(min(end, operation.until(), hub.state_due) if frames > 1 else end)
+            in_plant.carry_on(min(end, experiment.until(), hub.state_due) if frames > 1 else end)
             if runner.tick >= end:
                 return True
             hub.gather_state()
-            if not operation.begin():
+            if not experiment.begin():
                 return False
 
     def _in_lockstep(self, pacer: pace.Pacer | None, show: Show) -> None:
-        hub, operator, operation = self.hub, self.operator, self.operation
+        hub, operator, experiment = self.hub, self.operator, self.experiment
         housekeeper, rows = self.housekeeper, self.timing
         answers = Lockstep(hub, housekeeper, lambda: bool(self._stopping()))
         clock, processor = time.perf_counter_ns, time.thread_time_ns
@@ -174,7 +176,7 @@ class Plant(PlantParts):
                 begin, late = pacer.wait(frames)
                 spent = processor()
             hub.gather()
-            if not operation.begin() or self._ends(pacer):
+            if not experiment.begin() or self._ends(pacer):
                 return
             operator.poll()
             self.in_plant.poll()
@@ -198,20 +200,20 @@ class Plant(PlantParts):
     def _fell_back(self) -> None:
         assert self.ahead is not None
         text = f"real-time scheduling fell back: {self.ahead.why}"
-        self.operation.journal.note("scheduling", text)
+        self.experiment.journal.note("scheduling", text)
 
     def _tell(self, show: Show) -> None:
         while not self.refusals.empty():
-            self.operation.journal.note("refused", self.refusals.get(), by="protocol")
+            self.experiment.journal.note("refused", self.refusals.get(), by="protocol")
         if self.upcoming is not None:
             self.upcoming.look()
         show({"t": self.runner.t_ns / 1e9, **self.housekeeper.health})
 
     def _ends(self, pacer: pace.Pacer | None) -> bool:
-        """Whether somebody has asked for the end; a pause is sat out here."""
+        """Return whether the run must end. During a pause this waits."""
         operator, paused = self.operator, self.operator.paused
         if paused:
-            self.operation.postponed.step_back()
+            self.experiment.postponed.step_back()
         while not (why := self._why()) and operator.paused:
             self.housekeeper.look(time.perf_counter_ns())
             self.hub.put_events()
@@ -223,7 +225,7 @@ class Plant(PlantParts):
         if pacer is not None and pacer.stopped:
             why = "stopped: a frame began more than one frame late, and the scene asks to stop then"
         if why:
-            self.operation.stop(why)
+            self.experiment.stop(why)
         return bool(why)
 
     def _why(self) -> str:

@@ -1,4 +1,4 @@
-"""What a plant process consists of, for who runs it and for who ends it."""
+"""The parts of a plant process, shared by the module that runs it and the one that finalises it."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from typing import Any
 
 from rig import design, placement, scheduling
 from rig.bench import pace
-from rig.bench.controllers_in_plant import InPlant
-from rig.bench.experiment import Operation
-from rig.bench.frame_batches import Pieces, length
+from rig.bench.controllers_in_plant import ControllersInPlant
+from rig.bench.experiment import Experiment
+from rig.bench.frame_batches import FrameBatches, length
 from rig.bench.housekeeping import Housekeeper
 from rig.bench.hub import Hub
 from rig.bench.job import Job
 from rig.bench.operator_commands import Operator
-from rig.bench.prepared_rigs import Upcoming
+from rig.bench.prepared_rigs import PreparedRigs
 from rig.bench.runner import PlantRunner
 from rig.bench.timing import Timing
 from rig.bus.port import Session
@@ -28,7 +28,7 @@ from rig.scenes.scene import Scene
 
 
 class PlantParts:
-    """What one run of a job on an open session consists of: stand, operation, hub and all that serves them."""
+    """The parts of one run of a job on an open session: plant runner, experiment, hub and what serves them."""
 
     def __init__(self, session: Session, job: Job) -> None:
         self.session, self.job = session, job
@@ -36,22 +36,22 @@ class PlantParts:
         with model_store.gathered() as self.models:
             self.runner = runner = PlantRunner(scene, piece=length(scene, job.pace))
         duration_ns = None if job.duration is None else round(job.duration * 1e9)
-        self.operation = Operation(scene, runner, duration_ns, self._retune)
+        self.experiment = Experiment(scene, runner, duration_ns, self._retune)
         self.cores = placement.choose()
-        """Of this plant's thread, where it is paced, and of the bus."""
+        """Cores of the plant's thread (in a paced run) and of the threads of the bus."""
         self.setup = self._setup()
-        self.hub = hub = Hub(session, self.operation, self.setup, job.in_lockstep)
+        self.hub = hub = Hub(session, self.experiment, self.setup, job.in_lockstep)
         self.operator = Operator(hub)
-        self.upcoming: Upcoming | None = None
-        """What a paced run builds before it is asked for."""
-        self.pieces = Pieces(self.operation, job.pace)
+        self.upcoming: PreparedRigs | None = None
+        """Rigs that a paced run builds in advance."""
+        self.pieces = FrameBatches(self.experiment, job.pace)
         self.timing = Timing(self.pieces.length * runner.frame_ns / (job.pace or 1.0), self.pieces.length)
         self.housekeeper = Housekeeper(hub, self.operator, job, self.timing)
-        self.in_plant = InPlant(session, self.operation, self.setup.controllers, self.housekeeper.notice)
+        self.in_plant = ControllersInPlant(session, self.experiment, self.setup.controllers, self.housekeeper.notice)
         self.fault = ""
         """Why the numerics stopped the run."""
         self.from_start: set[tuple[str, str]] = set()
-        """Who was here at the first frame."""
+        """Processes that were connected at the first frame."""
         self.waiting: pace.Waiting | None = None
         self.memory = ""
         """Why the memory of a paced run is not locked; "" if it is."""
@@ -77,7 +77,7 @@ class PlantParts:
         )
 
     def _retune(self, controller: str, changes: dict[str, Any]) -> None:
-        """Ask a controller to change its parameters. In a paced run nobody waits for the answer of another process."""
+        """Ask a controller to change its parameters. A paced run does not wait for the answer of another process."""
         if controller in self.scene.in_plant:
             self.in_plant.retune(controller, changes)
             return

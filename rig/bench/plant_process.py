@@ -22,15 +22,17 @@ from rig.scenes.scene import Scene
 
 
 def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) -> dict[str, Any]:
-    """Host a run and carry the job out; its summary. Raises RigError if it cannot begin.
+    """Host a run, carry out the job and return its summary. Raises RigError if the run cannot begin.
 
-    Signals to stop end the run as it should end. `say` gets a line now and then before the first frame, `show` the
-    health while the run goes on.
+    A stop signal ends the run in order. `say` gets status lines before the first frame, `show` gets the health of the
+    run while it continues.
     """
     scene = Scene.from_json(job.scene)
     keeps_up(scene, job.pace)
-    address.directory()  # where a system has no live runs, they are refused before the rehearsal
-    sets = visited(scene, job) if job.pace is not None else warm(scene)  # Ctrl-C may break this off, but nothing later
+    address.directory()  # a system without live runs is refused before the rehearsal
+    sets = (
+        visited(scene, job) if job.pace is not None else warm(scene)
+    )  # Ctrl-C may interrupt this, but nothing after it
     asked: list[str] = []
     with told_to_stop(asked.append):
         scheduling.come_first()  # the threads of the bus inherit it
@@ -39,7 +41,7 @@ def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) 
             session.announce()
             say(f"run {session.run}")
             units = threading.Thread(target=si, args=("1 ms", "s"), name="units", daemon=True)
-            units.start()  # an operator's text with a unit must not load them while time counts: it takes 0.3 s
+            units.start()  # loading units takes 0.3 s, which no frame has: an operator may send a value with a unit
             plant.gather(say)
             units.join()
             if asked:
@@ -48,10 +50,7 @@ def carry_out(job: Job, say: Say = lambda _: None, show: Show = lambda _: None) 
 
 
 def warm(scene: Scene) -> tuple[int, ...]:
-    """Compile, or load what was compiled, on a plant runner of its own: it must not happen while time counts.
-
-    The mode sets that it has visited.
-    """
+    """Compile or load the kernels of `scene` before any frame is due. Return the keys of the mode sets visited."""
     runner = PlantRunner(scene)
     for _ in range(3):
         runner.frame()
@@ -64,7 +63,9 @@ def main(arguments: list[str] | None = None) -> int:
     """`python -m rig.bench.plant_process JOB SUMMARY`, started by a supervisor."""
     parser = argparse.ArgumentParser(prog="rig.bench.plant_process", description=__doc__.partition("\n")[0])
     parser.add_argument("job", type=Path, help="file with the job as JSON")
-    parser.add_argument("summary", type=Path, help="file for the summary as JSON, or for why there was no run")
+    parser.add_argument(
+        "summary", type=Path, help="file for the summary as JSON, or for the reason why there was no run"
+    )
     given = parser.parse_args(arguments)
 
     def say(text: str) -> None:

@@ -1,4 +1,4 @@
-"""The plant's own quantities at every sample step, as a runner hands them over."""
+"""The plant's own outputs, mode sets and events at every sample step, as the plant runner delivers them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rig.model.system import System
 
 
 class Truth:
-    """Outputs, mode sets and events. `outputs` [output], `key` (mode set): of the start; `step_ns`: a sample step."""
+    """Collects outputs, mode sets and events. `outputs` [output] and `key` (of the mode set) are those at the start."""
 
     def __init__(self, outputs: NDArray[np.float64], key: int, step_ns: int) -> None:
         self._step_ns = step_ns
@@ -21,16 +21,16 @@ class Truth:
         self._met: list[tuple[System, int, NDArray[np.int64], NDArray[np.float64]]] = []
 
     def keep(self, outputs: NDArray[np.float64], keys: NDArray[np.int64]) -> None:
-        """Outputs [step, output] and mode sets [step] of the steps after those kept so far."""
+        """Append the outputs [step, output] and mode sets [step] of the next steps."""
         self._outputs.append(outputs)
         self._keys.append(keys)
 
     def happened(self, system: System, first: int, events: NDArray[np.int64], places: NDArray[np.float64]) -> None:
-        """Events of `system`, as `rig.motion.motion.Motion.met` tells them."""
+        """Append events of `system`, as `rig.motion.motion.Motion.met` returns them."""
         self._met.append((system, first, events, places))
 
     def outputs(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """All outputs [output, step] and mode sets [step] so far."""
+        """Return all outputs [output, step] and mode sets [step] so far."""
         keys = np.concatenate(self._keys)
         values, done = np.empty((self._outputs[0].shape[1], len(keys))), 0
         for block in self._outputs:
@@ -39,9 +39,9 @@ class Truth:
         return values, keys
 
     def events(self) -> list[dict[str, Any]]:
-        """All events so far, as a recording keeps them.
+        """Return all events so far, in the form of a recording.
 
-        A squeal has thousands of events a second between two mode sets, so that words are looked up.
+        A squeal has thousands of events per second between two mode sets, so the texts are cached.
         """
         found: list[dict[str, Any]] = []
         said = None

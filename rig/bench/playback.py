@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 
-from rig.bench.command_queue import Line
+from rig.bench.command_queue import CommandQueue
 from rig.bench.exchange import Exchange
 from rig.record.run import Commands
 from rig.solve.control_loop import ROWS
 
 
-class Played:
+class PlayedCommands:
     """The recorded commands of one controller; the first `done` of them have taken effect."""
 
     def __init__(self, commands: Commands) -> None:
@@ -28,7 +28,7 @@ class Playback(Exchange):
 
     def play(self, recorded: Mapping[str, Commands]) -> None:
         """Take the commands of each controller from a recording."""
-        self.played = {name: Played(commands) for name, commands in recorded.items()}
+        self.played = {name: PlayedCommands(commands) for name, commands in recorded.items()}
 
     def receive(self, sender: str, answered: int, values: Sequence[float]) -> None:
         """Do nothing: commands of controllers are ignored."""
@@ -44,7 +44,7 @@ class Playback(Exchange):
         ticks = [one.due(ROWS if name in but else 0) for name, one in played]
         return min([*due, *(tick for tick in ticks if tick is not None)], default=None)
 
-    def take_over(self) -> list[Line]:
+    def take_over(self) -> list[CommandQueue]:
         """Put into force the recorded commands of this tick."""
         tick, changed = self._runner.tick, self._changed
         changed.clear()

@@ -32,7 +32,7 @@ class Waiting(NamedTuple):
     action: Action
 
 
-class Postponed:
+class PostponedSteps:
     """The waiting actions of a protocol. `wants(action)` returns the rigs that it needs, one after the other.
 
     `events`: those of a recorded run, which determine how long actions wait; in a paced run `builds` builds the rigs.

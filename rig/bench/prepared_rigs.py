@@ -16,10 +16,10 @@ from contextlib import suppress
 from functools import partial
 from itertools import islice
 
-from rig.bench.experiment import Operation
+from rig.bench.experiment import Experiment
 from rig.bench.protocol import walk
 from rig.bench.rebuild import PAUSE_S
-from rig.bench.rig_variant import Build, Variant, Wanted
+from rig.bench.rig_variant import Build, RigVariant, Wanted
 from rig.errors import RigError
 from rig.scenes.protocol import Set
 from rig.scenes.scene import leaves
@@ -29,21 +29,21 @@ MOST, LOOKED_AT = 32, 10_000
 are searched for them. # chosen"""
 
 
-class Upcoming:
-    """Builds these rigs for the plant runner of `operation`: all of them when it is created, before the first frame."""
+class PreparedRigs:
+    """Builds these rigs for the plant runner of `experiment`, all of them before the first frame."""
 
-    def __init__(self, operation: Operation) -> None:
-        self._operation, self._runner = operation, operation.runner
-        self._build: Build[Variant] | None = None
-        self._rigs: Iterator[Variant] | None = None
+    def __init__(self, experiment: Experiment) -> None:
+        self._experiment, self._runner = experiment, experiment.runner
+        self._build: Build[RigVariant] | None = None
+        self._rigs: Iterator[RigVariant] | None = None
         self._begin()
-        for variant in rigs(operation):
+        for variant in rigs(experiment):
             self._keep(variant)
         self._rigs = None
 
     def _begin(self) -> None:
         """Start with the present rig."""
-        self._rigs = rigs(self._operation)
+        self._rigs = rigs(self._experiment)
         self._known = [self._runner.scene]
         """Scenes of the initial rig and of those that are built."""
         self._due = time.monotonic() + 2.0 * PAUSE_S  # while the rig is changed again and again, nothing is built
@@ -61,26 +61,26 @@ class Upcoming:
         if not any(self._runner.scene is known for known in self._known):
             self._runner.forget()
             self._begin()
-        elif self._rigs is not None and time.monotonic() >= self._due and not self._operation.builds.awaited:
+        elif self._rigs is not None and time.monotonic() >= self._due and not self._experiment.builds.awaited:
             self._due = time.monotonic() + PAUSE_S
             self._build = Build(partial(next, self._rigs), apart=True)
 
-    def _keep(self, variant: Variant) -> None:
+    def _keep(self, variant: RigVariant) -> None:
         self._runner.keep(variant)
         self._known.append(variant.scene)
 
 
-def rigs(operation: Operation) -> Iterator[Variant]:
+def rigs(experiment: Experiment) -> Iterator[RigVariant]:
     """The rig in its safe state, then the rig after each further change of the protocol, also with its safe state."""
-    runner = operation.runner
+    runner = experiment.runner
     values = dict(runner.values)
-    yield from _safe(operation, None, values)
+    yield from _safe(experiment, None, values)
     stateless = {name for name, one in runner.inputs.items() if not (one.state or one.write)}
-    parameters = dict(leaves(operation.scene.parameters)).keys() - runner.inputs.keys() | stateless
-    first = operation.protocol.begun
-    steps = islice(walk(operation.scene.protocol), first, first + LOOKED_AT)  # the protocol may repeat for ever
+    parameters = dict(leaves(experiment.scene.parameters)).keys() - runner.inputs.keys() | stateless
+    first = experiment.protocol.begun
+    steps = islice(walk(experiment.scene.protocol), first, first + LOOKED_AT)  # the protocol may repeat for ever
     changes = (step for step in steps if isinstance(step, Set) and step.target in parameters)
-    at: Variant | None = None
+    at: RigVariant | None = None
     for step in islice(changes, MOST):
         to = step.to
         if step.target in stateless:
@@ -89,14 +89,14 @@ def rigs(operation: Operation) -> Iterator[Variant]:
             at = runner.variant(Wanted({step.target: to}), at)
             yield at
             values |= at.wanted.parameters
-            yield from _safe(operation, at, values)
+            yield from _safe(experiment, at, values)
 
 
-def _safe(operation: Operation, at: Variant | None, values: Mapping[str, float]) -> Iterator[Variant]:
+def _safe(experiment: Experiment, at: RigVariant | None, values: Mapping[str, float]) -> Iterator[RigVariant]:
     """The rigs for the safe state after a limit is exceeded (`rig.bench.exchange.Exchange.give_up`), from `at` on."""
-    runner = operation.runner
+    runner = experiment.runner
     inputs = runner.inputs if at is None else runner.inputs | at.assembly.inputs
-    for name, one in inputs.items() if operation.scene.limits else ():
+    for name, one in inputs.items() if experiment.scene.limits else ():
         if not (one.state or one.write) and one.safe != values[name]:
             at = runner.variant(Wanted({name: one.safe}), at)
             yield at

@@ -17,7 +17,7 @@ from functools import partial
 
 from rig.bench.background_builds import Builds
 from rig.bench.journal import Journal
-from rig.bench.rig_variant import Build, Variant, Wanted
+from rig.bench.rig_variant import Build, RigVariant, Wanted
 from rig.bench.runner import PlantRunner
 from rig.errors import RigError
 
@@ -25,13 +25,13 @@ PAUSE_S = 0.5
 """Least time between the starts of two builds. # chosen: each makes one or two frames of 1 ms late, on two cores"""
 
 
-class Refit:
+class Rebuild:
     """Builds the rigs for commands to actuators of `runner`; a value without a valid rig is reported and ignored."""
 
     def __init__(self, runner: PlantRunner, journal: Journal, builds: Builds) -> None:
         self._runner, self._journal, self._builds = runner, journal, builds
         self._faulty: dict[str, float] = {}
-        self._build: Build[Variant] | None = None
+        self._build: Build[RigVariant] | None = None
         self._drive, self._value = "", 0.0
         self._due = 0.0
         """Earliest time of the next build [s on the monotonic clock]."""

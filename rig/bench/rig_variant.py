@@ -37,7 +37,7 @@ class Wanted(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Variant:
+class RigVariant:
     """A rig that was made from `before`, ready for the plant runner to continue with."""
 
     before: Scene

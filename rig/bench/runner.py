@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel
 
-from rig.bench.audit import Witness, audit
+from rig.bench.audit import StateSamples, audit
 from rig.bench.build_findings import findings
 from rig.bench.measurements import Measurements
 from rig.bench.noise_numbers import Numbers
 from rig.bench.plant_truth import Truth
-from rig.bench.rig_variant import Variant, Wanted, with_values
+from rig.bench.rig_variant import RigVariant, Wanted, with_values
 from rig.errors import SceneError
 from rig.lent_records import Loan
 from rig.model.assembly import Input
@@ -88,9 +88,9 @@ class PlantRunner:
         self._coefficients = frozenset(name for name, one in driven.items() if not (one.state or one.write))
         """Actuators that have no command state even when somebody drives them: each value needs its own matrices."""
         self._look = True
-        self._witness = Witness(scene, self.values)
+        self._witness = StateSamples(scene, self.values)
         self._needs, self._truthful = len(needs), truthful
-        self._prepared: list[Variant] = []
+        self._prepared: list[RigVariant] = []
         self.keep_samples: Callable[[], object] = lambda: None
         """Called before the bank forgets samples."""
         self.start()
@@ -118,7 +118,7 @@ class PlantRunner:
         return self.tick * self.frame_ns
 
     def frame(self) -> None:
-        """Carry the plant through one frame; the sensors publish what they sampled in it."""
+        """Advance the plant by one frame; the sensors publish the samples of this frame."""
         self.frames(1)
 
     def frames(self, most: int) -> None:
@@ -141,7 +141,7 @@ class PlantRunner:
             self._witness.look(self.motion, self.tick, self.steps)
 
     def _carry(self, most: int) -> bool:
-        """Carry the motion up to `most` frames on; as `Motion.advance`."""
+        """Advance the motion by up to `most` frames; see `Motion.advance`."""
         motion, truth = self.motion, self.truth
         if truth is None:
             return motion.advance(most * self.steps)
@@ -154,7 +154,7 @@ class PlantRunner:
         return look
 
     def hand_over(self, truth: Truth) -> None:
-        """Give `truth` what the motion has kept, worked out with the matrices of now."""
+        """Give `truth` the steps that the motion has kept, as outputs computed with the present matrices."""
         motion = self.motion
         mode_sets = motion.log.modes[: motion.kept]
         keys = np.array([modes.key for modes in motion.mode_sets.sets], dtype=np.int64)
@@ -162,7 +162,7 @@ class PlantRunner:
         motion.kept = 0
 
     def apply(self, name: str, value: float) -> None:
-        """Put an actuator to `value` at this tick; a ramp that was under way ends."""
+        """Set an actuator to `value` at this tick; a ramp in progress ends."""
         one, rebuilds = self.inputs[name], self.rebuilds(name, value)
         self.values[name] = value
         self._witness.hears(name, value)
@@ -176,7 +176,7 @@ class PlantRunner:
             self.set_parameter(name, value)
 
     def ramp(self, name: str, to: float, ticks: int) -> None:
-        """Let an actuator run linearly to `to` within `ticks` frames; `apply` at the end stops it exactly there.
+        """Move an actuator linearly to `to` within `ticks` frames; `apply` at the end stops it exactly there.
 
         For actuators with a slope: those that the protocol of the scene ramps.
         """
@@ -197,11 +197,11 @@ class PlantRunner:
         return None if at < 2 * len(self.motion.system.coordinates) else (at, self._index.get(one.slope, -1))
 
     def lacking(self, names: Iterable[str]) -> tuple[str, ...]:
-        """Those of these actuators that get a command state when somebody drives them, and have none yet."""
+        """Return those of these actuators that need a command state and do not have one yet."""
         without = [name for name in names if not (self.inputs[name].state or self.inputs[name].write)]
         return tuple(name for name in without if name not in self._coefficients and name not in self.scene.moved)
 
-    def variant(self, wanted: Wanted, after: Variant | None = None) -> Variant:
+    def variant(self, wanted: Wanted, after: RigVariant | None = None) -> RigVariant:
         """Build the variant `wanted` of the present rig or, with `after`, of a variant that is not used yet.
 
         Another thread may build it during the run. Raises SceneError with all faulty values by their keys, or for a rig
@@ -222,11 +222,11 @@ class PlantRunner:
             ready = self.motion.ready(assembly.system(), [rows.get(name, {}) for name in self.outputs])
         except ValueError as error:
             raise SceneError(", ".join([*wanted.parameters, *wanted.driven]), [str(error)]) from None
-        return Variant(before, wanted, scene, assembly, ready)
+        return RigVariant(before, wanted, scene, assembly, ready)
 
-    def variants(self, wanted: Iterable[Wanted]) -> list[Variant]:
+    def variants(self, wanted: Iterable[Wanted]) -> list[RigVariant]:
         """Build these variants one after the other, each from the previous one. Raises as `variant`."""
-        found: list[Variant] = []
+        found: list[RigVariant] = []
         for one in wanted:
             found.append(self.variant(one, found[-1] if found else None))
         return found
@@ -241,22 +241,24 @@ class PlantRunner:
             at = known.scene
         return True
 
-    def keep(self, variant: Variant) -> None:
+    def keep(self, variant: RigVariant) -> None:
         """Keep a variant, so that `variant` returns it without building."""
         self._prepared.append(variant)
 
     def forget(self) -> None:
-        """Drop what was kept: it was made from a rig that this one will not be any more."""
+        """Drop the kept variants: they were made from a rig that is no longer the present one."""
         self._prepared.clear()
 
-    def take(self, variant: Variant) -> None:
-        """Go on as this variant of the rig from this tick on; it must have been made from the rig as it is now."""
+    def take(self, variant: RigVariant) -> None:
+        """Continue with this variant of the rig from this tick on; it must have been made from the present rig."""
         assert variant.before is self.scene
         if self.truth is not None:
             self.hand_over(self.truth)
         self.motion.replace(variant.ready)
         self.scene = variant.scene
-        self._prepared = [one for one in self._prepared if one.before is not variant.before]  # of no use any more
+        self._prepared = [
+            one for one in self._prepared if one.before is not variant.before
+        ]  # the others cannot be used any more
         for key, value in variant.wanted.parameters.items():
             if key in self.values:
                 self.values[key] = value
@@ -289,7 +291,7 @@ class PlantRunner:
         for part in key.split("."):
             inside = found if isinstance(found, dict) else dict(found) if isinstance(found, BaseModel) else {}
             if part not in inside:
-                raise SceneError(shortened(key), ["is no parameter of this rig"])
+                raise SceneError(shortened(key), ["is not a parameter of this rig"])
             found = inside[part]
         return found
 
@@ -320,7 +322,7 @@ class PlantRunner:
 
     @property
     def mode(self) -> str:
-        """The contact modes now, in words."""
+        """Return the present contact states in words."""
         return self.motion.system.describe(self.motion.key)
 
     def statistics(self) -> dict[str, Any]:
@@ -337,12 +339,12 @@ class PlantRunner:
         }
 
     def audit(self) -> list[dict[str, Any]]:
-        """What its effects changed in this run, those that are missing among them (rig.bench.audit)."""
+        """Return the influence of each effect on this run, missing effects included (rig.bench.audit)."""
         return audit(self.scene, self._witness, self.motion)
 
 
 def _room(scene: Scene) -> Controls:
-    """What the compiled loop needs for the controllers of a scene."""
+    """Return what the compiled loop needs for the controllers of a scene."""
     sections = scene.controllers.values()
     reads, drives = (sum(len(of(section)) for section in sections) for of in (controller_reads, controller_drives))
     return controls(len(sections), reads, drives, scene.frame_ns)

@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rig import design
-from rig.bench.compiled_controllers import Inside
-from rig.bench.controller_in_process import Working
+from rig.bench.compiled_controllers import CompiledControllers
+from rig.bench.controller_in_process import ControllerInProcess
 from rig.bench.exchange import Exchange
-from rig.bench.experiment import Operation
+from rig.bench.experiment import Experiment
 from rig.bench.playback import Playback
 from rig.bench.runner import PlantRunner
 from rig.controllers import restored
@@ -66,7 +66,7 @@ class Carried(NamedTuple):
     """The objects of a finished run in this process; `fault`: why the integration had to stop."""
 
     runner: PlantRunner
-    operation: Operation
+    experiment: Experiment
     loops: dict[str, Loop]
     fault: str
 
@@ -80,25 +80,25 @@ def carry_out(
     events: Iterable[Mapping[str, Any]] = (),
 ) -> Carried:
     """Simulate like `simulate`, without making a `Run`. Without a duration the run ends when `stop` says so."""
-    operation, working = begun(scene, controllers, duration_ns, commands, events)
-    runner = operation.runner
+    experiment, working = begun(scene, controllers, duration_ns, commands, events)
+    runner = experiment.runner
     every = max(100_000_000 // scene.frame_ns, 1)
     fault = ""
     try:
-        while operation.begin():
-            until = operation.until()
+        while experiment.begin():
+            until = experiment.until()
             if stop is not None:
                 until = min(until, runner.tick + every - runner.tick % every)
-            carry_on(operation, working, until)
+            carry_on(experiment, working, until)
             if stop is not None and (why := stop()):
-                operation.stop(why)
+                experiment.stop(why)
     except NumericsError as error:
         fault = str(error)
-        operation.journal.note("diverged", fault)
+        experiment.journal.note("diverged", fault)
         for one in working:
             one.catch_up(runner.tick + 1)
-    operation.end()
-    return Carried(runner, operation, {one.name: one.loop for one in working}, fault)
+    experiment.end()
+    return Carried(runner, experiment, {one.name: one.loop for one in working}, fault)
 
 
 def begun(
@@ -107,14 +107,14 @@ def begun(
     duration_ns: int | None = None,
     commands: Mapping[str, Commands] | None = None,
     events: Iterable[Mapping[str, Any]] = (),
-    before: Callable[[Operation], object] = lambda _: None,
-) -> tuple[Operation, list[Working]]:
+    before: Callable[[Experiment], object] = lambda _: None,
+) -> tuple[Experiment, list[ControllerInProcess]]:
     """A run in this process at its first tick, and its working controllers: none if `commands` are played back.
 
-    `before` is called with the operation before it is opened.
+    `before` is called with the experiment before it is opened.
     """
     loops = {name: Loop(controller) for name, controller in controllers.items()}
-    operation = Operation(
+    experiment = Experiment(
         scene,
         PlantRunner(scene, truthful=True),
         duration_ns,
@@ -122,33 +122,38 @@ def begun(
         exchange=Exchange if commands is None else Playback,
         events=events,
     )
-    if isinstance(operation.exchange, Playback):
+    if isinstance(experiment.exchange, Playback):
         assert commands is not None
-        operation.exchange.play(commands)
-    before(operation)
-    operation.open()
-    working = [Working(name, loop, operation) for name, loop in sorted(loops.items()) if commands is None]
+        experiment.exchange.play(commands)
+    before(experiment)
+    experiment.open()
+    working = [ControllerInProcess(name, loop, experiment) for name, loop in sorted(loops.items()) if commands is None]
     for one in working:
         one.expect((duration_ns or 0) // (one.line.period * scene.frame_ns))
-    return operation, working
+    return experiment, working
 
 
-def carry_on(operation: Operation, working: Sequence[Working], until: int, inside: Inside | None = None) -> None:
+def carry_on(
+    experiment: Experiment,
+    working: Sequence[ControllerInProcess],
+    until: int,
+    inside: CompiledControllers | None = None,
+) -> None:
     """Step the plant runner to tick `until` or until a limit is exceeded; on the way only controllers act.
 
     `inside`: lends controllers to the compiled loop; callers that call this often pass their own.
     """
-    runner, exchange = operation.runner, operation.exchange
+    runner, exchange = experiment.runner, experiment.exchange
     if until - runner.tick == 1 and not working:  # each frame of a run whose controllers have processes
-        operation.take_over()
+        experiment.take_over()
         runner.frames(1)
         return
-    inside = inside or Inside(operation)
+    inside = inside or CompiledControllers(experiment)
     heard, others = ([one for one in working if one.line.connected is on] for on in (True, False))
     while True:
         for one in working:
             one.answer()
-        operation.take_over()
+        experiment.take_over()
         tick, end = runner.tick, until
         lent = inside.lend(heard) if end - tick > 1 else ()
         for one in heard:
@@ -170,7 +175,7 @@ def _run(
     scene: Scene,
     models: tuple[bytes, ...],
     runner: PlantRunner,
-    operation: Operation,
+    experiment: Experiment,
     loops: Mapping[str, Loop],
     fault: str,
 ) -> Run:
@@ -181,7 +186,7 @@ def _run(
     outputs, modes = truth.outputs()
     units = dict(runner.units)
     units |= {f"meas/{name}": unit for name, unit in zip(runner.bank.names, runner.bank.units)}
-    events = [event._asdict() for event in operation.journal.events] + truth.events()
+    events = [event._asdict() for event in experiment.journal.events] + truth.events()
     statistics = runner.statistics()
     return Run(
         scene=scene.to_json(),
@@ -191,14 +196,14 @@ def _run(
         signals=dict(zip(runner.outputs, outputs)),
         units=units,
         measurements=measurements.samples(),
-        commands={name: line.commands() for name, line in operation.exchange.all_lines.items()},
+        commands={name: line.commands() for name, line in experiment.exchange.all_lines.items()},
         events=sorted(events, key=lambda event: event["t_ns"]),
         energy=statistics.pop("energy"),
         summary={
-            "ended": operation.over or "stopped by the numerics",
+            "ended": experiment.over or "stopped by the numerics",
             "plant": statistics,
             "audit": runner.audit(),
-            "exchange": operation.exchange.counters(),
+            "exchange": experiment.exchange.counters(),
             "controllers": {name: loop.counters() for name, loop in loops.items()},
             "sensors": runner.bank.counters(),
         },

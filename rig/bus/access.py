@@ -39,7 +39,7 @@ _DICTIONARY = ".dictionary"
 
 
 @dataclass
-class Seat:
+class BusUser:
     """The right to be on the bus as `user` under the name `name`, until `release` or the end of the process."""
 
     user: str
@@ -65,7 +65,7 @@ def _reserved(users: Iterable[str]) -> frozenset[str]:
     return frozenset({"plant", *(user for user in users if not is_guest(user))})
 
 
-def invite(run: str, names: Iterable[str]) -> Seat:
+def invite(run: str, names: Iterable[str]) -> BusUser:
     """Create the users of a run and return the seat of its plant; `names` are those of its controllers.
 
     Raises BusError for a name that is malformed or taken.
@@ -83,7 +83,7 @@ def invite(run: str, names: Iterable[str]) -> Seat:
     here.mkdir(mode=0o700)
     for user in users:
         _write(here / user, secrets.token_hex(16))
-    return Seat("plant", "plant", secrets.token_hex(16), _reserved(users))
+    return BusUser("plant", "plant", secrets.token_hex(16), _reserved(users))
 
 
 def _write(path: Path, text: str) -> None:
@@ -91,7 +91,7 @@ def _write(path: Path, text: str) -> None:
         file.write(text)
 
 
-def take_seat(run: str, role: str, name: str) -> Seat:
+def take_seat(run: str, role: str, name: str) -> BusUser:
     """Take the seat of `name` in `role`, or that of a guest.
 
     Raises BusError if a controller of this name is connected, if all seats are taken, or if the run has ended.
@@ -102,7 +102,7 @@ def take_seat(run: str, role: str, name: str) -> Seat:
         users = sorted(path.name for path in here.iterdir() if path.name != _DICTIONARY)
         reserved = _reserved(users)
         if role == "operator":
-            return Seat("operator", name, (here / "operator").read_text(), reserved)
+            return BusUser("operator", name, (here / "operator").read_text(), reserved)
         if name in reserved and name != "plant":
             if (found := _sit(here, name, name, reserved)) is not None:
                 return found
@@ -121,12 +121,12 @@ def take_seat(run: str, role: str, name: str) -> Seat:
     )
 
 
-def _sit(here: Path, user: str, name: str, reserved: frozenset[str]) -> Seat | None:
+def _sit(here: Path, user: str, name: str, reserved: frozenset[str]) -> BusUser | None:
     lock = os.open(here / user, os.O_RDWR | os.O_CLOEXEC)
     if not file_locks.take(lock):
         os.close(lock)
         return None
-    return Seat(user, name, os.pread(lock, 256, 0).decode(), reserved, lock)
+    return BusUser(user, name, os.pread(lock, 256, 0).decode(), reserved, lock)
 
 
 @contextmanager
@@ -172,7 +172,7 @@ def _allow(name: str, what: list[str], flow: str, keys: list[str]) -> dict[str, 
     return {"id": name, "messages": what, "flows": [flow], "permission": "allow", "key_exprs": keys}
 
 
-def bounds(run: str, seat: Seat, users: Path) -> dict[str, Any]:
+def bounds(run: str, seat: BusUser, users: Path) -> dict[str, Any]:
     """The hub's settings for users, access rules and limits of message size and number of sessions."""
     limit = {"id": "size", "flows": ["ingress"], "messages": ["put", "delete", "query", "reply"]}
     return {
@@ -186,6 +186,6 @@ def bounds(run: str, seat: Seat, users: Path) -> dict[str, Any]:
     }
 
 
-def login(seat: Seat) -> dict[str, Any]:
+def login(seat: BusUser) -> dict[str, Any]:
     """The settings with which a process logs in: user and password."""
     return {"transport/auth/usrpwd/user": seat.user, "transport/auth/usrpwd/password": seat.password}

@@ -62,7 +62,7 @@ class Row(NamedTuple):
     """`Door.granted` when this row was made; another object means that another scene was learned since."""
 
 
-class Door:
+class InboundCheck:
     """Checks what one session receives. `reserved`: names under which only the user of that name may publish."""
 
     def __init__(self, reserved: frozenset[str] = frozenset()) -> None:

@@ -18,7 +18,7 @@ from typing import Any
 from rig.bus import messages, topics
 from rig.bus.arrivals import Arrived, Count, Message, Presence, Refused
 from rig.bus.batch import Batch
-from rig.bus.inbound import PAYLOAD, Door, speaks
+from rig.bus.inbound import PAYLOAD, InboundCheck, speaks
 from rig.bus.json_text import read_json
 from rig.bus.publisher import Batched, Copied, InOrder, Publisher
 from rig.bus.queries import Answer, Server
@@ -38,7 +38,7 @@ class Receiver(ABC):
     At most `depth` messages wait; beyond that the oldest are dropped. A batch counts as one waiting message.
     """
 
-    def __init__(self, door: Door, patterns: tuple[str, ...], depth: int, copies: Batch | None = None) -> None:
+    def __init__(self, door: InboundCheck, patterns: tuple[str, ...], depth: int, copies: Batch | None = None) -> None:
         self.door, self.patterns, self.depth = door, patterns, depth
         self.heard = topics.heard(patterns)
         """The pattern to which it is subscribed; it may match more topics than `patterns`."""
@@ -121,7 +121,7 @@ class Receiver(ABC):
 class Watch(ABC):
     """Observes which processes join and leave the run."""
 
-    def __init__(self, door: Door) -> None:
+    def __init__(self, door: InboundCheck) -> None:
         self.door = door
         self.present: set[tuple[str, str]] = set()
         """(role, name) of every process that is present, as of the last `poll`."""
@@ -177,7 +177,7 @@ class Session(ABC):
     def __init__(self, run: str, role: str, name: str, user: str, reserved: frozenset[str]) -> None:
         self.run, self.role, self.name, self.user = run, role, name, user
         topics.of(f"alive/{role}/{name}")
-        self.door = Door(reserved)
+        self.door = InboundCheck(reserved)
         """Checks everything that other processes send, and counts refusals."""
         self._publishers: dict[str, Publisher] = {}
         self._receivers: list[Receiver] = []

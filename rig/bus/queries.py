@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from rig.bus.arrivals import Arrived
-from rig.bus.inbound import Door
+from rig.bus.inbound import InboundCheck
 from rig.errors import RigError, UsageError
 
 _QUESTIONS = 16
@@ -64,7 +64,7 @@ def param_request(body: dict[str, Any]) -> ParamRequest:
 class Server(ABC):
     """Answers the queries on one topic, in the thread that calls `poll`."""
 
-    def __init__(self, door: Door, answer: Answer) -> None:
+    def __init__(self, door: InboundCheck, answer: Answer) -> None:
         self.door, self._answer = door, answer
         self.asker = ""
         """The user whose query is being answered."""

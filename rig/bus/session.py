@@ -16,11 +16,11 @@ from typing import Any
 import zenoh
 
 from rig.bus import messages, topics
-from rig.bus.access import Seat, take_seat
+from rig.bus.access import BusUser, take_seat
 from rig.bus.address import Claim, is_live
 from rig.bus.arrivals import HEADER, Arrived, Message
 from rig.bus.batch import Batch
-from rig.bus.inbound import Door, Row
+from rig.bus.inbound import InboundCheck, Row
 from rig.bus.port import PRESENCES, Receiver, Session, Watch
 from rig.bus.publisher import Publisher
 from rig.bus.queries import WAITING, Answer, Request, Server
@@ -54,7 +54,7 @@ class _Receiver(Receiver):
     """Common part of the two receivers: converts what Zenoh delivers."""
 
     def __init__(
-        self, door: Door, patterns: tuple[str, ...], depth: int, prefix: int, copies: Batch | None = None
+        self, door: InboundCheck, patterns: tuple[str, ...], depth: int, prefix: int, copies: Batch | None = None
     ) -> None:
         super().__init__(door, patterns, depth, copies)
         self._prefix = prefix
@@ -103,7 +103,7 @@ class _Queued(_Receiver):
 
     def __init__(
         self,
-        door: Door,
+        door: InboundCheck,
         patterns: tuple[str, ...],
         depth: int,
         prefix: int,
@@ -147,7 +147,7 @@ class _Polled(_Receiver):
 
 
 class _Watch(Watch):
-    def __init__(self, door: Door, prefix: int) -> None:
+    def __init__(self, door: InboundCheck, prefix: int) -> None:
         super().__init__(door)
         self._prefix = prefix
         self._inbox = Inbox[zenoh.Sample](PRESENCES)
@@ -177,7 +177,7 @@ class _Request(Request):
 
 
 class _Server(Server):
-    def __init__(self, door: Door, answer: Answer, key: str, topic: str) -> None:
+    def __init__(self, door: InboundCheck, answer: Answer, key: str, topic: str) -> None:
         super().__init__(door, answer)
         self._key, self._topic = key, topic
         self._inbox = Inbox[zenoh.Query](WAITING)
@@ -192,7 +192,7 @@ class ZenohSession(Session):
     """A session that connects processes through Zenoh."""
 
     def __init__(
-        self, run: str, role: str, seat: Seat, opened: zenoh.Session, claim: Claim | None, shared: bool = False
+        self, run: str, role: str, seat: BusUser, opened: zenoh.Session, claim: Claim | None, shared: bool = False
     ) -> None:
         super().__init__(run, role, seat.name, seat.user, seat.reserved)
         self._zenoh, self._seat, self._claim = opened, seat, claim

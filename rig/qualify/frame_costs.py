@@ -8,9 +8,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rig.bench.experiment import Operation
+from rig.bench.experiment import Experiment
 from rig.bench.job import Job
-from rig.bench.prepared_rigs import Upcoming
+from rig.bench.prepared_rigs import PreparedRigs
 from rig.bench.rehearsal import visited
 from rig.bench.simulate import begun, carry_on
 from rig.controllers import restored
@@ -47,12 +47,12 @@ def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clo
     duration_ns = _ENDLESS_NS if scene.duration_ns is None else scene.duration_ns
     working = {name: restored(told) for name, told in described(scene).items()}
 
-    def prepare(operation: Operation) -> None:
-        operation.runner.motion.foresee(sets)
-        Upcoming(operation)
+    def prepare(experiment: Experiment) -> None:
+        experiment.runner.motion.foresee(sets)
+        PreparedRigs(experiment)
 
-    operation, answering = begun(scene, working, duration_ns, before=prepare)
-    runner, truth = operation.runner, operation.runner.truth
+    experiment, answering = begun(scene, working, duration_ns, before=prepare)
+    runner, truth = experiment.runner, experiment.runner.truth
     assert truth is not None
     inside, outside = ([one for one in answering if (one.name in scene.in_plant) is here] for here in (True, False))
     apart = _ROW * max(duration_ns // scene.frame_ns // least, 1)
@@ -63,18 +63,18 @@ def _carried_through(scene: Scene, sets: tuple[int, ...], least: int, clock: Clo
             if tick % _ROW == 0:
                 runner.hand_over(truth)  # a paced run does not keep it: keep it out of the measured frames
             begin = clock()
-            if not operation.begin():
+            if not experiment.begin():
                 break
             protocol = clock() - begin
             if tick % apart >= _ROW:
-                carry_on(operation, answering, min(operation.until(), tick - tick % apart + apart))
+                carry_on(experiment, answering, min(experiment.until(), tick - tick % apart + apart))
                 continue
             for one in outside:
                 one.answer()
             begin = clock()
             for one in inside:
                 one.answer()
-            operation.take_over()
+            experiment.take_over()
             runner.frame()
             found.append(protocol + clock() - begin)
     except NumericsError:  # the frames up to there count

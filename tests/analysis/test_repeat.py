@@ -75,15 +75,15 @@ def test_what_is_done_is_told_when_it_is_stopped(belt):
     done = []
     part = repeat(
         belt,
-        50,
+        1000,
         duration=2.0,
         workers=1,
         progress=lambda count, total: done.append(count),
         stop=lambda: "interrupted" if done and done[-1] >= 2 else "",
     )
-    assert 2 <= len(part.seen) < 50
+    assert 2 <= len(part.seen) < 1000
     assert part.ended == "interrupted"
-    assert f"{len(part.seen)} of 50 runs (interrupted)" in part.text()
+    assert f"{len(part.seen)} of 1000 runs (interrupted)" in part.text()
     assert part.spreads
 
 

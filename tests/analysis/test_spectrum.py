@@ -91,7 +91,7 @@ def test_short_gaps_are_bridged_and_long_ones_left_out():
     empty = np.isnan(found.map.s).all(axis=0)
     assert np.all((found.map.t[empty] > 7.7) & (found.map.t[empty] < 9.3))
     assert empty.sum() > 5
-    with pytest.raises(UsageError, match=r"every window of 15 s; .*the longest takes 1 s"):
+    with pytest.raises(UsageError, match=r"every window of 15 s has gaps; .*the longest takes 1 s"):
         spectrum(run_of(v, kept=kept), window=15.0)
 
 

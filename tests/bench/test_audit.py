@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 import rig
-from rig.bench.audit import LEAST, MOST, Visited, share
+from rig.bench.audit import LEAST, MOST, VisitedState, share
 from rig.bench.runner import PlantRunner
 from rig.cli import app
 from rig.model.formulation import assemble
@@ -43,7 +43,9 @@ def test_the_share_is_one_of_all_forces():
     x[:2] = 0.01, 0.0
     friction = float(abs(assemble(system, key).friction[0] @ x))
     spring = float(system.stiffness[0, 0]) * 0.01
-    assert share([Visited(system, key, x)], other, {}) == pytest.approx(0.01 * spring / (spring + friction), rel=1e-9)
+    assert share([VisitedState(system, key, x)], other, {}) == pytest.approx(
+        0.01 * spring / (spring + friction), rel=1e-9
+    )
 
 
 def test_what_is_absent_is_judged_with_the_values_of_another_scene():

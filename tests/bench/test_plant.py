@@ -10,7 +10,7 @@ import pytest
 from twin import Twin
 
 from rig import controllers, scenes
-from rig.bench.experiment import Operation
+from rig.bench.experiment import Experiment
 from rig.bench.finalise import _verdict
 from rig.bench.job import Job
 from rig.bench.plant import Plant
@@ -154,16 +154,16 @@ def test_a_paced_run_can_be_simulated_again_to_the_bit(scene):
 def played(scene, ticks, commands, events):
     """Samples of every sensor when a run is simulated again from what came from outside."""
     runner = PlantRunner(scene)
-    operation = Operation(scene, runner, ticks * scene.frame_ns, None, exchange=Playback, events=events)
-    operation.exchange.play(commands)
-    operation.open()
+    experiment = Experiment(scene, runner, ticks * scene.frame_ns, None, exchange=Playback, events=events)
+    experiment.exchange.play(commands)
+    experiment.open()
     found = {name: [] for name in runner.bank.names}
     while True:
         for i, name in enumerate(runner.bank.names):
             found[name].append(runner.bank.samples(i).copy())
-        if not operation.begin():
+        if not experiment.begin():
             return found
-        operation.take_over()
+        experiment.take_over()
         runner.frame()
 
 
@@ -550,7 +550,7 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene):
             with pytest.raises(BusError, match=wrong):
                 ask(topic, body, 2.0)
         assert ask("param/plant", {"set": {}}, 2.0)["values"] == {}
-        assert "parameter" not in [event.kind for event in bench.plant.operation.journal.events]
+        assert "parameter" not in [event.kind for event in bench.plant.experiment.journal.events]
         assert ask("param/plant", {"get": ["friction", "load.force"]}, 2.0)["values"]["load.force"] == 20.0
         ask("cmd/plant", {"do": "pause"}, 2.0)
         first = ask("cmd/plant", {"do": "pause"}, 2.0)["tick"]
@@ -568,12 +568,12 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene):
 
 def test_what_cannot_be_tuned_is_refused_with_what_can(scene):
     with Bench(scene, pace=None) as bench:
-        operator, operation = bench.plant.operator, bench.plant.operation
+        operator, experiment = bench.plant.operator, bench.plant.experiment
         for key, value in (("start.velocity", 1.0), ("friction.law", "coulomb")):
             with pytest.raises(UsageError, match=f"{key}: is fixed while the rig runs\n.*tuned: .*load.force") as told:
                 operator.parameters({"set": {key: value}})
             assert "start." not in str(told.value).partition("\n")[2]
-        assert not operation.journal.events
+        assert not experiment.journal.events
         with pytest.raises(UsageError, match="known: ") as told:
             operator.parameters({"set": {"zzz": 1.0}})
         assert str(told.value).count("drive.speed,") == str(told.value).count("load.force,") == 1
@@ -581,7 +581,7 @@ def test_what_cannot_be_tuned_is_refused_with_what_can(scene):
 
 def test_a_value_that_a_controller_overrules_is_told_to_wait(scene):
     with Bench(scene, pace=None) as bench:
-        operator, exchange = bench.plant.operator, bench.plant.operation.exchange
+        operator, exchange = bench.plant.operator, bench.plant.experiment.exchange
         assert operator.parameters({"set": {"load.force": 21.0}})["overruled"] == {}  # it has not commanded yet
         exchange.receive("nf", 0, (7.0,))
         exchange.take_over()
@@ -598,7 +598,7 @@ def test_a_controller_that_leaves_is_missed_and_the_verdict_says_so(scene):
     with Bench(scene, duration=1.0, expect=(("controller", "nf"),)) as bench:
         gone = bench.controller()
         bench.begin()
-        while not bench.plant.operation.exchange.lines["nf"].counts.taken and bench.summary is None:
+        while not bench.plant.experiment.exchange.lines["nf"].counts.taken and bench.summary is None:
             time.sleep(0.01)
         gone.set()
         heard = bench.finish()
@@ -649,8 +649,8 @@ def test_a_lost_answer_is_asked_for_again(scene):
 
 def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, monkeypatch):
     with Bench(scene, pace=None) as bench:
-        operator, operation = bench.plant.operator, bench.plant.operation
-        lines = operation.exchange.lines
+        operator, experiment = bench.plant.operator, bench.plant.experiment
+        lines = experiment.exchange.lines
         wanted = {"do": "admit", "controller": "first", "drives": ["drive.speed"], "period_ns": scene.frame_ns}
         operator.cmd.asker = "guest-1"
         operator.command(wanted)
@@ -665,7 +665,7 @@ def test_a_refused_admission_takes_nothing_from_who_was_admitted_before(scene, m
         monkeypatch.setattr("rig.bench.hub._ANNOUNCED_S", 0.0)
         assert operator.command(wanted | {"controller": "other"})["tick"] == 0
         assert set(lines) == {"nf", "other"}
-        kinds = [event.kind for event in operation.journal.events]
+        kinds = [event.kind for event in experiment.journal.events]
         assert kinds[-3:] == ["admitted", "dismissed", "admitted"]
 
 
@@ -691,32 +691,32 @@ def test_the_name_of_an_admitted_controller_is_free_as_soon_as_it_came_and_left(
 def test_a_name_that_has_commanded_keeps_its_number_of_actuators(scene):
     """A recording has one number of commands for each name; who has not commanded yet may come again with more."""
     with Bench(scene, pace=None) as bench:
-        operation, both = bench.plant.operation, ["drive.speed", "load.force"]
-        operation.dismiss("nf")  # its load is free
+        experiment, both = bench.plant.experiment, ["drive.speed", "load.force"]
+        experiment.dismiss("nf")  # its load is free
         for drives in (both, ["drive.speed"]):
-            operation.admit("mine", drives, scene.frame_ns)
-            operation.dismiss("mine")
-        operation.admit("mine", ["drive.speed"], scene.frame_ns)
-        operation.exchange.receive("mine", 0, (0.1,))
-        operation.take_over()
-        operation.dismiss("mine")
-        events = len(operation.journal.events)
+            experiment.admit("mine", drives, scene.frame_ns)
+            experiment.dismiss("mine")
+        experiment.admit("mine", ["drive.speed"], scene.frame_ns)
+        experiment.exchange.receive("mine", 0, (0.1,))
+        experiment.take_over()
+        experiment.dismiss("mine")
+        events = len(experiment.journal.events)
         with pytest.raises(UsageError, match=r"commanded 1 actuators before .* would now command 2; .* another name"):
-            operation.admit("mine", both, scene.frame_ns)
-        assert len(operation.journal.events) == events
-        operation.admit("mine", ["load.force"], scene.frame_ns)
+            experiment.admit("mine", both, scene.frame_ns)
+        assert len(experiment.journal.events) == events
+        experiment.admit("mine", ["load.force"], scene.frame_ns)
 
 
 def test_the_verdict_tells_of_every_life_of_a_controller_that_has_gone(scene):
     with Bench(scene, pace=None) as bench:
-        operation, hold = bench.plant.operation, scene.clock.hold_frames
+        experiment, hold = bench.plant.experiment, scene.clock.hold_frames
         for _ in range(2):
-            operation.admit("mine", ["drive.speed"], scene.frame_ns)
-            operation.exchange.receive("mine", operation.runner.tick, (0.1,))
+            experiment.admit("mine", ["drive.speed"], scene.frame_ns)
+            experiment.exchange.receive("mine", experiment.runner.tick, (0.1,))
             for _ in range(hold + 2):
-                operation.take_over()
-                operation.runner.frame()
-            operation.dismiss("mine")
+                experiment.take_over()
+                experiment.runner.frame()
+            experiment.dismiss("mine")
         assert "safe values stepped in for mine 2 times" in _verdict(bench.plant, {}, []).reasons
 
 
@@ -813,7 +813,7 @@ def test_a_guest_under_a_made_up_role_is_not_missed(scene):
             session.announce()
         housekeeper.notice()
         housekeeper.begin(0, None)
-        plant.operation.admit("mine", ["drive.speed"], scene.frame_ns)
+        plant.experiment.admit("mine", ["drive.speed"], scene.frame_ns)
         plant.session.door.reserved = frozenset({"recorder"})
         late = [("controller", "t0"), ("recorder", "rr"), ("controller", "mine"), ("recorder", "recorder")]
         for session in (others := [open_(*who) for who in late]):
@@ -824,7 +824,7 @@ def test_a_guest_under_a_made_up_role_is_not_missed(scene):
         housekeeper.notice()
         told = [fault.partition(" left at")[0] for fault in housekeeper.faults]
         assert told == ["recorder r", "controller early", "controller mine", "recorder recorder"]
-        noted = [event.text for event in plant.operation.journal.events if event.kind == "left"]
+        noted = [event.text for event in plant.experiment.journal.events if event.kind == "left"]
         assert any("controller t0 left" in text for text in noted)
 
 

@@ -16,7 +16,7 @@ from rig import scenes
 from rig.bench.job import Job, keeps_up
 from rig.bench.plant import Plant
 from rig.bench.plant_process import carry_out
-from rig.bench.prepared_rigs import MOST, Upcoming
+from rig.bench.prepared_rigs import MOST, PreparedRigs
 from rig.bench.rehearsal import visited
 from rig.bench.simulate import begun, simulate
 from rig.errors import UsageError
@@ -99,7 +99,7 @@ def test_a_paced_run_builds_no_mode_set_after_its_first_frame(scene):
     assert added(visited(scene, job)) == 0
 
 
-def rebuilt(operation, frames):
+def rebuilt(experiment, frames):
     """The outputs at each frame, and how many systems were made ready while they went on."""
     found, made, ready = [], [], Motion.ready
 
@@ -109,10 +109,10 @@ def rebuilt(operation, frames):
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Motion, "ready", noted)
-        while operation.runner.tick < frames and operation.begin():
-            operation.take_over()
-            operation.runner.frame()
-            found.append(operation.runner.output_values().copy())
+        while experiment.runner.tick < frames and experiment.begin():
+            experiment.take_over()
+            experiment.runner.frame()
+            found.append(experiment.runner.output_values().copy())
     return np.array(found), len(made)
 
 
@@ -128,9 +128,9 @@ def test_what_the_protocol_and_a_limit_change_is_built_before_the_first_frame(na
     scene = scenes.load(name, over)
     sets = visited(scene, job_of(scene))
 
-    def prepare(operation):
-        operation.runner.motion.foresee(sets)
-        Upcoming(operation)
+    def prepare(experiment):
+        experiment.runner.motion.foresee(sets)
+        PreparedRigs(experiment)
 
     prepared, _ = begun(scene, {}, before=prepare)
     plain, _ = begun(scene, {})
@@ -146,9 +146,9 @@ def test_a_protocol_that_repeats_itself_forever_is_prepared_as_far_as_is_chosen(
     again = {"step": "repeat", "times": "forever", "steps": [{"step": "hold", "time": 0.1}]}
     for steps, count in ([], 1), ([step], 1 + 2 * MOST):
         forever = again | {"steps": again["steps"] + steps}
-        operation, _ = begun(Scene.from_json(json.dumps(raw | {"protocol": [forever]})), {}, 10**9)
-        Upcoming(operation)
-        assert len(operation.runner._prepared) == count  # one for the safe state of each
+        experiment, _ = begun(Scene.from_json(json.dumps(raw | {"protocol": [forever]})), {}, 10**9)
+        PreparedRigs(experiment)
+        assert len(experiment.runner._prepared) == count  # one for the safe state of each
 
 
 def test_nothing_is_left_to_import_or_compile():

@@ -13,7 +13,7 @@ from rig.bench.background_builds import Builds
 from rig.bench.exchange import Exchange
 from rig.bench.journal import Journal
 from rig.bench.playback import Playback
-from rig.bench.rebuild import Refit
+from rig.bench.rebuild import Rebuild
 from rig.bench.rig_variant import Build, Wanted
 from rig.bench.runner import PlantRunner
 from rig.bench.simulate import simulate
@@ -102,7 +102,7 @@ def test_what_cannot_be_built_is_told_and_changes_nothing():
     before = runner.motion.system
     for wanted, told in [
         (Wanted({"friction.mu_static": -1.0, "body.mass": -2.0}), "(?s)mu_static.*mass|mass.*mu_static"),
-        (Wanted({"friction.nothing": 1.0}), "is no parameter"),
+        (Wanted({"friction.nothing": 1.0}), "is not a parameter"),
     ]:
         build = Build(lambda w=wanted: runner.variant(w), apart=True)
         while not build.done:
@@ -216,7 +216,7 @@ def test_commands_that_ask_for_another_matrix_take_effect_when_it_is_built_and_o
     drives = ["shunt.resistance", "load.force"]
     runner.take(runner.variant(Wanted(driven=("load.force",))))
     line = exchange.admit("mine", drives, MS)
-    exchange.refit, slow = Refit(runner, journal, Builds(runner)), Slow(runner, monkeypatch)
+    exchange.refit, slow = Rebuild(runner, journal, Builds(runner)), Slow(runner, monkeypatch)
     monkeypatch.setattr("rig.bench.rebuild.PAUSE_S", 0.0)
     before = runner.values["shunt.resistance"]
     force, in_force = runner.outputs.index("normal_force"), []
@@ -259,7 +259,7 @@ def test_a_value_without_a_rig_is_told_and_not_taken(monkeypatch):
     journal = Journal(MS, lambda: runner.tick)
     exchange = Exchange(runner, MS, 50, journal)
     line = exchange.admit("mine", ["shunt.resistance"], MS)
-    exchange.refit, before = Refit(runner, journal, Builds(runner)), runner.values["shunt.resistance"]
+    exchange.refit, before = Rebuild(runner, journal, Builds(runner)), runner.values["shunt.resistance"]
 
     def refused(wanted, after=None):
         raise SceneError("shunt.resistance", ["cannot be had"])

@@ -14,7 +14,7 @@ from rig.bench.job import Job
 from rig.bench.plant import Plant
 from rig.bus import encode, messages
 from rig.bus.arrivals import FASTEST, HEADER, Arrived, Count, Refused
-from rig.bus.inbound import Door
+from rig.bus.inbound import InboundCheck
 from rig.bus.json_text import DEPTH, read_json
 from rig.bus.run_setup import Setup, fetch
 from rig.controllers.runtime.process import Worker
@@ -294,7 +294,7 @@ def arrived(topic, payload, seq, t_ns=0, user="plant", **more):
 
 
 def test_numbers_that_cannot_be_are_not_counted_as_losses():
-    door, counts = Door(frozenset({"plant"})), {}
+    door, counts = InboundCheck(frozenset({"plant"})), {}
     act = encode.act(0, 0, [1.0])
     assert door.message(arrived("act/nf", act, 7, user="nf"), counts).seq == 7
     for seq in (2**64 - 1, 2**63, 10**9, 10**6):
@@ -308,7 +308,7 @@ def test_numbers_that_cannot_be_are_not_counted_as_losses():
 def test_the_short_way_in_lets_in_and_counts_what_the_door_would(seed):
     """Most messages are the next of their row and take the short way; the others are left to the door."""
     rng = random.Random(seed)
-    strict, short, counts, others = Door(frozenset({"plant"})), Door(frozenset({"plant"})), {}, {}
+    strict, short, counts, others = InboundCheck(frozenset({"plant"})), InboundCheck(frozenset({"plant"})), {}, {}
     seq, tick, passed = {"step": 0, "act/nf": 0}, 0, 0
     for _ in range(2000):
         topic, user = rng.choice((("step", "plant"), ("act/nf", "nf")))
@@ -336,7 +336,7 @@ def test_the_short_way_in_lets_in_and_counts_what_the_door_would(seed):
 
 def test_a_backlog_that_is_read_at_one_instant_is_let_in(monkeypatch):
     """A process was stopped for 12 s: some of what was sent meanwhile arrives, more is dropped, then comes the rest."""
-    door, counts, now = Door(frozenset({"plant"})), {}, 1000.0
+    door, counts, now = InboundCheck(frozenset({"plant"})), {}, 1000.0
     monkeypatch.setattr("rig.bus.inbound.time.monotonic", lambda: now)
 
     def step(tick, seq=None):
@@ -375,7 +375,7 @@ def test_a_step_far_ahead_does_not_silence_a_controller(followed):
      ("", "state")],
 )  # fmt: skip
 def test_nobody_speaks_for_another(user, topic):
-    door = Door(frozenset({"plant", "nf", "recorder", "viewer", "operator"}))
+    door = InboundCheck(frozenset({"plant", "nf", "recorder", "viewer", "operator"}))
     with pytest.raises(Refused, match="belongs to"):
         door.message(arrived(topic, b"", 0, user=user), {})
 

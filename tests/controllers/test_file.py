@@ -35,7 +35,7 @@ def test_a_file_with_a_class_is_a_controller(tmp_path):
         ("x = 1\n", "defines no class Controller"),
         ("class Controller:\n    def f(:\n", r"SyntaxError.*\(line 2\)"),
         ("import no_such_module_at_all\n", r"ModuleNotFoundError.*\(line 1\)"),
-        ("from controllers.observer import propagated\n", r"rig\.controllers"),
+        ("from rig.controllers.observer import propagated\n", r"rig\.controllers"),
         ("import rig.study.modes\n", r"\(line 1\); it is now rig\.analysis, rig\.qualify or rig\.papers"),
         ("class Controller:\n    reads = ()\n", "Controller has no drives"),
         (GOOD.replace('("v",)', '"v"'), "Controller.reads is 'v'; expected a tuple"),

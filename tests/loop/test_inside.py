@@ -12,7 +12,7 @@ import pytest
 import rig
 from rig import controllers
 from rig.bench import compiled_controllers, controller_in_process, playback, simulate
-from rig.bench.compiled_controllers import Inside
+from rig.bench.compiled_controllers import CompiledControllers
 from rig.design import numbers
 from rig.solve import control_loop
 
@@ -22,7 +22,7 @@ WAYS = ("outside", "called", "compiled")
 def way(monkeypatch, name):
     """Controllers are asked from outside, from the compiled loop, or are compiled themselves."""
     if name == "outside":
-        monkeypatch.setattr(Inside, "lend", lambda *_: ())
+        monkeypatch.setattr(CompiledControllers, "lend", lambda *_: ())
     monkeypatch.setattr(controller_in_process, "WORTH", 1 if name == "compiled" else 10**12)
     monkeypatch.setattr(controller_in_process, "TRIALS", 5)
 

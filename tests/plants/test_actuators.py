@@ -7,8 +7,8 @@ import pytest
 from pydantic import ValidationError
 
 from rig import scenes
-from rig.bench.audit import Visited, share
-from rig.bench.experiment import Operation
+from rig.bench.audit import VisitedState, share
+from rig.bench.experiment import Experiment
 from rig.bench.runner import PlantRunner
 from rig.bench.simulate import simulate
 from rig.effects.drive import BeltDrive
@@ -173,7 +173,7 @@ def test_an_audit_tells_its_share_at_any_size():
     """Half the load is a share of the forces that does not depend on their size; their squares do not overflow."""
     whole, half = (scenes.load("belt_c", {"load.force": force}).assemble().system() for force in (20.0, 10.0))
     key, x = whole.key([1], [CLOSED], []), np.arange(1.0, whole.n + 1.0)
-    shares = [share([Visited(whole, key, size * x)], half, {}) for size in (1.0, 1e-200, 1e200)]
+    shares = [share([VisitedState(whole, key, size * x)], half, {}) for size in (1.0, 1e-200, 1e200)]
     assert 0.1 < shares[0] < 1.0
     assert shares == pytest.approx([shares[0]] * 3, rel=1e-12)
 
@@ -183,8 +183,8 @@ def test_an_audit_tells_its_share_at_any_size():
 )
 def test_an_operator_is_told_the_range(key, value):
     scene = scenes.load("belt")
-    operation = Operation(scene, PlantRunner(scene), None, lambda *_: None)
+    experiment = Experiment(scene, PlantRunner(scene), None, lambda *_: None)
     with pytest.raises(UsageError, match=f"{key} = .*: must be -?[0-9]+ to 100"):
-        operation.tuning.change({key: value})
+        experiment.tuning.change({key: value})
     with pytest.raises(UsageError, match="an impulse of 1e\\+300 N s: it must be"):
-        operation.knock(1e300)
+        experiment.knock(1e300)

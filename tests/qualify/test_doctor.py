@@ -12,7 +12,7 @@ import pytest
 import rig
 from rig import kernel
 from rig.analysis import kernel_shapes
-from rig.bench.experiment import Operation
+from rig.bench.experiment import Experiment
 from rig.bench.runner import PlantRunner
 from rig.controllers.narrow_band import NarrowBandFeedback
 from rig.errors import SceneError, WorkerError
@@ -136,20 +136,20 @@ def test_frames_are_measured_over_the_whole_protocol(name, monkeypatch):
 
 
 def test_what_the_protocol_does_is_part_of_a_frame(monkeypatch):
-    begin = Operation.begin
+    begin = Experiment.begin
 
-    def slow(operation):
+    def slow(experiment):
         time.sleep(0.001)
-        return begin(operation)
+        return begin(experiment)
 
-    monkeypatch.setattr(Operation, "begin", slow)
+    monkeypatch.setattr(Experiment, "begin", slow)
     assert np.median(costs(rig.load("north"), least=100)) > 1_000_000
 
 
 def test_what_others_do_costs_a_plant_in_real_time_nothing(monkeypatch):
     """A wait stands for the time that others have the processor."""
-    begin = Operation.begin
-    monkeypatch.setattr(Operation, "begin", lambda operation: time.sleep(0.001) or begin(operation))
+    begin = Experiment.begin
+    monkeypatch.setattr(Experiment, "begin", lambda experiment: time.sleep(0.001) or begin(experiment))
     scene = rig.load("north")
     among, alone = (np.median(costs(scene, least=100, clock=c)) for c in (time.perf_counter_ns, time.thread_time_ns))
     assert among > 1_000_000 > 2 * alone > 0

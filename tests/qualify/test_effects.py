@@ -8,7 +8,7 @@ import pytest
 
 import rig
 from rig.analysis.kernel_shapes import VARIANTS, shape_of
-from rig.bench.audit import Visited, share
+from rig.bench.audit import VisitedState, share
 from rig.errors import RigError
 from rig.model.method import METHODS, seen
 from rig.model.mode_sets import ModeSets
@@ -55,7 +55,7 @@ def visited(system, like):
     for key in mode_sets(system):
         x = system.start.copy()
         x[moved] += 1e-3 * draw.normal(size=len(moved))
-        yield Visited(system, key, x)
+        yield VisitedState(system, key, x)
 
 
 def test_every_plant_is_among_the_scenes():

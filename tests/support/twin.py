@@ -8,7 +8,7 @@ import time
 from rig.bus import messages, topics
 from rig.bus.arrivals import Arrived
 from rig.bus.batch import Batch
-from rig.bus.inbound import Door
+from rig.bus.inbound import InboundCheck
 from rig.bus.port import PRESENCES, Receiver, Session, Watch
 from rig.bus.publisher import Publisher
 from rig.bus.queries import WAITING, Answer, Request, Server
@@ -116,7 +116,7 @@ class _Receiver(Receiver):
 
 
 class _Watch(Watch):
-    def __init__(self, door: Door) -> None:
+    def __init__(self, door: InboundCheck) -> None:
         super().__init__(door)
         self.queue = Inbox[Arrived](PRESENCES)
 
@@ -139,7 +139,7 @@ class Asked(Request):
 
 
 class _Server(Server):
-    def __init__(self, door: Door, answer: Answer) -> None:
+    def __init__(self, door: InboundCheck, answer: Answer) -> None:
         super().__init__(door, answer)
         self.queue = Inbox[Asked](WAITING)
 
