@@ -538,13 +538,13 @@ def test_operators_stop_pause_and_are_told_what_is_wrong(scene):
                     ({"drives": [5]}, "drives.0: "),
                     ({"hears": "yes"}, "hears: "),
                     ({"sees": 1}, "sees: "),
-                    ({"reads": ["y"]}, "no sensor y; there are vibrometer"),
+                    ({"reads": ["y"]}, "no sensor y; the sensors are vibrometer"),
                 ]
             ],
             (
                 "cmd/plant",
                 {"do": "admit", "controller": "x", "reads": ["y"], "drives": [], "period_ns": 10**6, "hears": True},
-                "no sensor y; there are vibrometer",
+                "no sensor y; the sensors are vibrometer",
             ),
         ]:
             with pytest.raises(BusError, match=wrong):
