@@ -133,7 +133,7 @@ class Orbit:
     def round(self, period: float) -> Round:
         """Step the plant by `period` [s] and record everything."""
         step_ns = self.scene.step_ns
-        dense, add_energy = Dense(), _Ledger(self.motion)
+        dense, add_energy = Dense(), _EnergyBalance(self.motion)
         whole, rest = divmod(round(period * 1e9), step_ns)
         events: list[tuple[float, Event]] = []
         states = [self.motion.x[None].copy()]
@@ -169,7 +169,7 @@ def in_frames(scene: Scene, steps: int) -> Frames:
     return Frames(steps, Loan(Around(bank.rack.content, controls(), none())))
 
 
-class _Ledger:
+class _EnergyBalance:
     """The energy terms of one cycle."""
 
     def __init__(self, motion: Motion) -> None:

@@ -4,7 +4,7 @@ app         the program: commands, errors, exit codes
 options     what several commands take
 tell        tables, JSON, the line that is written again and again
 scenes      list, new, migrate, explain
-study       modes, cycle, map
+analysis    modes, cycle, map
 runs        demo, run, simulate
 processes   plant, control, record, view: the same processes one by one
 live        tune, topic

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from csv import writer as writes
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -104,10 +104,7 @@ def hysteresis(
     found = faults(lambda: find(run, signal, over, length, begin, end), None)
     faults.tell()
     assert found is not None
-    if as_json:
-        printing.report(found.to_json() | {"figure": figure, "csv": csv})
-    else:
-        printing.line(found.text())
+    _print(found.to_json(), found.text(), figure, csv, as_json)
     if csv is not None:
         csv.write_text(found.csv())
     if figure is not None:
@@ -140,18 +137,11 @@ def spectrum(
         turned = faults(lambda: orders(run, signal if found else "", over, begin, end), None)
     faults.tell()
     assert found is not None
-    if as_json:
-        printing.report(
-            found.to_json() | {"orders": turned.to_json() if turned else None, "figure": figure, "csv": csv}
-        )
-    else:
-        printing.line(found.text() + (f"\n\n{turned.text()}" if turned else ""))
+    values = found.to_json() | {"orders": turned.to_json() if turned else None}
+    _print(values, found.text() + (f"\n\n{turned.text()}" if turned else ""), figure, csv, as_json)
     if csv is not None:
-        with csv.open("w", newline="") as file:
-            writer = writes(file, lineterminator="\n")
-            writer.writerow(["axis", "at", "unit", "density", "unit of density"])
-            for axis, at, unit, density, of in (*found.csv(), *(turned.csv() if turned else ())):
-                writer.writerow([axis, f"{at:.9g}", unit, f"{density:.9g}", of])
+        rows = (*found.csv(), *(turned.csv() if turned else ()))
+        _write(csv, ["axis", "at", "unit", "density", "unit of density"], rows)
     if figure is not None:
         draw(found, turned, figure)
 
@@ -176,17 +166,27 @@ def pressure(
     if not run.time.size:
         raise LogError(f"{log}: the recording ends before its first sample")
     found = find(run, [one for one in times if one is not None])
-    if as_json:
-        printing.report(found.to_json() | {"figure": figure, "csv": csv})
-    else:
-        printing.line(found.text())
+    _print(found.to_json(), found.text(), figure, csv, as_json)
     if csv is not None:
-        with csv.open("w", newline="") as file:
-            writer = writes(file, lineterminator="\n")
-            writer.writerow(["time [s]", "x [m]", "y [m]", "pressure [Pa]"])
-            writer.writerows([f"{value:.9g}" for value in row] for row in found.csv())
+        _write(csv, ["time [s]", "x [m]", "y [m]", "pressure [Pa]"], found.csv())
     if figure is not None:
         draw(found, figure)
+
+
+def _print(values: dict[str, Any], text: str, figure: Path | None, csv: Path | None, as_json: bool) -> None:
+    """Print the result of an analysis: as JSON with the files written, or as text."""
+    if as_json:
+        printing.report(values | {"figure": figure, "csv": csv})
+    else:
+        printing.line(text)
+
+
+def _write(csv: Path, head: list[str], rows: Iterable[Iterable[str | float]]) -> None:
+    """Write a table as CSV, numbers with nine digits."""
+    with csv.open("w", newline="") as file:
+        writer = writes(file, lineterminator="\n")
+        writer.writerow(head)
+        writer.writerows([one if isinstance(one, str) else f"{one:.9g}" for one in row] for row in rows)
 
 
 def asked(

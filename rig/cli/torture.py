@@ -42,7 +42,7 @@ def torture(
     if quick and full:
         raise UsageError("--quick or --full, not both")
     at(out)
-    from rig.qualify import torture as study
+    from rig.qualify import torture as hard_cases
     from rig.qualify.torture import report
     from rig.qualify.torture.case import load, names
 
@@ -52,7 +52,7 @@ def torture(
         return
     refuse(out, ("matrix.png", "matrix.svg", "matrix.json", "junit.xml"), force)
     status = printing.Status()
-    cells = study.matrix(wanted, not full, status.show)
+    cells = hard_cases.matrix(wanted, not full, status.show)
     status.done()
     report.keep(cells, out, not full)
     if as_json:

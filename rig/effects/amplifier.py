@@ -2,7 +2,7 @@
 
     U = u,  or  U' = (min(max(u, -limit), limit) - U) / lag        u: commanded voltage
 
-The amplifier gives whatever current that takes. Its work on the structure is among the forces of the ledger.
+The amplifier gives whatever current that takes. Its work on the structure is among the forces of the energy balance.
 Source: Kroeger, Neubauer, Popp (2008), section 4 a and figure 21 (active control of the brake, about 50 V).
 """
 

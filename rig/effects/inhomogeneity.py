@@ -4,7 +4,7 @@
 
 All natural frequencies swing by `depth` of themselves. In each of `sectors` equal sectors the value is that of its
 middle, so that the motion stays linear in every one; an edge is an event, and what the new stiffness stores at that
-instant the ledger books as `edges`.
+instant the energy balance counts as `edges`.
 Source: Kroeger, Neubauer, Popp, Phil. Trans. R. Soc. A 366 (2008) 785, figure 29: 3.4 kHz +- 17 Hz with the period of
 the turn (depth derived).
 """

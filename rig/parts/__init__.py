@@ -3,7 +3,7 @@
     KINDS = Room("sensors", __name__, __path__, read)        in sensors/__init__.py
     KINDS["microphone"]                                      rig/sensors/microphone.py, imported now
     KINDS["toy"]                                             entry point `toy` of the group friction_rig.sensors
-    KINDS["/home/me/my_sensor.py"]                           a file that a scene names
+    KINDS["/path/to/my_sensor.py"]                          a file that a scene names
 
 room    the parts of one kind, found by name        code    source text from elsewhere, run as a module if trusted
 
